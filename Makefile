@@ -35,7 +35,7 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 
 kernels: setup  ## compile the simulator's kernels once, so that no test or worker has to
 	$(BIN)/python -c "from models.design.space import BEST_PUBLISHED; from models.objects.catalogue import get_object; \
-	from models.simulation.grasp import simulate_grasp; simulate_grasp(BEST_PUBLISHED, get_object(30))"
+	from fast.models.simulation.grasp import simulate_grasp; simulate_grasp(BEST_PUBLISHED, get_object(30))"
 
 campaign: setup ## a small complete campaign on the virtual bench, with report and recording
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print
@@ -51,7 +51,7 @@ check: setup    ## format, lint, types, import layers, packages as locked
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m flows.cli.audit
+	$(BIN)/python -m fast.flows.cli.audit
 
 docs: setup     ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -3,7 +3,7 @@
 import importlib.util
 from collections.abc import Iterable
 
-from models.errors import MissingDependencyError
+from fast.models.errors import MissingDependencyError
 
 # Import name -> name in the package index, where the two differ.
 DISTRIBUTIONS = {
@@ -19,7 +19,7 @@ CAMPAIGN = ("prefect", "duckdb", "pyarrow", "torch", "botorch", "gpytorch", "num
             "pymodbus")  # fmt: skip
 ALL = (*CAMPAIGN, "pymc", "pytetwild")
 
-OWN = ("flows", "tasks", "lake", "hardware", "models")
+OWN = ("fast",)
 
 
 def is_installed(name: str) -> bool:

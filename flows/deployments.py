@@ -9,8 +9,8 @@ from prefect import flow
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed, State
 
-from flows.server.run_process import mark_run
-from models.errors import FastError
+from fast.flows.server.run_process import mark_run
+from fast.models.errors import FastError
 
 logger = logging.getLogger(__name__)
 
@@ -27,8 +27,8 @@ def ended(work: Callable[[], str]) -> State[Any]:
 @flow(name="run-campaign", flow_run_name="run {config}")
 def campaign(config: str, lake: str = "lake-data", auto_print: bool = False) -> State[Any]:
     """Start the campaign of a config file on its virtual bench, or continue it; a real bench needs a terminal."""
-    from flows.campaign.launch import run_campaign
-    from flows.progress import ProgressReporter
+    from fast.flows.campaign.launch import run_campaign
+    from fast.flows.progress import ProgressReporter
 
     def work() -> str:
         reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
@@ -43,7 +43,7 @@ def campaign(config: str, lake: str = "lake-data", auto_print: bool = False) -> 
 @flow(name="run-batch", flow_run_name="run batch {batch} of {config}")
 def run_batch(config: str, batch: int, lake: str = "lake-data") -> State[Any]:
     """Measure what is missing of a confirmed batch on the virtual bench of its campaign."""
-    from flows.campaign.single_steps import measure_one_batch
+    from fast.flows.campaign.single_steps import measure_one_batch
 
     return ended(lambda: measure_one_batch(Path(config), lake, batch))
 
@@ -51,7 +51,7 @@ def run_batch(config: str, batch: int, lake: str = "lake-data") -> State[Any]:
 @flow(name="simulate", flow_run_name="simulate {config}")
 def simulate(config: str, lake: str = "lake-data") -> State[Any]:
     """Simulate the proposed designs of a campaign on the objects that they miss."""
-    from flows.campaign.single_steps import simulate_missing
+    from fast.flows.campaign.single_steps import simulate_missing
 
     return ended(lambda: simulate_missing(Path(config), lake))
 
@@ -59,8 +59,8 @@ def simulate(config: str, lake: str = "lake-data") -> State[Any]:
 @flow(name="report", flow_run_name="report {campaign}")
 def report(campaign: str, lake: str = "lake-data") -> State[Any]:
     """Write the report of a campaign; the state of the run says where its page is."""
-    from flows.report.campaign.page import write_report
-    from lake.store import Lake
+    from fast.flows.report.campaign.page import write_report
+    from fast.lake.store import Lake
 
     def work() -> str:
         found = Lake.open(lake)
@@ -86,12 +86,12 @@ def recalibrate(
     `simulate`: points of the Latin hypercube, simulated once. `campaign`: None is all measurements of the lake.
     `lot`: the material lot of the priors; None is the one that the campaigns name.
     """
-    from flows.calibration.calibrate import CalibrationOrder
-    from flows.calibration.scheduled import recalibrate_lake
-    from flows.progress import ProgressReporter
-    from lake.store import Lake
-    from models.calibration.inference.settings import CalibrationSettings
-    from models.calibration.means.hypercube import HypercubePlan
+    from fast.flows.calibration.calibrate import CalibrationOrder
+    from fast.flows.calibration.scheduled import recalibrate_lake
+    from fast.flows.progress import ProgressReporter
+    from fast.lake.store import Lake
+    from fast.models.calibration.inference.settings import CalibrationSettings
+    from fast.models.calibration.means.hypercube import HypercubePlan
 
     settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers, print_scatter=print_scatter)
     order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None, lot=lot)
@@ -112,10 +112,10 @@ def close_gap(
 
     `budget_minutes`: of simulating; what is left is simulated by the next run. `campaign`: None is all measurements.
     """
-    from flows.gap.scheduled import watch_gap
-    from flows.gap.search import GapOrder
-    from flows.progress import ProgressReporter
-    from lake.store import Lake
+    from fast.flows.gap.scheduled import watch_gap
+    from fast.flows.gap.search import GapOrder
+    from fast.flows.progress import ProgressReporter
+    from fast.lake.store import Lake
 
     order = GapOrder(campaign, seed, rounds, budget_minutes).with_workers(workers)
     reporter = ProgressReporter(progress=logger.info, announce=logger.warning)

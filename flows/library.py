@@ -1,12 +1,86 @@
-"""FAST from Python: the grasp simulator and the search for a gap as plain functions. `import fast` offers them."""
+"""FAST from Python: one grasp, a campaign on a bench of one's own, the search for a gap. `import fast` offers them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lake.store import Lake
-    from models.gap.findings import Findings
+    from fast.flows.campaign.ask_tell import AskedBatch
+    from fast.lake.store import Lake
+    from fast.models.gap.findings import Findings
+    from fast.models.objects.catalogue import RigidObject
+    from fast.models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+    from fast.tasks.bench.told import Taken
+
+
+def simulate(
+    design: "Design",
+    grasped: "RigidObject | int | str",
+    version: "SimulatorVersion | None" = None,
+    setup: "GraspSetup | None" = None,
+    *,
+    lake: Path | str = "lake-data",
+) -> "GraspSimulation":
+    """Simulate one grasp, as `fast simulate` does: closing, lift and pull-off by both fingers.
+
+    `grasped`: an object, or its number, name or file; own objects by name come from `lake`. `version`: theta, mesh and
+    effects; default: the paper's theta on the production mesh. `setup`: gaps, heights and speeds. The result has
+    `trace`, `peak_force_n`, `contact_force_n` and `work_j`.
+
+    Raises:
+        UsageError: there is no such object.
+        MeshingFailed, SimulationFailed: this finger cannot be meshed, or the grasp does not converge.
+    """
+    from fast.models.objects.catalogue import RigidObject
+    from fast.models.records import GraspSetup, SimulatorVersion
+    from fast.models.simulation.grasp import simulate_grasp
+    from fast.tasks.objects import find_object
+
+    met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
+    return simulate_grasp(design, met, version or SimulatorVersion(), setup or GraspSetup())
+
+
+class Campaign:
+    """A campaign whose grasps a bench of one's own makes (`bench.kind = "folder"` in the config).
+
+    All that it knows is in the lake: another process, `fast ask` and `fast tell`, or `fast campaign run` may go on.
+    """
+
+    def __init__(self, config: Path | str, lake: "Path | str" = "lake-data") -> None:
+        self.config = Path(config)
+        self.lake = lake
+
+    def ask(self, out: Path | str | None = None, say: Callable[[str], None] = print) -> "AskedBatch | None":
+        """The batch to measure next: its designs by tool and its grasps; None when the schedule is complete.
+
+        `out`: a new folder for the files of printer and bench. `say` hears how far simulations are.
+
+        Raises:
+            UsageError: the config cannot be used, or the folder is there; nothing was written.
+        """
+        from fast.flows.campaign.ask_tell import ask
+
+        return ask(self.config, self.lake, out, say)
+
+    def tell(
+        self,
+        told: "Iterable[Mapping[str, Any]] | Iterable[Path | str]",
+        *,
+        operator: str = "unknown",
+        is_dry: bool = False,
+        may_replace: bool = False,
+    ) -> "Taken":
+        """Take measured grasps: mappings, tables of peaks or folders with traces; how many were written.
+
+        A mapping has `tool_id`, `object_id`, `repeat`, and `peak_force_n`, `trace` (a `Trace`) or `reason`. `is_dry`:
+        only check. `may_replace`: correct what was told before.
+
+        Raises:
+            UsageError: something cannot be used; nothing was written.
+        """
+        from fast.flows.campaign.ask_tell import tell
+
+        return tell(self.config, self.lake, told, operator=operator, is_dry=is_dry, may_replace=may_replace)
 
 
 def find_gap(
@@ -30,10 +104,10 @@ def find_gap(
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: the budget ended before the simulations were complete, or another process searches in this lake.
     """
-    from flows.gap.search import GapOrder, run_gap
-    from flows.progress import ProgressReporter
-    from lake.store import Lake
-    from tasks.gap.panel import PanelSize
+    from fast.flows.gap.search import GapOrder, run_gap
+    from fast.flows.progress import ProgressReporter
+    from fast.lake.store import Lake
+    from fast.tasks.gap.panel import PanelSize
 
     found = lake if isinstance(lake, Lake) else Lake.open(lake)
     order = GapOrder(campaign, budget_minutes=budget_minutes, panel=PanelSize(n_designs, n_objects))

@@ -12,36 +12,36 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from hardware.cell.cell import CellDevices, GraspCell
-from hardware.cell.force_sensor import ForceSensor
-from hardware.cell.gantry import Gantry
-from hardware.cell.layout import BenchLayout
-from hardware.cell.pneumatics import Pneumatics
-from hardware.click import tags
-from hardware.click.driver import ClickPlc
-from hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
-from hardware.laumas.codec import PLAIN_DIVISIONS, Scale
-from hardware.laumas.continuous import ContinuousTransmitter
-from hardware.laumas.driver import LaumasTransmitter
-from hardware.laumas.source import WeightSource
-from hardware.laumas.strings import least_baud_rate
-from hardware.safety.heartbeat import BeatingClock, HeartbeatThread
-from hardware.safety.lost_steps import PositionCheck
-from hardware.safety.safe_state import StopAskedError
-from hardware.safety.supervisor import Supervisor
-from hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
-from hardware.tools.changer import ToolChanger
-from hardware.tools.journal import Journal
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.bench import Endpoints, VirtualBench
-from hardware.virtual.memory_wires import MemoryTransport, memory_link
-from hardware.virtual.world.file import World
-from hardware.virtual.world.physics import Physics, simulate_request
-from hardware.wire.log_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
-from hardware.wire.modbus import ModbusLink, rtu_link, tcp_link
-from hardware.wire.serial import SerialTransport, Transport
-from models.errors import DeviceError, FastError
-from models.records import Record
+from fast.hardware.cell.cell import CellDevices, GraspCell
+from fast.hardware.cell.force_sensor import ForceSensor
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.cell.pneumatics import Pneumatics
+from fast.hardware.click import tags
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
+from fast.hardware.laumas.codec import PLAIN_DIVISIONS, Scale
+from fast.hardware.laumas.continuous import ContinuousTransmitter
+from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.laumas.source import WeightSource
+from fast.hardware.laumas.strings import least_baud_rate
+from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
+from fast.hardware.safety.lost_steps import PositionCheck
+from fast.hardware.safety.safe_state import StopAskedError
+from fast.hardware.safety.supervisor import Supervisor
+from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
+from fast.hardware.tools.changer import ToolChanger
+from fast.hardware.tools.journal import Journal
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.bench import Endpoints, VirtualBench
+from fast.hardware.virtual.memory_wires import MemoryTransport, memory_link
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.physics import Physics, simulate_request
+from fast.hardware.wire.log_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
+from fast.hardware.wire.modbus import ModbusLink, rtu_link, tcp_link
+from fast.hardware.wire.serial import SerialTransport, Transport
+from fast.models.errors import DeviceError, FastError
+from fast.models.records import Record
 
 logger = logging.getLogger(__name__)
 

@@ -25,11 +25,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from lake.storage.base import LEASES, Storage
-from models.errors import FastError, LostLeaseError
+from fast.lake.storage.base import LEASES, Storage
+from fast.models.errors import FastError, LostLeaseError
 
 if TYPE_CHECKING:
-    from lake.store import Lake
+    from fast.lake.store import Lake
 
 _LOG = logging.getLogger(__name__)
 BEAT_S = 5.0

@@ -12,10 +12,10 @@ import duckdb
 import numpy as np
 import pyarrow as pa
 
-from lake.order import OLDEST_FIRST
-from lake.query.engine import Signature, list_files
-from lake.storage.base import LEASES, MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
-from lake.storage.files import (
+from fast.lake.order import OLDEST_FIRST
+from fast.lake.query.engine import Signature, list_files
+from fast.lake.storage.base import LEASES, MARKER, QUARANTINE, STAGED_MARKER, Entry, Storage
+from fast.lake.storage.files import (
     FILE_PREFIX,
     FILE_SUFFIX,
     LEFTOVER_AGE_S,
@@ -27,10 +27,10 @@ from lake.storage.files import (
     number_of,
     stage,
 )
-from lake.store import Lake
-from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
-from lake.tables.schema import has_samples, schema_of
-from lake.tables.upgrades import forget_copies, older_files, read_upgraded
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
+from fast.lake.tables.schema import has_samples, schema_of
+from fast.lake.tables.upgrades import forget_copies, older_files, read_upgraded
 
 _LOG = logging.getLogger(__name__)
 _OF_FAST = frozenset({"outputs", ".state", LEASES, ".lock"})  # no rows; the last is a lock of version 0.1

@@ -10,7 +10,7 @@ one with the later `created_at` counts, so that all readers agree; then the cloc
 from collections.abc import Iterable
 from threading import Lock
 
-from lake.storage.files import number_of
+from fast.lake.storage.files import number_of
 
 # Latest row of each id last. Rows without a number are those of older programs: by time, before all others.
 OLDEST_FIRST = "sequence NULLS FIRST, created_at"

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
-from models.records import Record
+from fast.models.records import Record
 
 PACKAGE = "fast-gripper-lab"
 _GIT_TIMEOUT_S = 10.0

@@ -12,18 +12,18 @@ from typing import Any, TypeVar
 import duckdb
 import pyarrow as pa
 
-from lake.leases import require_owned
-from lake.order import CLOCK, LATEST_FIRST, OLDEST_FIRST
-from lake.provenance import Provenance, stamped
-from lake.query.engine import Engine, Mark, check_reads_only, load_views, tables_used, views_used
-from lake.storage.base import MARKER, Storage
-from lake.storage.files import discard, older_copies, read_row, stage
-from lake.storage.open import storage_at
-from lake.tables.campaign import TABLE_BY_NAME, TABLES, ObjectRow, Row, SimTraceRow, TraceRow
-from lake.tables.schema import has_samples, schema_of, to_arrow
-from models.errors import FastError, LakeError, UsageError
-from models.objects.catalogue import RigidObject, add_source
-from models.records import Trace
+from fast.lake.leases import require_owned
+from fast.lake.order import CLOCK, LATEST_FIRST, OLDEST_FIRST
+from fast.lake.provenance import Provenance, stamped
+from fast.lake.query.engine import Engine, Mark, check_reads_only, load_views, tables_used, views_used
+from fast.lake.storage.base import MARKER, Storage
+from fast.lake.storage.files import discard, older_copies, read_row, stage
+from fast.lake.storage.open import storage_at
+from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES, ObjectRow, Row, SimTraceRow, TraceRow
+from fast.lake.tables.schema import has_samples, schema_of, to_arrow
+from fast.models.errors import FastError, LakeError, UsageError
+from fast.models.objects.catalogue import RigidObject, add_source
+from fast.models.records import Trace
 
 _LOG = logging.getLogger(__name__)
 LAYOUT_VERSION = 1  # of folders and files; the columns of a table have their own version in each file

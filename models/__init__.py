@@ -5,6 +5,6 @@ Takes arrays and frozen records, returns the same. Touches no file, no network, 
 
 from pathlib import Path
 
-from models.solver_code import use_cache_of
+from fast.models.solver_code import use_cache_of
 
 use_cache_of(Path(__file__).parent)

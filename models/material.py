@@ -2,7 +2,7 @@
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from models.records import Record
+from fast.models.records import Record
 
 LAYER_EXCESS = "layer_modulus_excess"  # modulus of a bar printed upright over that of a flat one, less 1
 # Unit of each quantity, and the range in which a value is believed: for modulus and friction that of the simulator.

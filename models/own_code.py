@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import UsageError
-from models.records import Design
-from models.validation import closest
+from fast.models.errors import UsageError
+from fast.models.records import Design
+from fast.models.validation import closest
 
 OWN = "module:function"  # how such a name is written
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")

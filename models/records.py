@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from models.errors import UsageError
-from models.ids import content_id
-from models.validation import closest
+from fast.models.errors import UsageError
+from fast.models.ids import content_id
+from fast.models.validation import closest
 
 if TYPE_CHECKING:
     from shapely.geometry import Polygon
@@ -102,19 +102,19 @@ class FinRay(Design):
 
     def draw_section(self, fillet_mm: float = 0.5, arc_segments: int = 4) -> "Polygon":
         """See `Design` and `models.design.profile.planar_profile`."""
-        from models.design.profile import planar_profile
+        from fast.models.design.profile import planar_profile
 
         return planar_profile(self, fillet_mm, arc_segments)
 
     def list_voids(self) -> "list[Polygon]":
         """The voids between the ribs, however small."""
-        from models.design.profile import cavities
+        from fast.models.design.profile import cavities
 
         return cavities(self)
 
     def measure_section_mm2(self) -> float:
         """Area between outline and voids, however small these are."""
-        from models.design.profile import outline_area_mm2
+        from fast.models.design.profile import outline_area_mm2
 
         return outline_area_mm2(self) - sum(float(void.area) for void in self.list_voids())
 

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from models.errors import ConfigError
-from models.units import unit_of
+from fast.models.errors import ConfigError
+from fast.models.units import unit_of
 
 R = TypeVar("R", bound=BaseModel)
 

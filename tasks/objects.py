@@ -8,14 +8,14 @@ from pathlib import Path
 import trimesh
 from pydantic import Field, model_validator
 
-from lake.store import Lake
-from lake.tables.campaign import ObjectRow
-from models.errors import ConfigError, UsageError
-from models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject, get_object, register
-from models.objects.own import object_of_mesh, object_of_parts
-from models.objects.parts import Part, Turn
-from models.records import Record
-from models.validation import closest, load_record, parse_toml
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import ObjectRow
+from fast.models.errors import ConfigError, UsageError
+from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject, get_object, register
+from fast.models.objects.own import object_of_mesh, object_of_parts
+from fast.models.objects.parts import Part, Turn
+from fast.models.records import Record
+from fast.models.validation import closest, load_record, parse_toml
 
 MESH_FORMATS = (".stl", ".obj", ".3mf")
 SUFFIXES = (*MESH_FORMATS, ".toml")

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from flows.cli.main import leave
+from fast.flows.cli.main import leave
 
 _STATUS: list[int] = []
 settings.register_profile("quick", max_examples=40)  # a test that needs more says so

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.outcomes import Outcome
-from flows.benchmarks.study import cases_of, run_study
-from flows.benchmarks.summary import Key, completed, describe_errors, failures_by_reason
-from models.objects.catalogue import OBJECTS
-from models.records import find_tier
-from models.solver_code import solver_id
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.outcomes import Outcome
+from fast.flows.benchmarks.study import cases_of, run_study
+from fast.flows.benchmarks.summary import Key, completed, describe_errors, failures_by_reason
+from fast.models.objects.catalogue import OBJECTS
+from fast.models.records import find_tier
+from fast.models.solver_code import solver_id
 
 TIERS = ("production",)
 REFERENCE = "reference"
@@ -102,7 +102,7 @@ def _rms(values: np.ndarray) -> float:
 
 def _draw(path: Path, errors_n: Mapping[str, Mapping[Key, float]]) -> None:
     """Histogram of the trace errors of each tier over its grasps."""
-    from flows.report.style import INK, SIMULATED, figure_style, new_axes
+    from fast.flows.report.style import INK, SIMULATED, figure_style, new_axes
 
     with figure_style():
         figure, axes = new_axes(5.4, 3.0)

@@ -66,7 +66,7 @@ def timed(work: Callable[[], T]) -> tuple[T, float]:
 
 def circumstances() -> dict[str, Any]:
     """Where and with which code a benchmark ran, for the head of its JSON."""
-    from lake.provenance import current_provenance
+    from fast.lake.provenance import current_provenance
 
     code = current_provenance()
     return {

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.made_up_batch import Batch, measure_missing
-from hardware.virtual.world.file import World
-from lake.tables.campaign import TraceRow
-from models.errors import FastError
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
+from fast.hardware.virtual.world.file import World
+from fast.lake.tables.campaign import TraceRow
+from fast.models.errors import FastError
 
 N_TOOLS, N_OBJECTS, N_REPEATS = 10, 36, 3
 N_EDGE = 100  # grasps at each end of the batch that are compared

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Tables
+from fast.flows.benchmarks.base import Options, Tables
 
 if TYPE_CHECKING:
-    from models.calibration.inference.settings import CalibrationSettings
+    from fast.models.calibration.inference.settings import CalibrationSettings
 
 N_SIM, N_REAL = 1469, 110  # of the paper
 TRUTH = {"young_modulus_mpa": 9.0, "friction": 0.55, "poisson_ratio": 0.34}
@@ -34,9 +34,9 @@ def measure_calibration(options: Options) -> Tables:
 def _calibrate(
     options: Options, mode: str, scales_with_modulus: bool
 ) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
-    from models.calibration.inference.settings import CalibrationSettings
-    from models.calibration.means.calibrate import calibrate
-    from models.calibration.means.synthetic import make_up_problem
+    from fast.models.calibration.inference.settings import CalibrationSettings
+    from fast.models.calibration.means.calibrate import calibrate
+    from fast.models.calibration.means.synthetic import make_up_problem
 
     load = os.getloadavg()[0]
     n_sim, n_real = options.n_sim or N_SIM, options.n_real or N_REAL
@@ -66,7 +66,7 @@ def _calibrate(
 
 def _n_drawn(settings: "CalibrationSettings", method: str) -> int:
     """Draws of all chains, tuning included and short trial chains not."""
-    from models.calibration.means.factorised import MOST_DRAWS, MOST_TUNE
+    from fast.models.calibration.means.factorised import MOST_DRAWS, MOST_TUNE
 
     draws, tune = settings.draws, settings.tune
     if method == "factorised":

@@ -10,10 +10,10 @@ from itertools import combinations, count
 
 import numpy as np
 
-from hardware.virtual.world.file import Scatter, World
-from hardware.virtual.world.physics import PhysicsRequest, build_request, grasp_curve
-from models.design.space import BEST_PUBLISHED
-from models.records import GraspSetup, GraspSimulation, Trace
+from fast.hardware.virtual.world.file import Scatter, World
+from fast.hardware.virtual.world.physics import PhysicsRequest, build_request, grasp_curve
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.records import GraspSetup, GraspSimulation, Trace
 
 Label = tuple[str, int, int]  # (tool id, object id, repeat)
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.outcomes import Outcome
-from flows.benchmarks.study import cases_of, run_study
-from flows.benchmarks.summary import failures_by_reason, median_of, spread
-from models.objects.catalogue import OBJECTS
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.outcomes import Outcome
+from fast.flows.benchmarks.study import cases_of, run_study
+from fast.flows.benchmarks.summary import failures_by_reason, median_of, spread
+from fast.models.objects.catalogue import OBJECTS
 
 TIERS = ("production",)
 N_DESIGNS = 12

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from flows.benchmarks.base import Options, Rows, Tables
-from models.errors import UsageError
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.models.errors import UsageError
 
 A = TypeVar("A")
 SIZES = (8_640, 100_000)  # the paper's, and one that a default run can afford
@@ -62,7 +62,7 @@ def _elsewhere(work: Callable[[Path, int], dict[str, Any]], root: Path, n_grasps
 
 
 def _make(root: Path, n_grasps: int) -> dict[str, Any]:
-    from flows.benchmarks.made_up_lake import fill
+    from fast.flows.benchmarks.made_up_lake import fill
 
     wall_s = _wall(lambda: fill(root, n_grasps))
     files = list(root.glob("*/*.parquet"))
@@ -77,14 +77,14 @@ def _make(root: Path, n_grasps: int) -> dict[str, Any]:
 
 def _measure(root: Path, n_grasps: int) -> dict[str, Any]:
     """Reading first, as a new process finds the lake, then writing."""
-    from lake.store import Lake
+    from fast.lake.store import Lake
 
     lake = Lake.open(root)
     return _reading(lake, n_grasps) | _writing(lake, n_grasps) | {"memory_mb": _peak_memory_mb()}
 
 
 def _reading(lake: Any, n_grasps: int) -> dict[str, Any]:
-    from flows.benchmarks.made_up_lake import PERIOD, START
+    from fast.flows.benchmarks.made_up_lake import PERIOD, START
 
     opening = _costs("open", lambda: _look(lake))
     memory_mb = _peak_memory_mb()
@@ -108,10 +108,10 @@ def _reading(lake: Any, n_grasps: int) -> dict[str, Any]:
 
 
 def _writing(lake: Any, n_grasps: int) -> dict[str, Any]:
-    from flows.benchmarks.made_up_lake import rows
-    from lake.maintenance import compact
-    from lake.provenance import current_provenance
-    from lake.tables.campaign import GraspRow, TraceRow
+    from fast.flows.benchmarks.made_up_lake import rows
+    from fast.lake.maintenance import compact
+    from fast.lake.provenance import current_provenance
+    from fast.lake.tables.campaign import GraspRow, TraceRow
 
     provenance = current_provenance()
     append_s, append_cpu_s, seen_s = [], [], []
@@ -133,7 +133,7 @@ def _writing(lake: Any, n_grasps: int) -> dict[str, Any]:
 
 def _look(lake: Any) -> None:
     """Have the lake read what is new."""
-    from lake.tables.campaign import GraspRow, TraceRow
+    from fast.lake.tables.campaign import GraspRow, TraceRow
 
     for table in (GraspRow, TraceRow):
         lake.has(table, "")

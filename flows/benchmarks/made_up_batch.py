@@ -6,20 +6,20 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from flows.benchmarks.fingerprints import Label, fingerprint
-from hardware.bench import Bench, open_virtual_bench
-from hardware.cell.cell import MeasuredGrasp
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import World
-from lake.store import Lake
-from tasks.bench.measure import OpenBench, measure_batch, measure_tool
-from tasks.bench.plan import ToolWork
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.state import ProposedTool
-from tasks.scientist.observe import unfinished_tools
-from tasks.scientist.propose import propose_initial
+from fast.flows.benchmarks.fingerprints import Label, fingerprint
+from fast.hardware.bench import Bench, open_virtual_bench
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import World
+from fast.lake.store import Lake
+from fast.tasks.bench.measure import OpenBench, measure_batch, measure_tool
+from fast.tasks.bench.plan import ToolWork
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.state import ProposedTool
+from fast.tasks.scientist.observe import unfinished_tools
+from fast.tasks.scientist.propose import propose_initial
 
 CAMPAIGN_ID = "study"
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flows.benchmarks.fingerprints import fingerprint, fingerprint_world
-from hardware.virtual.world.file import World
-from hardware.virtual.world.physics import build_request
-from tasks.campaign.config import CampaignConfig
-from tasks.simulation.attempt import Attempt, GraspJob
+from fast.flows.benchmarks.fingerprints import fingerprint, fingerprint_world
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.physics import build_request
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.simulation.attempt import Attempt, GraspJob
 
 N_TOOLS, OBJECTS, N_REPEATS = 10, (0, 7, 14, 24, 30), 2
 N_SIMULATIONS = 20
@@ -37,8 +37,8 @@ def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
 
 def use_made_up_physics() -> None:
     """Have this process compute nothing: neither simulations nor the truth of the virtual bench."""
-    from flows.campaign import process
-    from tasks.simulation import simulate as simulating
+    from fast.flows.campaign import process
+    from fast.tasks.simulation import simulate as simulating
 
     simulating.attempt_grasp = made_up_attempt
     process.physics_of_truth = fingerprint

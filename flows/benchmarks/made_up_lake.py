@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lake.storage.files import file_name, publish, stage
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, Row, ToolRow, TraceRow
-from lake.tables.requests import setup_columns
-from lake.tables.schema import schema_of
-from models.records import GraspSetup
+from fast.lake.storage.files import file_name, publish, stage
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, Row, ToolRow, TraceRow
+from fast.lake.tables.requests import setup_columns
+from fast.lake.tables.schema import schema_of
+from fast.models.records import GraspSetup
 
 CAMPAIGN_ID = "benchmark"
 N_SAMPLES = 1200

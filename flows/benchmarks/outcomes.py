@@ -8,9 +8,9 @@ from typing import IO, Literal, Self, TypeVar
 
 from pydantic import ValidationError
 
-from models.errors import UsageError
-from models.records import Record
-from models.solver_code import solver_id
+from fast.models.errors import UsageError
+from fast.models.records import Record
+from fast.models.solver_code import solver_id
 
 R = TypeVar("R", bound=Record)
 

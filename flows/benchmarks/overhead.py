@@ -17,15 +17,15 @@ from unittest import mock
 
 import psutil
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.made_up_batch import Batch, lockstep_bench
-from flows.benchmarks.made_up_campaign import Size, use_made_up_physics, world_of, write_files
-from flows.server.server import configure_client, server
-from hardware.safety.safe_state import Verb
-from lake.store import Lake
-from models.errors import FastError
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import append_event
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.made_up_batch import Batch, lockstep_bench
+from fast.flows.benchmarks.made_up_campaign import Size, use_made_up_physics, world_of, write_files
+from fast.flows.server.server import configure_client, server
+from fast.hardware.safety.safe_state import Verb
+from fast.lake.store import Lake
+from fast.models.errors import FastError
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.requests import append_event
 
 NAME = "overhead"
 N_OBJECTS_OF_PAPER, SIMULATED_DESIGNS_OF_PAPER, TOOLS_OF_PAPER, REPEATS_OF_PAPER = 36, 850, 110, 3
@@ -123,7 +123,7 @@ def _extrapolated(measured: dict[str, float]) -> Rows:
 
 def _physics_cpu_s() -> float:
     """CPU seconds of a production simulation, as recorded in `docs/benchmarks/grasp.json`."""
-    file = Path(__file__).parents[2] / "docs" / "benchmarks" / "grasp.json"
+    file = Path(__file__).resolve().parents[2] / "docs" / "benchmarks" / "grasp.json"
     tables = json.loads(file.read_text(encoding="utf-8"))["tables"]
     return float(next(row["mean_cpu_s"] for row in tables["tiers"] if row["tier"] == "production"))
 
@@ -144,8 +144,8 @@ def server_of_study(lake: Lake) -> Iterator[None]:
 
 def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
     """CPU of a campaign, CPU from its first grasp or simulation to its last, and how often its state was derived."""
-    from flows.campaign.launch import run_campaign
-    from flows.progress import ProgressReporter
+    from fast.flows.campaign.launch import run_campaign
+    from fast.flows.progress import ProgressReporter
 
     config = write_files(folder, NAME, SIZE)
     use_made_up_physics()
@@ -168,8 +168,8 @@ def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
 
 def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
     """CPU of a campaign that waits for a person, and of its server meanwhile."""
-    from flows.campaign.launch import run_campaign
-    from flows.progress import ProgressReporter
+    from fast.flows.campaign.launch import run_campaign
+    from fast.flows.progress import ProgressReporter
 
     config, waits, heard = write_files(folder, "waiting", WAITING), threading.Event(), threading.Event()
 

@@ -1,13 +1,13 @@
 """The benchmarks by name: what a user runs on an own machine. Studies of the project are in `tests.studies`."""
 
-from flows.benchmarks.accuracy import measure_accuracy
-from flows.benchmarks.base import Benchmark, benchmark
-from flows.benchmarks.bench import measure_bench
-from flows.benchmarks.calibration import measure_calibration
-from flows.benchmarks.grasp import measure_grasp
-from flows.benchmarks.lake import measure_lake
-from flows.benchmarks.overhead import measure_overhead
-from flows.benchmarks.scientist import measure_scientist
+from fast.flows.benchmarks.accuracy import measure_accuracy
+from fast.flows.benchmarks.base import Benchmark, benchmark
+from fast.flows.benchmarks.bench import measure_bench
+from fast.flows.benchmarks.calibration import measure_calibration
+from fast.flows.benchmarks.grasp import measure_grasp
+from fast.flows.benchmarks.lake import measure_lake
+from fast.flows.benchmarks.overhead import measure_overhead
+from fast.flows.benchmarks.scientist import measure_scientist
 
 _SIMULATED = ("designs", "objects", "results", "limit_minutes", "workers", "tiers")
 

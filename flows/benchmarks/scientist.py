@@ -4,9 +4,9 @@ from functools import partial
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Tables, timed
-from models.scientist.surrogate.observations import ObservationSet
-from models.scientist.surrogate.posterior import Surrogate
+from fast.flows.benchmarks.base import Options, Tables, timed
+from fast.models.scientist.surrogate.observations import ObservationSet
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 SIZES = ((10, 30), (30, 150), (60, 400), (110, 1000))  # measured, simulated
 N_PENDING = 10
@@ -24,8 +24,8 @@ def measure_scientist(options: Options) -> Tables:
 
 def made_up_data(n_real: int, n_sim: int) -> ObservationSet:
     """A hill in nine dimensions, and a simulator that scales and moves it, observed at random designs."""
-    from models.design.space import random_unit
-    from models.scientist.surrogate.observations import REAL, SIM
+    from fast.models.design.space import random_unit
+    from fast.models.scientist.surrogate.observations import REAL, SIM
 
     rng = np.random.default_rng(0)
     x, s = random_unit(n_real + n_sim, rng), np.repeat([SIM, REAL], [n_sim, n_real])
@@ -37,7 +37,7 @@ def made_up_data(n_real: int, n_sim: int) -> ObservationSet:
 
 def cost_of_scientist(data: ObservationSet) -> dict[str, float]:
     """CPU seconds of fitting, of proposing ten tools, and of one simulation by each rule."""
-    from models.scientist.surrogate.fit import fit_surrogate
+    from fast.models.scientist.surrogate.fit import fit_surrogate
 
     surrogate, cold_s = timed(partial(fit_surrogate, data))
     _, warm_s = timed(partial(fit_surrogate, data, surrogate.parameters))
@@ -55,8 +55,8 @@ def _simulation(surrogate: Surrogate, rule: str, seed: int) -> None:
 
 
 def _propose(surrogate: Surrogate, rule: str, fidelity: int, n: int, seed: int) -> None:
-    from models.design.space import random_unit
-    from models.scientist.propose import propose
+    from fast.models.design.space import random_unit
+    from fast.models.scientist.propose import propose
 
     pending = np.column_stack([random_unit(N_PENDING, np.random.default_rng(7)), np.zeros(N_PENDING)])
     propose(surrogate, fidelity, n, pending, np.random.default_rng(seed), min_distance=0.0, acquisition=rule)

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from flows.benchmarks.base import Options
-from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
-from lake.tables.campaign import SimulationRow
-from models.design.space import BEST_PUBLISHED, numbered_design
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, find_tier
-from models.solver_code import solver_id
-from models.traces.step_features import is_usable, step_means
-from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
-from tasks.simulation.pool import Worker
+from fast.flows.benchmarks.base import Options
+from fast.flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
+from fast.lake.tables.campaign import SimulationRow
+from fast.models.design.space import BEST_PUBLISHED, numbered_design
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, find_tier
+from fast.models.solver_code import solver_id
+from fast.models.traces.step_features import is_usable, step_means
+from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
+from fast.tasks.simulation.pool import Worker
 
 DEADLINE_S = 300.0  # wall time of one grasp: a reference grasp may take a minute on a loaded machine
 SETUP = GraspSetup()

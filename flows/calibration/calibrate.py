@@ -5,25 +5,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from flows.progress import ProgressReporter
-from flows.simulation.progress import n_missing, simulate_missing
-from lake.leases import exclusive
-from lake.store import Lake
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.hypercube import HypercubePlan
-from models.errors import UsageError
-from tasks.calibration.calibrate import CalibrationOutcome, calibrate_once
-from tasks.calibration.lot import describe_lot, take_lot
-from tasks.calibration.mean_data import (
+from fast.flows.progress import ProgressReporter
+from fast.flows.simulation.progress import n_missing, simulate_missing
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.hypercube import HypercubePlan
+from fast.models.errors import UsageError
+from fast.tasks.calibration.calibrate import CalibrationOutcome, calibrate_once
+from fast.tasks.calibration.lot import describe_lot, take_lot
+from fast.tasks.calibration.mean_data import (
     check_enough,
     find_base_version,
     plan_hypercube,
     read_measured_tools,
     read_simulated_points,
 )
-from tasks.calibration.means import compare_means, plan_verification, verify
-from tasks.gap.data import read_grasps
-from tasks.gap.theta import gather_traces, plan_grid
+from fast.tasks.calibration.means import compare_means, plan_verification, verify
+from fast.tasks.gap.data import read_grasps
+from fast.tasks.gap.theta import gather_traces, plan_grid
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def _take_lot(
 
 def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None) -> Path:
     """Write the page of a calibration into a folder, by default in the lake's outputs; returns its path."""
-    from flows.report.calibration.page import write_calibration_report
+    from fast.flows.report.calibration.page import write_calibration_report
 
     calibration_id = outcome.row.calibration_id
     return write_calibration_report(lake, calibration_id, out or lake.root / "outputs" / calibration_id / "report")

@@ -1,11 +1,11 @@
 """Recalibration without a person: calibrate again when measurements or simulations are new, else say why not."""
 
-from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
-from flows.progress import ProgressReporter
-from lake.store import Lake
-from models.errors import FastError
-from tasks.calibration.mean_data import TooLittleDataError
-from tasks.campaign.flow_runs import record_sentence
+from fast.flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
+from fast.flows.progress import ProgressReporter
+from fast.lake.store import Lake
+from fast.models.errors import FastError
+from fast.tasks.calibration.mean_data import TooLittleDataError
+from fast.tasks.campaign.flow_runs import record_sentence
 
 FLOW = "recalibrate"
 
@@ -26,7 +26,7 @@ def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, repo
 
 
 def _recalibrate(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> str:
-    from flows.campaign.events import announce_calibrated
+    from fast.flows.campaign.events import announce_calibrated
 
     try:
         outcome = run_calibration(lake, order, reporter)

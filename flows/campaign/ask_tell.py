@@ -13,26 +13,26 @@ from pathlib import Path
 from queue import Queue
 from typing import Any
 
-from flows.campaign.batch_folder import is_told, write_batch
-from lake.leases import exclusive, is_held
-from lake.store import Lake
-from lake.tables.campaign import BatchRow, CampaignRow
-from models.errors import ConfigError, UsageError
-from models.records import Design, GraspRequest
-from tasks.bench.folder import plan_batch
-from tasks.bench.machine_csv import read_format, read_pull
-from tasks.bench.reference_tools import ask_references
-from tasks.bench.told import Taken, take_told
-from tasks.bench.told_files import read_rows_of, read_told
-from tasks.campaign.campaign import Campaign, read_own_designs
-from tasks.campaign.config import load_config
-from tasks.campaign.requests import STARTED, append_event, lease_name
-from tasks.campaign.setup import enter
-from tasks.campaign.simulator_versions import at_stage
-from tasks.scientist.propose import propose_stage
-from tasks.simulation.attempt import hang_limit_s
-from tasks.simulation.engine import Engine, open_engine
-from tasks.simulation.simulate import simulate_design
+from fast.flows.campaign.batch_folder import is_told, write_batch
+from fast.lake.leases import exclusive, is_held
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import BatchRow, CampaignRow
+from fast.models.errors import ConfigError, UsageError
+from fast.models.records import Design, GraspRequest
+from fast.tasks.bench.folder import plan_batch
+from fast.tasks.bench.machine_csv import read_format, read_pull
+from fast.tasks.bench.reference_tools import ask_references
+from fast.tasks.bench.told import Taken, take_told
+from fast.tasks.bench.told_files import read_rows_of, read_told
+from fast.tasks.campaign.campaign import Campaign, read_own_designs
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.requests import STARTED, append_event, lease_name
+from fast.tasks.campaign.setup import enter
+from fast.tasks.campaign.simulator_versions import at_stage
+from fast.tasks.scientist.propose import propose_stage
+from fast.tasks.simulation.attempt import hang_limit_s
+from fast.tasks.simulation.engine import Engine, open_engine
+from fast.tasks.simulation.simulate import simulate_design
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,8 @@ def tell(
 
 def find_told_campaign(lake: Lake, tool_ids: Sequence[str]) -> Campaign | None:
     """The campaign on a bench of its own that these tools are of, if they are of one."""
-    from flows.campaign.status import read_campaign
-    from lake.tables.imported import is_imported
+    from fast.flows.campaign.status import read_campaign
+    from fast.lake.tables.imported import is_imported
 
     names = {tool_id.rpartition("/")[0] for tool_id in tool_ids}
     if len(names) != 1 or "" in names:
@@ -173,7 +173,7 @@ def _propose_next(campaign: Campaign, say: Callable[[str], None]) -> int | None:
 def _simulate(campaign: Campaign, stage: int, say: Callable[[str], None]) -> None:
     """Make the simulations that the schedule has for a stage, as the flow does while tools are measured."""
     # Seconds of imports, of Prefect, which a schedule without simulations does without.
-    from flows.campaign.loops import SimulationLoop
+    from fast.flows.campaign.loops import SimulationLoop
 
     execution = campaign.config.execution
     limit_s = hang_limit_s(campaign.config.simulator.grasp_deadline_s)

@@ -4,14 +4,14 @@ import os
 import shutil
 from pathlib import Path
 
-from flows.gap.bench_plan import BenchPlan, write_bench_plan
-from models.errors import UsageError
-from models.records import GraspRequest
-from tasks.bench.folder import plan_batch
-from tasks.bench.print import write_tray
-from tasks.bench.reference_tools import ask_references
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import CampaignState
+from fast.flows.gap.bench_plan import BenchPlan, write_bench_plan
+from fast.models.errors import UsageError
+from fast.models.records import GraspRequest
+from fast.tasks.bench.folder import plan_batch
+from fast.tasks.bench.print import write_tray
+from fast.tasks.bench.reference_tools import ask_references
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState
 
 PRINT = "print"  # folder of what the printer is given
 

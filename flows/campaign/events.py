@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 from prefect.events import emit_event
 
-from flows.server.server import address_for_others
-from lake.store import Lake
-from tasks.campaign.campaign import Campaign
+from fast.flows.server.server import address_for_others
+from fast.lake.store import Lake
+from fast.tasks.campaign.campaign import Campaign
 
 MEASURED = "fast.batches.measured"
 CALIBRATED = "fast.calibration.made"

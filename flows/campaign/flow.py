@@ -16,21 +16,21 @@ from prefect.futures import PrefectFuture
 from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
-from flows.campaign.events import announce_measured
-from flows.campaign.gap_step import close_gap
-from flows.campaign.loops import BenchLoop, CampaignRun, SimulationLoop
-from flows.campaign.night import begin_night
-from flows.campaign.page import CampaignPage
-from flows.server.run_process import RunningProcess
-from lake.maintenance import compact
-from lake.tables.campaign import TABLES
-from models.errors import FastError
-from tasks.campaign import prefect_tasks as steps
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.flow_runs import record_run
-from tasks.campaign.prefect_tasks import unmapped
-from tasks.campaign.requests import append_event
-from tasks.scientist.observe import closed_batches
+from fast.flows.campaign.events import announce_measured
+from fast.flows.campaign.gap_step import close_gap
+from fast.flows.campaign.loops import BenchLoop, CampaignRun, SimulationLoop
+from fast.flows.campaign.night import begin_night
+from fast.flows.campaign.page import CampaignPage
+from fast.flows.server.run_process import RunningProcess
+from fast.lake.maintenance import compact
+from fast.lake.tables.campaign import TABLES
+from fast.models.errors import FastError
+from fast.tasks.campaign import prefect_tasks as steps
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.flow_runs import record_run
+from fast.tasks.campaign.prefect_tasks import unmapped
+from fast.tasks.campaign.requests import append_event
+from fast.tasks.scientist.observe import closed_batches
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
 

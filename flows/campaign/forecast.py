@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import CampaignState
-from tasks.scientist.observe import unfinished_tools
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState
+from fast.tasks.scientist.observe import unfinished_tools
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from flows.server.server import address_for_others, ask_server, find_server
-from lake.store import Lake
+from fast.flows.server.server import address_for_others, ask_server, find_server
+from fast.lake.store import Lake
 
 logger = logging.getLogger(__name__)
 

@@ -11,16 +11,16 @@ from prefect.input import RunInput
 from prefect.states import Completed, State
 from pydantic import Field, create_model
 
-from flows.campaign.print_form import WAIT_LIMIT_S
-from flows.campaign.status import read_campaign
-from lake.store import Lake
-from models.errors import FastError, UsageError
-from models.gap.ask.answers import Reading
-from models.gap.ask.person import find_measurement
-from models.validation import load_record
-from tasks.bench.mount import plan_rack
-from tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
-from tasks.gap.readings import is_answered, write_reading
+from fast.flows.campaign.print_form import WAIT_LIMIT_S
+from fast.flows.campaign.status import read_campaign
+from fast.lake.store import Lake
+from fast.models.errors import FastError, UsageError
+from fast.models.gap.ask.answers import Reading
+from fast.models.gap.ask.person import find_measurement
+from fast.models.validation import load_record
+from fast.tasks.bench.mount import plan_rack
+from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
+from fast.tasks.gap.readings import is_answered, write_reading
 
 _Operator = Annotated[str, Field(min_length=1)]
 

@@ -12,25 +12,25 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
-from flows.campaign.forms import open_form
-from flows.campaign.loops import CampaignRun
-from flows.campaign.operator_prompts import make_reading_form
-from flows.campaign.told_step import await_asked
-from flows.gap.answering import describe_command
-from flows.gap.scheduled import search_and_tell
-from flows.gap.search import GapOrder, GapOutcome
-from lake.leases import is_held
-from models.gap.findings import NextExperiment, PersonQuestion
-from tasks.bench.asked import read_open_requests
-from tasks.bench.mount import list_asked_tools
-from tasks.bench.mounting import read_mounting
-from tasks.calibration.mean_data import TooLittleDataError
-from tasks.campaign import prefect_tasks as steps
-from tasks.campaign.prefect_tasks import unmapped
-from tasks.campaign.requests import GAP_LEASE, append_event
-from tasks.gap.ask_settings import USUAL_BUDGET, AskSettings
-from tasks.gap.findings import count_asked, find_newest_run
-from tasks.gap.readings import is_answered
+from fast.flows.campaign.forms import open_form
+from fast.flows.campaign.loops import CampaignRun
+from fast.flows.campaign.operator_prompts import make_reading_form
+from fast.flows.campaign.told_step import await_asked
+from fast.flows.gap.answering import describe_command
+from fast.flows.gap.scheduled import search_and_tell
+from fast.flows.gap.search import GapOrder, GapOutcome
+from fast.lake.leases import is_held
+from fast.models.gap.findings import NextExperiment, PersonQuestion
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.bench.mount import list_asked_tools
+from fast.tasks.bench.mounting import read_mounting
+from fast.tasks.calibration.mean_data import TooLittleDataError
+from fast.tasks.campaign import prefect_tasks as steps
+from fast.tasks.campaign.prefect_tasks import unmapped
+from fast.tasks.campaign.requests import GAP_LEASE, append_event
+from fast.tasks.gap.ask_settings import USUAL_BUDGET, AskSettings
+from fast.tasks.gap.findings import count_asked, find_newest_run
+from fast.tasks.gap.readings import is_answered
 
 logger = logging.getLogger(__name__)
 

@@ -5,22 +5,22 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flows.dependencies import CAMPAIGN, require
-from flows.progress import ProgressReporter
-from flows.server.crashed_runs import end_crashed_runs
-from flows.server.server import configure_client, server
-from hardware.bench import BenchSettings
-from hardware.virtual.world.file import World
-from lake.leases import exclusive
-from lake.store import Lake
-from models.errors import ConfigError
-from tasks.campaign.campaign import Campaign, read_own_designs
-from tasks.campaign.config import CampaignConfig, load_config, relative_to, world_path
-from tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
-from tasks.campaign.setup import enter, read_bench, read_world
+from fast.flows.dependencies import CAMPAIGN, require
+from fast.flows.progress import ProgressReporter
+from fast.flows.server.crashed_runs import end_crashed_runs
+from fast.flows.server.server import configure_client, server
+from fast.hardware.bench import BenchSettings
+from fast.hardware.virtual.world.file import World
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.models.errors import ConfigError
+from fast.tasks.campaign.campaign import Campaign, read_own_designs
+from fast.tasks.campaign.config import CampaignConfig, load_config, relative_to, world_path
+from fast.tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
+from fast.tasks.campaign.setup import enter, read_bench, read_world
 
 if TYPE_CHECKING:
-    from flows.campaign.process import CampaignOutcome
+    from fast.flows.campaign.process import CampaignOutcome
 
 ConfirmReal = Callable[[Path, BenchSettings], None]  # bench file and what it says; raises when there is no leave
 
@@ -68,7 +68,7 @@ def run_campaign(
             reporter.progress(sentence)
         reporter.announce(f"Campaign {name}; watch it at {api_url.removesuffix('/api')}")
         # Prefect reads its settings when first imported, so only now.
-        from flows.campaign.process import run_in_process
+        from fast.flows.campaign.process import run_in_process
 
         return run_in_process(campaign, bench, auto_print=auto_print, reporter=reporter)
 

@@ -9,24 +9,24 @@ from typing import Any, Protocol
 
 from prefect.futures import PrefectFuture
 
-from flows.campaign.batch_folder import is_told
-from flows.campaign.told_step import ToldPrompts, await_batch
-from flows.progress import ProgressReporter
-from hardware.bench import Bench
-from hardware.cell.cell import MeasuredGrasp
-from hardware.safety.safe_state import Verb
-from models.records import Design
-from tasks.bench.measure import OpenBench
-from tasks.bench.mount import MountPrompts
-from tasks.bench.print import OperatorPrompts
-from tasks.campaign import prefect_tasks as steps
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.prefect_tasks import unmapped
-from tasks.campaign.requests import Requests
-from tasks.campaign.state import CampaignState, ProposedTool
-from tasks.scientist import propose as proposing
-from tasks.scientist.observe import unfinished_tools
-from tasks.simulation.engine import Engine
+from fast.flows.campaign.batch_folder import is_told
+from fast.flows.campaign.told_step import ToldPrompts, await_batch
+from fast.flows.progress import ProgressReporter
+from fast.hardware.bench import Bench
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.safety.safe_state import Verb
+from fast.models.records import Design
+from fast.tasks.bench.measure import OpenBench
+from fast.tasks.bench.mount import MountPrompts
+from fast.tasks.bench.print import OperatorPrompts
+from fast.tasks.campaign import prefect_tasks as steps
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.prefect_tasks import unmapped
+from fast.tasks.campaign.requests import Requests
+from fast.tasks.campaign.state import CampaignState, ProposedTool
+from fast.tasks.scientist import propose as proposing
+from fast.tasks.scientist.observe import unfinished_tools
+from fast.tasks.simulation.engine import Engine
 
 
 @dataclass

@@ -12,15 +12,15 @@ from prefect import task
 from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 
-from flows.campaign.loops import CampaignRun, SimulationJob, SimulationLoop
-from flows.progress import describe_duration
-from models.records import Design, SimulatorVersion
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.night_story import Night, count_worker_seconds, end_night, find_night
-from tasks.campaign.prefect_tasks import unmapped
-from tasks.campaign.simulator_versions import at_stage, list_reruns
-from tasks.campaign.state import CampaignState
-from tasks.gap.cost import GraspCosts
+from fast.flows.campaign.loops import CampaignRun, SimulationJob, SimulationLoop
+from fast.flows.progress import describe_duration
+from fast.models.records import Design, SimulatorVersion
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.night_story import Night, count_worker_seconds, end_night, find_night
+from fast.tasks.campaign.prefect_tasks import unmapped
+from fast.tasks.campaign.simulator_versions import at_stage, list_reruns
+from fast.tasks.campaign.state import CampaignState
+from fast.tasks.gap.cost import GraspCosts
 
 
 @task(task_run_name="{label}", cache_policy=NO_CACHE)

@@ -6,18 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flows.campaign.forms import Form, close_forms, open_form
-from flows.campaign.notify import Notifier
-from flows.progress import ProgressReporter, describe_duration
-from lake.handoff.plan_folder import RESULTS
-from lake.store import Lake
-from lake.tables.campaign import BatchRow
-from models.gap.findings import PersonQuestion
-from tasks.bench.mounting import read_mounting
-from tasks.bench.print import open_slots
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import append_event
-from tasks.gap.readings import is_answered
+from fast.flows.campaign.forms import Form, close_forms, open_form
+from fast.flows.campaign.notify import Notifier
+from fast.flows.progress import ProgressReporter, describe_duration
+from fast.lake.handoff.plan_folder import RESULTS
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import BatchRow
+from fast.models.gap.findings import PersonQuestion
+from fast.tasks.bench.mounting import read_mounting
+from fast.tasks.bench.print import open_slots
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.requests import append_event
+from fast.tasks.gap.readings import is_answered
 
 FORM_S = 15.0  # between looks whether a form is open: one is due again after an answer that leaves tools to print
 NO_FORM_S = 60.0  # the same where there was none: `fast serve` may come later than the campaign

@@ -13,20 +13,20 @@ from prefect import get_client
 from prefect.artifacts import create_markdown_artifact, create_progress_artifact
 from prefect.client.schemas.actions import ArtifactUpdate
 
-from flows.campaign.forecast import Forecast, forecast
-from flows.campaign.progress import MOST_CPU, Workload, count_work
-from flows.gap.answering import describe_command
-from flows.progress import RateEstimate
-from flows.server.server_process import OUTPUTS
-from lake.query.engine import Mark
-from lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
-from tasks.bench.asked import read_open_requests
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.night_story import describe_nights
-from tasks.campaign.simulator_versions import at_present
-from tasks.campaign.state import format_ranking, rank_tools
-from tasks.gap.findings import GapRun, find_newest_run
-from tasks.gap.readings import is_answered
+from fast.flows.campaign.forecast import Forecast, forecast
+from fast.flows.campaign.progress import MOST_CPU, Workload, count_work
+from fast.flows.gap.answering import describe_command
+from fast.flows.progress import RateEstimate
+from fast.flows.server.server_process import OUTPUTS
+from fast.lake.query.engine import Mark
+from fast.lake.tables.campaign import GraspRow, ProposalRow, SimulationRow, ToolRow
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.night_story import describe_nights
+from fast.tasks.campaign.simulator_versions import at_present
+from fast.tasks.campaign.state import format_ranking, rank_tools
+from fast.tasks.gap.findings import GapRun, find_newest_run
+from fast.tasks.gap.readings import is_answered
 
 logger = logging.getLogger(__name__)
 
@@ -161,9 +161,9 @@ def _describe_question(campaign: Campaign, run: GapRun) -> list[str]:
 def draw_best_so_far(campaign: Campaign) -> str:
     """The report's figure of tool quality by batch as a `data:` address; empty before the first complete tool."""
     # Seconds of imports, which a campaign that goes on after a crash does not wait for.
-    from flows.report.campaign.content import Content
-    from flows.report.campaign.quality import draw_quality
-    from flows.report.style import figure_style
+    from fast.flows.report.campaign.content import Content
+    from fast.flows.report.campaign.quality import draw_quality
+    from fast.flows.report.style import figure_style
 
     content = Content.load(campaign.lake, campaign.campaign_id)
     if content.best is None:

@@ -14,13 +14,13 @@ from prefect.states import Completed, State
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic.json_schema import SkipJsonSchema
 
-from flows.server.server_process import OUTPUTS
-from lake.store import Lake
-from lake.tables.campaign import BatchRow
-from models.errors import FastError, UsageError
-from models.ids import tool_label
-from models.validation import load_record
-from tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print, open_slots
+from fast.flows.server.server_process import OUTPUTS
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import BatchRow
+from fast.models.errors import FastError, UsageError
+from fast.models.ids import tool_label
+from fast.models.validation import load_record
+from fast.tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print, open_slots
 
 WAIT_LIMIT_S = 10 * 365 * 86400  # Prefect gives up after an hour unless told otherwise
 _MEASURES = {

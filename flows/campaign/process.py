@@ -14,31 +14,31 @@ from prefect import get_run_logger
 from prefect.exceptions import MissingContextError
 from prefect.logging.handlers import APILogWorker
 
-from flows.campaign.flow import run_flow
-from flows.campaign.loops import CampaignRun
-from flows.campaign.notify import notifier
-from flows.campaign.operator_prompts import FolderPrompts, MountPrompts, PrintPrompts
-from flows.campaign.progress import CampaignProgress
-from flows.progress import Bar, ProgressReporter, format_report
-from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
-from hardware.cell.cell import MeasuredGrasp
-from hardware.cell.layout import BenchLayout
-from hardware.safety.safe_state import Verb
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import World
-from hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
-from hardware.virtual.world.physics_cache import PhysicsFiles
-from models.errors import ConfigError, FastError
-from models.objects.catalogue import get_object, name_object
-from models.records import GraspSimulation
-from models.traces import peak_force_n
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.requests import append_event, bench_log_folder
-from tasks.campaign.state import ProposedTool, rank_tools
-from tasks.simulation.attempt import hang_limit_s
-from tasks.simulation.engine import Engine, open_engine
-from tasks.simulation.pool import WorkerPool
+from fast.flows.campaign.flow import run_flow
+from fast.flows.campaign.loops import CampaignRun
+from fast.flows.campaign.notify import notifier
+from fast.flows.campaign.operator_prompts import FolderPrompts, MountPrompts, PrintPrompts
+from fast.flows.campaign.progress import CampaignProgress
+from fast.flows.progress import Bar, ProgressReporter, format_report
+from fast.hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.safety.safe_state import Verb
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
+from fast.hardware.virtual.world.physics_cache import PhysicsFiles
+from fast.models.errors import ConfigError, FastError
+from fast.models.objects.catalogue import get_object, name_object
+from fast.models.records import GraspSimulation
+from fast.models.traces import peak_force_n
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.requests import append_event, bench_log_folder
+from fast.tasks.campaign.state import ProposedTool, rank_tools
+from fast.tasks.simulation.attempt import hang_limit_s
+from fast.tasks.simulation.engine import Engine, open_engine
+from fast.tasks.simulation.pool import WorkerPool
 
 _INTERRUPTS = (
     (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
@@ -218,8 +218,8 @@ def _best_in_words(outcome: CampaignOutcome) -> str:
 def _write_results(campaign: Campaign, reporter: ProgressReporter) -> CampaignOutcome:
     reporter.progress("writing report and recording")
     # Seconds of imports, which a campaign that goes on after a crash does not wait for.
-    from flows.report.campaign.page import add_features, write_report
-    from flows.viewer.campaign import write_recording
+    from fast.flows.report.campaign.page import add_features, write_report
+    from fast.flows.viewer.campaign import write_recording
 
     add_features(campaign.lake, campaign.campaign_id)
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")

@@ -5,10 +5,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from flows.progress import Bar, RateEstimate
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.simulator_versions import at_present
-from tasks.campaign.state import CampaignState
+from fast.flows.progress import Bar, RateEstimate
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.simulator_versions import at_present
+from fast.tasks.campaign.state import CampaignState
 
 MOST_CPU = 1e-3  # of a core: a line counts all rows that are new, and a bench measures for days
 

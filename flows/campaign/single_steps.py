@@ -4,19 +4,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from flows.campaign.process import keep_physics, open_campaign_bench
-from lake.leases import exclusive
-from lake.store import Lake
-from models.errors import FastError
-from tasks.campaign import prefect_tasks as steps
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import load_config, world_path
-from tasks.campaign.prefect_tasks import unmapped
-from tasks.campaign.requests import lease_name, require_acknowledgement
-from tasks.campaign.setup import enter, read_world
-from tasks.campaign.simulator_versions import at_present
-from tasks.scientist.observe import proposed_designs, unfinished_tools
-from tasks.simulation.pool import WorkerPool
+from fast.flows.campaign.process import keep_physics, open_campaign_bench
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.models.errors import FastError
+from fast.tasks.campaign import prefect_tasks as steps
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config, world_path
+from fast.tasks.campaign.prefect_tasks import unmapped
+from fast.tasks.campaign.requests import lease_name, require_acknowledgement
+from fast.tasks.campaign.setup import enter, read_world
+from fast.tasks.campaign.simulator_versions import at_present
+from fast.tasks.scientist.observe import proposed_designs, unfinished_tools
+from fast.tasks.simulation.pool import WorkerPool
 
 
 def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:

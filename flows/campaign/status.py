@@ -3,19 +3,19 @@
 import tomllib
 from typing import Any
 
-from flows.campaign.progress import count_work
-from hardware.safety.safe_state import Verb
-from lake.leases import holder_of
-from lake.order import LATEST_FIRST
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
-from lake.tables.imported import IMPORTED, importing_campaign, is_imported
-from models.validation import load_record
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.requests import GAP_LEASE, lease_name, requested_verb
-from tasks.campaign.simulator_versions import at_present
-from tasks.campaign.state import rank_tools
+from fast.flows.campaign.progress import count_work
+from fast.hardware.safety.safe_state import Verb
+from fast.lake.leases import holder_of
+from fast.lake.order import LATEST_FIRST
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
+from fast.lake.tables.imported import IMPORTED, importing_campaign, is_imported
+from fast.models.validation import load_record
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.requests import GAP_LEASE, lease_name, requested_verb
+from fast.tasks.campaign.simulator_versions import at_present
+from fast.tasks.campaign.state import rank_tools
 
 _ENDED_BY = {
     Verb.PAUSE: "paused",

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import AsJson, show, table_text, tell
+from fast.flows.cli.common import AsJson, show, table_text, tell
 
 if TYPE_CHECKING:
-    from flows.benchmarks.base import Benchmark, Tables
+    from fast.flows.benchmarks.base import Benchmark, Tables
 
 app = App(name="bench", help="What simulations, fits, the lake and campaigns cost on this machine.")
 
@@ -49,7 +49,7 @@ def run(
     json: AsJson = False,
 ) -> None:
     """Run one benchmark; figures are CPU seconds unless their name says otherwise."""
-    from flows.benchmarks.registry import BENCHMARKS
+    from fast.flows.benchmarks.registry import BENCHMARKS
 
     run_benchmark(BENCHMARKS, name, chosen, json)
 
@@ -57,7 +57,7 @@ def run(
 @app.command(name="list")
 def list_benchmarks(*, json: AsJson = False) -> None:
     """The benchmarks there are, with what they measure."""
-    from flows.benchmarks.registry import BENCHMARKS
+    from fast.flows.benchmarks.registry import BENCHMARKS
 
     show_list(BENCHMARKS, json)
 
@@ -68,9 +68,9 @@ def run_benchmark(benchmarks: Mapping[str, "Benchmark"], name: str, chosen: Chos
     Raises:
         UsageError: there is no such benchmark, or it has no such option.
     """
-    from flows.benchmarks.base import Options, circumstances
-    from models.errors import UsageError
-    from models.validation import closest
+    from fast.flows.benchmarks.base import Options, circumstances
+    from fast.models.errors import UsageError
+    from fast.models.validation import closest
 
     if name not in benchmarks:
         raise UsageError(f"there is no benchmark `{name}`; {closest(name, list(benchmarks))}")
@@ -98,8 +98,8 @@ def _object_ids(text: str) -> tuple[int, ...]:
     Raises:
         UsageError: no number, or no such object.
     """
-    from models.errors import UsageError
-    from models.objects.catalogue import get_object
+    from fast.models.errors import UsageError
+    from fast.models.objects.catalogue import get_object
 
     try:
         return tuple(get_object(int(word)).object_id for word in text.split(","))
@@ -113,7 +113,7 @@ def _sizes(text: str) -> tuple[int, ...]:
     Raises:
         UsageError: no whole number, or one below 1.
     """
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     words = text.split(",")
     if not all(word.strip().isdecimal() and int(word) > 0 for word in words):
@@ -130,8 +130,8 @@ _PARSERS: dict[str, Callable[[str], tuple[Any, ...]]] = {"objects": _object_ids,
 
 
 def _check_options(name: str, benchmark: "Benchmark", given: dict[str, Any]) -> None:
-    from models.errors import UsageError
-    from models.records import find_tier
+    from fast.models.errors import UsageError
+    from fast.models.records import find_tier
 
     for option, value in given.items():
         if option not in benchmark.options:

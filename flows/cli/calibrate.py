@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 
 if TYPE_CHECKING:
-    from lake.tables.campaign import CalibrationRow
-    from models.calibration.means.hypercube import HypercubePlan
-    from tasks.calibration.calibrate import CalibrationOutcome
+    from fast.lake.tables.campaign import CalibrationRow
+    from fast.models.calibration.means.hypercube import HypercubePlan
+    from fast.tasks.calibration.calibrate import CalibrationOutcome
 
 AT_LEAST_ONE = Number(gte=1)
 _COLUMNS = ("mean", "sd", "q05", "median", "q95", "mode")
@@ -105,11 +105,11 @@ def calibrate(
     Writes calibration, draws and a new simulator version to the lake. The same data and settings are not calibrated
     twice; a killed command continues when it is given again.
     """
-    from flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
-    from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.cli.live import open_reporter
-    from models.calibration.inference.settings import CalibrationSettings
-    from models.validation import load_record
+    from fast.flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
+    from fast.flows.cli.campaign import open_lake, resolve_campaign
+    from fast.flows.cli.live import open_reporter
+    from fast.models.calibration.inference.settings import CalibrationSettings
+    from fast.models.validation import load_record
 
     settings = load_record(CalibrationSettings, asdict(sampling), "fast calibrate")
     plan = _hypercube_plan(compared, sampling.seed)
@@ -125,8 +125,8 @@ def calibrate(
 
 
 def _hypercube_plan(compared: Compared, seed: int) -> "HypercubePlan | None":
-    from models.calibration.means.hypercube import HypercubePlan
-    from models.validation import load_record
+    from fast.models.calibration.means.hypercube import HypercubePlan
+    from fast.models.validation import load_record
 
     if compared.simulate is None:
         return None

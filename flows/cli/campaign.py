@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, table_text
-from flows.cli.real import YesMove
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, table_text
+from fast.flows.cli.real import YesMove
 
 if TYPE_CHECKING:
-    from flows.campaign.process import CampaignOutcome
-    from hardware.bench import BenchSettings
-    from lake.store import Lake
+    from fast.flows.campaign.process import CampaignOutcome
+    from fast.hardware.bench import BenchSettings
+    from fast.lake.store import Lake
 
 _ENDED = {"pause": "paused", "stop": "stopped", "abort": "aborted and counts as failed"}
 
@@ -42,9 +42,9 @@ def run(
     Ctrl-C pauses: it finishes the current grasp, parks the tool and ends. A second Ctrl-C stops: the bench goes to its
     safe state at once. The same command continues later.
     """
-    from flows.campaign.launch import run_campaign
-    from flows.cli.live import open_reporter
-    from flows.cli.real import ask_leave
+    from fast.flows.campaign.launch import run_campaign
+    from fast.flows.cli.live import open_reporter
+    from fast.flows.cli.real import ask_leave
 
     def confirm(bench_file: Path, settings: "BenchSettings") -> None:
         ask_leave(bench_file, settings, None, yes_move)
@@ -67,7 +67,7 @@ def run(
 @app.command
 def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Where a campaign stands: done and left, best tool so far, what it waits for."""
-    from flows.campaign.status import format_status, read_status
+    from fast.flows.campaign.status import format_status, read_status
 
     found = open_lake(lake)
     state = read_status(found, resolve_campaign(found, campaign))
@@ -77,7 +77,7 @@ def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: 
 @app.command(name="list")
 def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """All campaigns of the lake."""
-    from flows.campaign.status import read_status
+    from fast.flows.campaign.status import read_status
 
     found = open_lake(lake)
     rows = [read_status(found, name) for name in campaign_ids(found)]
@@ -104,10 +104,10 @@ def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: A
 
 
 def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: bool) -> None:
-    from hardware.safety.safe_state import Verb
-    from lake.leases import is_held
-    from models.errors import FastError
-    from tasks.campaign.requests import append_request, lease_name
+    from fast.hardware.safety.safe_state import Verb
+    from fast.lake.leases import is_held
+    from fast.models.errors import FastError
+    from fast.tasks.campaign.requests import append_request, lease_name
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign)
@@ -120,7 +120,7 @@ def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: 
 
 def open_lake(lake: Path) -> "Lake":
     """The lake at a path that must exist already."""
-    from lake.store import Lake
+    from fast.lake.store import Lake
 
     return Lake.open(lake)
 
@@ -134,8 +134,8 @@ def campaign_ids(lake: "Lake") -> list[str]:
 
 def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     """The campaign asked for, or the only one there is."""
-    from models.errors import UsageError
-    from models.validation import closest
+    from fast.models.errors import UsageError
+    from fast.models.validation import closest
 
     known = campaign_ids(lake)
     if not known:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import AsJson, show, table_text, tell
+from fast.flows.cli.common import AsJson, show, table_text, tell
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 AT_LEAST_ONE = Number(gte=1)
-BANK = Path(__file__).parents[2] / "docs" / "benchmarks" / "landscapes.json"
+BANK = Path(__file__).resolve().parents[2] / "docs" / "benchmarks" / "landscapes.json"
 WIDTH = 100  # columns of text
 Rows = list[dict[str, Any]]
 _COLUMNS = ("strategy", "last_batch_n", "last_batch_sd_n", "best_n", "final_regret_n", "mean_regret_n",
@@ -74,10 +74,10 @@ def _compare_on_landscapes(
     workers: int,
     json: bool,
 ) -> None:
-    from flows.scientist.landscape_run import RunSchedule
-    from flows.scientist.landscape_study import plan_runs, run_planned, with_discovery
-    from flows.scientist.landscape_table import landscape_rows, paired_rows, summary_rows
-    from flows.scientist.strategies import LANDSCAPE_STRATEGIES, MEASURED_ONLY, NOT_DRAWN, REFERENCE
+    from fast.flows.scientist.landscape_run import RunSchedule
+    from fast.flows.scientist.landscape_study import plan_runs, run_planned, with_discovery
+    from fast.flows.scientist.landscape_table import landscape_rows, paired_rows, summary_rows
+    from fast.flows.scientist.strategies import LANDSCAPE_STRATEGIES, MEASURED_ONLY, NOT_DRAWN, REFERENCE
 
     names = _names(strategies, list(LANDSCAPE_STRATEGIES))
     plan = plan_runs(bank, seeds, names, RunSchedule(rounds=rounds))
@@ -85,7 +85,7 @@ def _compare_on_landscapes(
     others = {"against_measured_only": paired_rows(runs, MEASURED_ONLY), "landscapes": landscape_rows(runs)}
     _show(summary_rows(runs), paired_rows(runs, REFERENCE), _COLUMNS, json, others)
     if figure is not None:
-        from flows.scientist.landscape_table import runs_figure
+        from fast.flows.scientist.landscape_table import runs_figure
 
         drawn = [run for run in runs if run.strategy not in NOT_DRAWN]
         _draw(lambda: runs_figure(drawn, REFERENCE), figure)
@@ -94,11 +94,11 @@ def _compare_on_landscapes(
 def _compare_campaigns(
     config: Path, seeds: int, strategies: str | None, lakes: Path, workers: int, figure: Path | None, json: bool
 ) -> None:
-    from flows.scientist.campaign_runs import PlannedCampaign, run_campaigns
-    from flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
-    from flows.scientist.strategies import REFERENCE, STRATEGIES
-    from tasks.campaign.config import load_config, world_path
-    from tasks.campaign.setup import read_world
+    from fast.flows.scientist.campaign_runs import PlannedCampaign, run_campaigns
+    from fast.flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
+    from fast.flows.scientist.strategies import REFERENCE, STRATEGIES
+    from fast.tasks.campaign.config import load_config, world_path
+    from fast.tasks.campaign.setup import read_world
 
     names = _names(strategies, list(STRATEGIES))
     loaded = load_config(config)
@@ -126,7 +126,7 @@ def _refuse(options: dict[str, object], beside: str) -> None:
     Raises:
         UsageError: naming the first of them that was given.
     """
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     for name, value in options.items():
         if value is not None:
@@ -135,7 +135,7 @@ def _refuse(options: dict[str, object], beside: str) -> None:
 
 def _show(summary: Rows, paired: Rows, columns: Sequence[str], as_json: bool, others: dict[str, Rows]) -> None:
     """Print the tables; `campaigns` among the others as JSON only."""
-    from flows.scientist.strategies import MEASURED_ONLY, REFERENCE
+    from fast.flows.scientist.strategies import MEASURED_ONLY, REFERENCE
 
     titles = {
         "against_measured_only": f"against `{MEASURED_ONLY}` on the same seeds",
@@ -159,8 +159,8 @@ def _names(text: str | None, known: Sequence[str]) -> list[str]:
     Raises:
         UsageError: there is no such strategy.
     """
-    from models.errors import UsageError
-    from models.validation import closest
+    from fast.models.errors import UsageError
+    from fast.models.validation import closest
 
     if text is None:
         return list(known)
@@ -172,7 +172,7 @@ def _names(text: str | None, known: Sequence[str]) -> list[str]:
 
 
 def _draw(make: "Callable[[], Figure]", path: Path) -> None:
-    from flows.report.style import figure_style
+    from fast.flows.report.style import figure_style
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with figure_style():

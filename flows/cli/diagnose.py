@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
-from flows.cli.gantry import VIRTUAL_BENCH, ChosenBench, open_bench
-from flows.cli.virtual import Designs, rack
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
+from fast.flows.cli.gantry import VIRTUAL_BENCH, ChosenBench, open_bench
+from fast.flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
-    from hardware.bench import Bench
-    from hardware.cell.cell import Hang, MeasuredGrasp
-    from hardware.cell.diagnostics import DiagnosticPlan, DiagnosticRun
-    from hardware.tools.mounted import MountedTool
-    from lake.store import Lake
-    from models.records import GraspSetup
-    from tasks.campaign.state import ProposedTool
+    from fast.hardware.bench import Bench
+    from fast.hardware.cell.cell import Hang, MeasuredGrasp
+    from fast.hardware.cell.diagnostics import DiagnosticPlan, DiagnosticRun
+    from fast.hardware.tools.mounted import MountedTool
+    from fast.lake.store import Lake
+    from fast.models.records import GraspSetup
+    from fast.tasks.campaign.state import ProposedTool
 
 Kind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
 Slot = Annotated[int, Parameter(help="Slot of the tool in the rack, 0 to 9.", validator=Number(gte=0, lte=9))]
@@ -91,7 +91,7 @@ def tool_place(
     json: AsJson = False,
 ) -> None:
     """Where the tool is, from the journal and the sensors, and the one safe way on. Homes first; moves no tool."""
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     says = on_head is not None or head_empty
     if says and (not person or (on_head is not None and head_empty)):
@@ -104,10 +104,10 @@ def tool_place(
 
 
 def _what(config: Path | None, weights_kg: tuple[float, ...]) -> "tuple[DiagnosticPlan, GraspSetup, int]":
-    from hardware.cell.diagnostics import DiagnosticPlan
-    from models.records import GraspSetup
-    from models.validation import load_record
-    from tasks.campaign.config import load_config
+    from fast.hardware.cell.diagnostics import DiagnosticPlan
+    from fast.models.records import GraspSetup
+    from fast.models.validation import load_record
+    from fast.tasks.campaign.config import load_config
 
     plan, setup, seed = DiagnosticPlan(), GraspSetup(), 0
     if config is not None:
@@ -121,8 +121,8 @@ def _time_left(
     tool: "MountedTool", slot: int, runs: "list[DiagnosticRun]", setup: "GraspSetup"
 ) -> Callable[[float], str]:
     """Called with the bench's time after each run: how long the rest takes, by the plan and by what was measured."""
-    from flows.progress import describe_duration
-    from hardware.cell.cycle_time import plan_time, remaining_s
+    from fast.flows.progress import describe_duration
+    from fast.hardware.cell.cycle_time import plan_time, remaining_s
 
     modelled_s = plan_time(tool, slot, runs, setup).item_s
     ends_s: list[float] = []
@@ -148,11 +148,11 @@ def _find_tool(
     Raises:
         UsageError: no such tool, or an empty slot.
     """
-    from hardware.tools.mounted import MountedTool
-    from lake.store import Lake
-    from lake.tables.campaign import ToolRow
-    from models.errors import UsageError
-    from tasks.campaign.state import ProposedTool, load_designs
+    from fast.hardware.tools.mounted import MountedTool
+    from fast.lake.store import Lake
+    from fast.lake.tables.campaign import ToolRow
+    from fast.models.errors import UsageError
+    from fast.tasks.campaign.state import ProposedTool, load_designs
 
     if chosen.tool is None:
         mounted = rack(chosen.design)
@@ -182,10 +182,10 @@ def _writer(store: "tuple[Lake, ProposedTool] | None", world: Path | None) -> "C
     """What writes each run to the lake, or does nothing."""
     if store is None:
         return lambda grasp: None
-    from lake.tables.campaign import GraspRow
-    from tasks.bench.measure import append_diagnostic
-    from tasks.campaign.campaign import stored_provenance
-    from tasks.campaign.setup import read_world
+    from fast.lake.tables.campaign import GraspRow
+    from fast.tasks.bench.measure import append_diagnostic
+    from fast.tasks.campaign.campaign import stored_provenance
+    from fast.tasks.campaign.setup import read_world
 
     lake, tool = store
     campaign_id = tool.tool_id.partition("/")[0]
@@ -219,7 +219,7 @@ def _hang(bench: "Bench") -> "Hang":
 
 
 def _row(grasp: "MeasuredGrasp") -> dict[str, Any]:
-    from models.traces import peak_force_n
+    from fast.models.traces import peak_force_n
 
     run = grasp.diagnostic
     return {

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
 
 MIN_FREE_GB = 2.0
 MESH_LIMIT_S = 60.0
@@ -47,9 +47,9 @@ def _tell(checks: list[Check], as_json: bool) -> None:
 
 
 def _bench(bench_file: Path) -> list[Check]:
-    from flows.cli.wire import log_folder
-    from hardware.checkup.bench import check_bench
-    from tasks.campaign.setup import read_bench
+    from fast.flows.cli.wire import log_folder
+    from fast.hardware.checkup.bench import check_bench
+    from fast.tasks.campaign.setup import read_bench
 
     return [Check(*finding) for finding in check_bench(read_bench(bench_file), log_folder=log_folder(None))]
 
@@ -77,14 +77,14 @@ def _python() -> Check:
 
 
 def _packages() -> Check:
-    from flows.dependencies import ALL, is_installed, missing_sentence
+    from fast.flows.dependencies import ALL, is_installed, missing_sentence
 
     missing = [name for name in ALL if not is_installed(name)]
     return Check("packages", not missing, missing_sentence(missing) if missing else f"all {len(ALL)} are installed")
 
 
 def _versions() -> Check:
-    from flows.cli.audit import LOCK, mismatches
+    from fast.flows.cli.audit import LOCK, mismatches
 
     wrong = list(mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
     others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
@@ -104,7 +104,7 @@ def _fastapi() -> Check:
 
 
 def _disk(lake: Path) -> Check:
-    from lake.storage.open import storage_at
+    from fast.lake.storage.open import storage_at
 
     root = storage_at(lake).root.absolute()
     folder = next(p for p in [root, *root.parents] if p.exists())
@@ -115,9 +115,9 @@ def _disk(lake: Path) -> Check:
 
 
 def _lake(lake: Path) -> Check:
-    from lake.storage.open import storage_at
-    from lake.store import Lake
-    from models.errors import FastError
+    from fast.lake.storage.open import storage_at
+    from fast.lake.store import Lake
+    from fast.models.errors import FastError
 
     storage = storage_at(lake)
     try:
@@ -142,8 +142,8 @@ def _serial_ports() -> str:
 def _running(lake: Path) -> str:
     import socket
 
-    from flows.server.server import DEFAULT_PORT, LOOPBACK, find_server
-    from lake.storage.open import storage_at
+    from fast.flows.server.server import DEFAULT_PORT, LOOPBACK, find_server
+    from fast.lake.storage.open import storage_at
 
     named = os.environ.get("PREFECT_API_URL")
     known = named or find_server(storage_at(lake).root)
@@ -159,7 +159,7 @@ def _running(lake: Path) -> str:
 
 
 def _notifications() -> str:
-    from flows.campaign.notify import VARIABLE
+    from fast.flows.campaign.notify import VARIABLE
 
     addresses = os.environ.get(VARIABLE, "").split()
     if not addresses:
@@ -187,10 +187,10 @@ def _pty() -> str:
 
 
 def _small_grasp() -> str:
-    from models.design.space import BEST_PUBLISHED
-    from models.objects.catalogue import get_object
-    from models.records import GraspSetup
-    from models.simulation.grasp import simulate_grasp
+    from fast.models.design.space import BEST_PUBLISHED
+    from fast.models.objects.catalogue import get_object
+    from fast.models.records import GraspSetup
+    from fast.models.simulation.grasp import simulate_grasp
 
     result = simulate_grasp(BEST_PUBLISHED, get_object(0), setup=GraspSetup(max_lift_mm=2))
     return f"2 mm of lift, {result.n_dof} degrees of freedom in {result.cpu_s:.1f} s of CPU"
@@ -199,7 +199,7 @@ def _small_grasp() -> str:
 def _small_mesh() -> str:
     import trimesh
 
-    from models.simulation.mesh.tetwild import tetrahedralise
+    from fast.models.simulation.mesh.tetwild import tetrahedralise
 
     box = trimesh.creation.box(extents=(10, 10, 10))
     _, tetrahedra = tetrahedralise(box.vertices, box.faces, 5.0, MESH_LIMIT_S)
@@ -207,7 +207,7 @@ def _small_mesh() -> str:
 
 
 def _server() -> str:
-    from flows.server.server import server
+    from fast.flows.server.server import server
 
     with tempfile.TemporaryDirectory(prefix="fast-doctor-") as folder, server(Path(folder)) as api_url:
         return f"answered at {api_url}"

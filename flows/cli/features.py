@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
 
 if TYPE_CHECKING:
-    from lake.store import Lake
-    from models.traces.quality import Interval
-    from tasks.traces.features import ClassQuality, FeatureUpdate
-    from tasks.traces.identify import Answer
+    from fast.lake.store import Lake
+    from fast.models.traces.quality import Interval
+    from fast.tasks.traces.features import ClassQuality, FeatureUpdate
+    from fast.tasks.traces.identify import Answer
 
 N_FLAGS = 20  # shown
 LEAST_SHOWN = 0.005  # probability
@@ -31,9 +31,9 @@ def features(
     json: AsJson = False,
 ) -> None:
     """Calculate the features of traces that lack them; quality, work and stability by objects and batch; anomalies."""
-    from flows.cli.campaign import open_lake, resolve_campaign
-    from tasks.traces.anomalies import update_anomalies
-    from tasks.traces.features import class_quality, update_features
+    from fast.flows.cli.campaign import open_lake, resolve_campaign
+    from fast.tasks.traces.anomalies import update_anomalies
+    from fast.tasks.traces.features import class_quality, update_features
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
@@ -48,7 +48,7 @@ def features(
 
 
 def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
-    from tasks.traces.identify import identify
+    from fast.tasks.traces.identify import identify
 
     found = identify(lake, grasp_id)
     answers = [found.alone, found.together] if found.together.n_grasps > 1 else [found.alone]

@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show
-from flows.cli.real import YesMove
-from flows.cli.virtual import Designs, rack
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show
+from fast.flows.cli.real import YesMove
+from fast.flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
-    from hardware.bench import Bench
-    from hardware.cell.cell import MeasuredGrasp
-    from hardware.tools.mounted import MountedTool
-    from models.objects.catalogue import RigidObject
+    from fast.hardware.bench import Bench
+    from fast.hardware.cell.cell import MeasuredGrasp
+    from fast.hardware.tools.mounted import MountedTool
+    from fast.models.objects.catalogue import RigidObject
 
 app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
-app.command("flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")
-app.command("flows.cli.wire:replay", name="replay", help="Play a wire log back to the driver of its device.")
-app.command("flows.cli.diagnose:diagnose", name="diagnose", help="Experiments that tell hidden effects apart.")
-app.command("flows.cli.diagnose:tool_place", name="tool", help="Where the tool is, and the one safe way on.")
-app.command("flows.cli.plan:plan", name="plan", help="How long a batch takes, and what the time goes into.")
+app.command("fast.flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")
+app.command("fast.flows.cli.wire:replay", name="replay", help="Play a wire log back to the driver of its device.")
+app.command("fast.flows.cli.diagnose:diagnose", name="diagnose", help="Experiments that tell hidden effects apart.")
+app.command("fast.flows.cli.diagnose:tool_place", name="tool", help="Where the tool is, and the one safe way on.")
+app.command("fast.flows.cli.plan:plan", name="plan", help="How long a batch takes, and what the time goes into.")
 
 
 @Parameter(name="*")
@@ -88,8 +88,8 @@ def grasp(
 
     Nothing is written to a lake.
     """
-    from models.records import GraspSetup
-    from tasks.objects import find_object
+    from fast.models.records import GraspSetup
+    from fast.tasks.objects import find_object
 
     tools, met = rack(design), find_object(object, lake)
     own_objects = () if place is None else ((met.object_id, place),)
@@ -124,8 +124,8 @@ def _check_target(
     met: "RigidObject", own_objects: tuple[tuple[int, int], ...], slot: int, tools: "Mapping[int, MountedTool]"
 ) -> None:
     """Raises UsageError for an object without a place or an empty slot, before a bench is opened."""
-    from hardware.cell.layout import N_OBJECTS, BenchLayout
-    from models.errors import UsageError
+    from fast.hardware.cell.layout import N_OBJECTS, BenchLayout
+    from fast.models.errors import UsageError
 
     is_own = met.shape is not None
     if is_own and not own_objects:
@@ -138,7 +138,7 @@ def _check_target(
 
 
 def _grasp_row(made: "MeasuredGrasp") -> dict[str, Any]:
-    from models.traces import peak_force_n, work_j
+    from fast.models.traces import peak_force_n, work_j
 
     return {
         "object_id": made.object_id,
@@ -152,7 +152,7 @@ def _grasp_row(made: "MeasuredGrasp") -> dict[str, Any]:
 
 
 def _grasp_line(row: dict[str, Any]) -> str:
-    from models.objects.catalogue import name_object
+    from fast.models.objects.catalogue import name_object
 
     line = (
         f"{name_object(row['object_id'])}, repeat {row['repeat']}: peak {row['peak_force_n']:.2f} N, "
@@ -173,11 +173,11 @@ def open_bench(
     Raises:
         UsageError: a wrong file, or the real bench was not confirmed.
     """
-    from flows.cli.real import ask_leave
-    from flows.cli.wire import log_folder
-    from hardware.bench import open_real_bench, open_virtual_bench
-    from hardware.cell.layout import BenchLayout
-    from tasks.campaign.setup import read_bench, read_world
+    from fast.flows.cli.real import ask_leave
+    from fast.flows.cli.wire import log_folder
+    from fast.hardware.bench import open_real_bench, open_virtual_bench
+    from fast.hardware.cell.layout import BenchLayout
+    from fast.tasks.campaign.setup import read_bench, read_world
 
     mounted = rack(None) if tools is None else tools
     if chosen.real is None:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 
 if TYPE_CHECKING:
-    from flows.gap.search import GapOutcome
-    from models.gap.findings import Findings
+    from fast.flows.gap.search import GapOutcome
+    from fast.models.gap.findings import Findings
 
 app = App(name="gap", help="Find where simulation and measurement disagree, name what is missing, add it.")
 _AT_LEAST_ONE = Number(gte=1)
@@ -59,19 +59,19 @@ def gap(
     simulated, which may take hours: `--dry-run` says how long, `--tools` and `--objects` take fewer of the measured
     ones. A killed command continues when it is given again. `--example` has its simulations with it: under a minute.
     """
-    from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.cli.live import open_reporter
-    from flows.gap.folder import write_folder
-    from flows.gap.search import GapOrder, run_gap, tell_cost
-    from tasks.gap.panel import PanelSize
+    from fast.flows.cli.campaign import open_lake, resolve_campaign
+    from fast.flows.cli.live import open_reporter
+    from fast.flows.gap.folder import write_folder
+    from fast.flows.gap.search import GapOrder, run_gap, tell_cost
+    from fast.tasks.gap.panel import PanelSize
 
     if catalogue:
-        from models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
+        from fast.models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
 
         show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
         return
     if example:
-        from flows.gap.example import CAMPAIGN, open_example
+        from fast.flows.gap.example import CAMPAIGN, open_example
 
         found, out = open_example(out)
         campaign = campaign or CAMPAIGN
@@ -104,8 +104,8 @@ def next_(
 
     Add the samples to the folder and give it back with `fast lake import`; `fast gap` then goes on with the answer.
     """
-    from flows.cli.campaign import open_lake
-    from flows.gap.bench_plan import explain_silence, plan_next, write_bench_plan
+    from fast.flows.cli.campaign import open_lake
+    from fast.flows.gap.bench_plan import explain_silence, plan_next, write_bench_plan
 
     found = open_lake(lake)
     plan = plan_next(found, search)
@@ -146,14 +146,14 @@ def answer(
     json: AsJson = False,
 ) -> None:
     """Answer what a search asked a person, where no grasp of the bench tells; the next search takes it."""
-    from flows.campaign.forms import close_forms
-    from flows.campaign.operator_prompts import make_reading_form
-    from flows.cli.campaign import open_lake, resolve_campaign
-    from models.errors import UsageError
-    from models.gap.ask.answers import Reading
-    from models.validation import load_record
-    from tasks.gap.findings import find_newest_run
-    from tasks.gap.readings import write_reading
+    from fast.flows.campaign.forms import close_forms
+    from fast.flows.campaign.operator_prompts import make_reading_form
+    from fast.flows.cli.campaign import open_lake, resolve_campaign
+    from fast.models.errors import UsageError
+    from fast.models.gap.ask.answers import Reading
+    from fast.models.validation import load_record
+    from fast.tasks.gap.findings import find_newest_run
+    from fast.tasks.gap.readings import write_reading
 
     found = open_lake(lake)
     campaign_id = resolve_campaign(found, campaign) if campaign is not None else None
@@ -177,7 +177,7 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from flows.report.gap.answer import describe_notes, describe_probability
+    from fast.flows.report.gap.answer import describe_notes, describe_probability
 
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", ""]

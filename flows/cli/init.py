@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.cli.common import AsJson, show
+from fast.flows.cli.common import AsJson, show
 
 PARTS = ("campaigns", "worlds", "materials")
 _SHIPPED = Path(__file__).resolve().parents[2]
@@ -36,7 +36,7 @@ def init(
 
     Nothing is ever replaced: a folder that holds something is refused.
     """
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise UsageError(f"{folder} exists and is not an empty folder; give another one.")

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text
 
 if TYPE_CHECKING:
-    from lake.handoff.import_folder import HandoffCounts
-    from lake.store import Lake
-    from models.records import GraspSetup
-    from tasks.bench.told import Taken
+    from fast.lake.handoff.import_folder import HandoffCounts
+    from fast.lake.store import Lake
+    from fast.models.records import GraspSetup
+    from fast.tasks.bench.told import Taken
 
 _LIMIT_TEXT, _LIMIT_JSON = 5, 10_000
 
@@ -40,11 +40,11 @@ def import_(
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
     from dataclasses import asdict
 
-    from lake.handoff.files import read_handoff
-    from lake.handoff.import_folder import check_campaign_id, count_all, import_handoff
-    from lake.handoff.readers import handoff_folder, load_reader
-    from lake.provenance import current_provenance
-    from lake.store import Lake
+    from fast.lake.handoff.files import read_handoff
+    from fast.lake.handoff.import_folder import check_campaign_id, count_all, import_handoff
+    from fast.lake.handoff.readers import handoff_folder, load_reader
+    from fast.lake.provenance import current_provenance
+    from fast.lake.store import Lake
 
     setup = _read_setup(set or [])
     if campaign is not None:
@@ -73,9 +73,9 @@ def _read_setup(settings: list[str]) -> "GraspSetup":
     Raises:
         ConfigError: a name is unknown, or a value out of its range.
     """
-    from models.errors import ConfigError
-    from models.records import GraspSetup
-    from models.validation import load_record
+    from fast.models.errors import ConfigError
+    from fast.models.records import GraspSetup
+    from fast.models.validation import load_record
 
     values = dict(setting.partition("=")[::2] for setting in settings)
     if wrong := [name for name, value in values.items() if not value]:
@@ -99,11 +99,11 @@ def _take_answers(lake: "Lake", folder: Path, campaign_id: str | None, source: s
     Raises:
         UsageError: they are not what was asked for; nothing was written.
     """
-    from flows.campaign.ask_tell import find_told_campaign
-    from lake.handoff.files import read_handoff
-    from lake.tables.campaign import CampaignRow, DesignRow
-    from tasks.bench.told import take_told
-    from tasks.bench.told_files import read_folder
+    from fast.flows.campaign.ask_tell import find_told_campaign
+    from fast.lake.handoff.files import read_handoff
+    from fast.lake.tables.campaign import CampaignRow, DesignRow
+    from fast.tasks.bench.told import take_told
+    from fast.tasks.bench.told_files import read_folder
 
     if not lake.ids(CampaignRow):
         return None
@@ -123,8 +123,8 @@ def export(
     json: AsJson = False,
 ) -> None:
     """Export designs, grasps and traces in the hand-off format."""
-    from lake.handoff.export_folder import export_handoff
-    from lake.store import Lake
+    from fast.lake.handoff.export_folder import export_handoff
+    from fast.lake.store import Lake
 
     found = Lake.open(lake)
     if campaign is not None:
@@ -141,8 +141,8 @@ def check(
     json: AsJson = False,
 ) -> None:
     """Find torn, unreadable, foreign and incomplete files; exit status 1 when there are any."""
-    from lake.maintenance import check as check_lake
-    from lake.store import Lake
+    from fast.lake.maintenance import check as check_lake
+    from fast.lake.store import Lake
 
     findings = check_lake(Lake.open(lake), quarantine=quarantine)
     text = "\n".join(finding.line for finding in findings) or "every file of the lake is whole."
@@ -154,9 +154,9 @@ def check(
 @app.command
 def compact(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Merge small files into few; no row is lost, and readers and writers need not stop."""
-    from lake.maintenance import compact as compact_table
-    from lake.store import Lake
-    from lake.tables.campaign import TABLES
+    from fast.lake.maintenance import compact as compact_table
+    from fast.lake.store import Lake
+    from fast.lake.tables.campaign import TABLES
 
     found = Lake.open(lake)
     rows = [compact_table(found, row_type)._asdict() for row_type in TABLES]
@@ -168,8 +168,8 @@ def compact(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
 @app.command
 def stats(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Rows, files and size of every table; superseded rows are kept, but no query sees them."""
-    from lake.maintenance import stats as table_stats
-    from lake.store import Lake
+    from fast.lake.maintenance import stats as table_stats
+    from fast.lake.store import Lake
 
     rows = [entry._asdict() for entry in table_stats(Lake.open(lake))]
     show(rows, table_text(rows, ["table", "n_rows", "n_files", "n_superseded", "size_mb"]), json)
@@ -191,9 +191,9 @@ def lineage(
     json: AsJson = False,
 ) -> None:
     """Show what a row was made from, back to config, code and seed; each row with its parents in turn."""
-    from flows.report.lineage import lineage_json, lineage_text
-    from lake.query.lineage import find_lineage
-    from lake.store import Lake
+    from fast.flows.report.lineage import lineage_json, lineage_text
+    from fast.lake.query.lineage import find_lineage
+    from fast.lake.store import Lake
 
     _check_not_negative("--depth", depth)
     _check_not_negative("--limit", limit)
@@ -208,7 +208,7 @@ def lineage(
 
 def _check_not_negative(option: str, value: int | None) -> None:
     """Raises UsageError for a negative count."""
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     if value is not None and value < 0:
         raise UsageError(f"{option} is {value}, it must be at least 0; change it.")
@@ -216,8 +216,8 @@ def _check_not_negative(option: str, value: int | None) -> None:
 
 def _check_campaign(lake: "Lake", campaign: str) -> None:
     """Raises UsageError when neither a campaign nor an import of this name is in the lake."""
-    from models.errors import UsageError
-    from models.validation import closest
+    from fast.models.errors import UsageError
+    from fast.models.validation import closest
 
     sql = "SELECT campaign_id FROM campaigns UNION SELECT campaign_id FROM grasps"
     known = lake.query(sql).column(0).to_pylist()

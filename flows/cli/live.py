@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from flows.cli.common import tell
-from flows.progress import UNKNOWN, Bar, ProgressReporter, describe_duration
+from fast.flows.cli.common import tell
+from fast.flows.progress import UNKNOWN, Bar, ProgressReporter, describe_duration
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -26,36 +26,40 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 for _name, _target, _help in (
-    ("init", "flows.cli.init:init", "Make a project folder: configs, worlds, material data, first commands."),
-    ("campaign", "flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
-    ("ask", "flows.cli.told:ask", "Tools to print and grasps to make next, for a bench of your own."),
-    ("tell", "flows.cli.told:tell", "What a bench of your own has measured."),
-    ("print", "flows.cli.printing:app", "Print sheets, and the word of the person who printed."),
-    ("simulate", "flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),
-    ("objects", "flows.cli.objects:app", "List, check, draw and print test objects, and add own ones."),
-    ("gantry", "flows.cli.gantry:app", "Move the bench by hand: home, park, tare, grasp, faults."),
-    ("virtual", "flows.cli.virtual:app", "A virtual bench that stays up."),
-    ("lake", "flows.cli.lake:app", "Import, export, check, compact and measure the lake; where its rows come from."),
-    ("sql", "flows.cli.sql:sql", "Ask the lake a question in SQL (read-only)."),
-    ("calibrate", "flows.cli.calibrate:calibrate", "Infer theta of the simulator from measurements."),
-    ("compare", "flows.cli.compare:compare", "Strategies of the scientist side by side, on the same worlds."),
+    ("init", "fast.flows.cli.init:init", "Make a project folder: configs, worlds, material data, first commands."),
+    ("campaign", "fast.flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
+    ("ask", "fast.flows.cli.told:ask", "Tools to print and grasps to make next, for a bench of your own."),
+    ("tell", "fast.flows.cli.told:tell", "What a bench of your own has measured."),
+    ("print", "fast.flows.cli.printing:app", "Print sheets, and the word of the person who printed."),
+    ("simulate", "fast.flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),
+    ("objects", "fast.flows.cli.objects:app", "List, check, draw and print test objects, and add own ones."),
+    ("gantry", "fast.flows.cli.gantry:app", "Move the bench by hand: home, park, tare, grasp, faults."),
+    ("virtual", "fast.flows.cli.virtual:app", "A virtual bench that stays up."),
+    (
+        "lake",
+        "fast.flows.cli.lake:app",
+        "Import, export, check and compact the lake; where its rows come from.",
+    ),
+    ("sql", "fast.flows.cli.sql:sql", "Ask the lake a question in SQL (read-only)."),
+    ("calibrate", "fast.flows.cli.calibrate:calibrate", "Infer theta of the simulator from measurements."),
+    ("compare", "fast.flows.cli.compare:compare", "Strategies of the scientist side by side, on the same worlds."),
     (
         "features",
-        "flows.cli.features:features",
+        "fast.flows.cli.features:features",
         "Features of the measured traces; quality, work and stability by object class and batch.",
     ),
-    ("gap", "flows.cli.gap:app", "Find where simulation and measurement disagree, name what is missing, add it."),
-    ("report", "flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
-    ("view", "flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
+    ("gap", "fast.flows.cli.gap:app", "Find where simulation and measurement disagree, name what is missing, add it."),
+    ("report", "fast.flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
+    ("view", "fast.flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
     (
         "serve",
-        "flows.cli.serve:serve",
+        "fast.flows.cli.serve:serve",
         "Prefect server with its pages, a worker and the deployments; prints the address.",
     ),
-    ("bench", "flows.cli.benchmarks:app", "What simulations, fits, the lake and campaigns cost on this machine."),
+    ("bench", "fast.flows.cli.benchmarks:app", "What simulations, fits, the lake and campaigns cost on this machine."),
     (
         "doctor",
-        "flows.cli.doctor:doctor",
+        "fast.flows.cli.doctor:doctor",
         "Check dependencies, solver, disk and ports; each failure comes with its fix.",
     ),
 ):
@@ -106,7 +110,7 @@ def run(words: list[str] | None, command_line: App = app) -> int:
     except SystemExit as asked:
         return asked.code if isinstance(asked.code, int) else 1
     except Exception as error:
-        from models.errors import FastError
+        from fast.models.errors import FastError
 
         if not isinstance(error, FastError):
             raise
@@ -118,7 +122,7 @@ def _is_unusable(word: str) -> bool:
     """Whether an argument holds what no file name, SQL or name may have; nearly all are printable, which is quick."""
     if word.isprintable():
         return False
-    from models.validation import is_text
+    from fast.models.validation import is_text
 
     return not is_text(word)
 
@@ -135,7 +139,7 @@ def _usage_sentence(error: CycloptsError, program: str) -> str:
 
 
 def _missing(error: ModuleNotFoundError) -> int:
-    from flows.dependencies import OWN, missing_sentence
+    from fast.flows.dependencies import OWN, missing_sentence
 
     name = (error.name or "").partition(".")[0]
     if not name or name in OWN:

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show, table_text
 
 if TYPE_CHECKING:
-    from models.objects.catalogue import RigidObject
+    from fast.models.objects.catalogue import RigidObject
 
 app = App(name="objects", help="List, check, draw and print test objects, and add own ones.")
 
@@ -19,8 +19,8 @@ Named = Annotated[list[str], Parameter(help=OBJECT_HELP)]
 @app.command(name="list")
 def list_objects(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """List the 36 objects and the own ones of the lake, with their sizes and planes of symmetry."""
-    from models.objects.catalogue import OBJECTS
-    from tasks.objects import own_objects
+    from fast.models.objects.catalogue import OBJECTS
+    from fast.tasks.objects import own_objects
 
     rows = [_row(obj) for obj in (*OBJECTS, *own_objects(lake))]
     show(rows, table_text(rows), json)
@@ -29,7 +29,7 @@ def list_objects(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None
 @app.command
 def check(files: Files, *, json: AsJson = False) -> None:
     """Say what the program makes of own objects, and whether the fingers can hold them. Nothing is written."""
-    from tasks.objects import read_objects
+    from fast.tasks.objects import read_objects
 
     found = read_objects(files)
     rows = [{**_row(obj), "remarks": _remarks(obj)} for obj in found]
@@ -41,10 +41,10 @@ def check(files: Files, *, json: AsJson = False) -> None:
 @app.command
 def add(files: Files, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Write own objects to the lake, where they are known by name and number from then on."""
-    from lake.provenance import current_provenance
-    from lake.store import Lake
-    from lake.tables.campaign import ObjectRow
-    from tasks.objects import check_names, own_objects, read_objects
+    from fast.lake.provenance import current_provenance
+    from fast.lake.store import Lake
+    from fast.lake.tables.campaign import ObjectRow
+    from fast.tasks.objects import check_names, own_objects, read_objects
 
     found = read_objects(files)
     check_names(found, own_objects(lake))
@@ -64,8 +64,8 @@ def draw(
     json: AsJson = False,
 ) -> None:
     """Draw objects as they stand on the bench, seen from the front right; the fingers close from left and right."""
-    from flows.report.mesh_picture import draw_objects
-    from tasks.objects import find_object
+    from fast.flows.report.mesh_picture import draw_objects
+    from fast.tasks.objects import find_object
 
     found = [find_object(text, lake) for text in objects]
     _check_suffix(out, ".png")
@@ -83,8 +83,8 @@ def print_object(
     json: AsJson = False,
 ) -> None:
     """Write an object on its mount, as one body to print."""
-    from models.objects.mount import printable_mesh
-    from tasks.objects import find_object
+    from fast.models.objects.mount import printable_mesh
+    from fast.tasks.objects import find_object
 
     found = find_object(object, lake)
     _check_suffix(out, ".stl")
@@ -113,7 +113,7 @@ def _row(obj: "RigidObject") -> dict[str, Any]:
 
 def _remarks(obj: "RigidObject") -> list[str]:
     """What a person should know before it is grasped with the default setup."""
-    from models.records import GraspSetup
+    from fast.models.records import GraspSetup
 
     setup, size_x_mm = GraspSetup(), obj.size_mm[0]
     remarks = []
@@ -130,7 +130,7 @@ def _remarks(obj: "RigidObject") -> list[str]:
 
 
 def _check_suffix(out: Path, suffix: str) -> None:
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     if out.suffix.lower() != suffix:
         raise UsageError(f"--out `{out}` must end in {suffix}; change it.")

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import AsJson, show
-from flows.cli.virtual import Designs, rack
+from fast.flows.cli.common import AsJson, show
+from fast.flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
-    from hardware.cell.cycle_time import PlanTime
-    from tasks.campaign.settings import ObjectPlan
+    from fast.hardware.cell.cycle_time import PlanTime
+    from fast.tasks.campaign.settings import ObjectPlan
 
 PAPER_GRASPS_PER_HOUR = 240
 
@@ -33,7 +33,7 @@ def plan(
     json: AsJson = False,
 ) -> None:
     """Time per tool and batch, grasps per hour beside the paper's 240, and the parts that dominate. Nothing moves."""
-    from hardware.cell.cycle_time import total_parts
+    from fast.hardware.cell.cycle_time import total_parts
 
     objects, setup = _what(config)
     asked = {"order": order, "repeats_order": repeats_order}
@@ -61,9 +61,9 @@ def plan(
 
 
 def _what(config: Path | None) -> "tuple[ObjectPlan, Any]":
-    from models.records import GraspSetup
-    from tasks.campaign.config import load_config
-    from tasks.campaign.settings import ObjectPlan
+    from fast.models.records import GraspSetup
+    from fast.tasks.campaign.config import load_config
+    from fast.tasks.campaign.settings import ObjectPlan
 
     if config is None:
         return ObjectPlan(), GraspSetup()
@@ -73,8 +73,8 @@ def _what(config: Path | None) -> "tuple[ObjectPlan, Any]":
 
 def _times(objects: "ObjectPlan", setup: Any, n_tools: int, design: list[Path] | None) -> "list[PlanTime]":
     """One plan per tool, each with its own order; fewer designs than tools are used again."""
-    from hardware.cell.cycle_time import plan_time
-    from hardware.cell.layout import BenchLayout
+    from fast.hardware.cell.cycle_time import plan_time
+    from fast.hardware.cell.layout import BenchLayout
 
     mounted, layout = list(rack(design).values()), objects.stand_on(BenchLayout())
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from cyclopts import App, Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
 
 if TYPE_CHECKING:
-    from tasks.bench.print import MeasuredTool
+    from fast.tasks.bench.print import MeasuredTool
 
 app = App(name="print", help="Print sheets, and the word of the person who printed.")
 
@@ -35,8 +35,8 @@ def sheet(
     json: AsJson = False,
 ) -> None:
     """Write the tray files and the sheet of a batch again."""
-    from lake.store import Lake
-    from tasks.bench.print import print_folder, write_tray
+    from fast.lake.store import Lake
+    from fast.tasks.bench.print import print_folder, write_tray
 
     found = Lake.open(lake)
     campaign_id, number = parse_batch(found, batch)
@@ -78,12 +78,12 @@ def confirm(
     json: AsJson = False,
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
-    from flows.campaign.forms import close_forms
-    from flows.campaign.operator_prompts import make_print_form
-    from lake.store import Lake
-    from models.validation import load_record
-    from tasks.bench.print import PrintConfirmation, confirm_print
-    from tasks.bench.reference_tools import note_gone
+    from fast.flows.campaign.forms import close_forms
+    from fast.flows.campaign.operator_prompts import make_print_form
+    from fast.lake.store import Lake
+    from fast.models.validation import load_record
+    from fast.tasks.bench.print import PrintConfirmation, confirm_print
+    from fast.tasks.bench.reference_tools import note_gone
 
     found = Lake.open(lake)
     campaign_id, number = parse_batch(found, batch)
@@ -119,8 +119,8 @@ def parse_batch(lake: Any, text: str) -> tuple[str, int]:
     Raises:
         UsageError: neither form.
     """
-    from flows.cli.campaign import resolve_campaign
-    from models.errors import UsageError
+    from fast.flows.cli.campaign import resolve_campaign
+    from fast.models.errors import UsageError
 
     match = re.fullmatch(r"(?:(?P<campaign>[^/]+)/)?[Bb](?P<batch>\d+)", text)
     if match is None:
@@ -141,15 +141,15 @@ def mounted(
     json: AsJson = False,
 ) -> None:
     """Say that kept tools are mounted again for the grasps that a gap search asks for; nothing is printed."""
-    from flows.campaign.forms import close_forms
-    from flows.campaign.operator_prompts import make_mount_form
-    from flows.campaign.status import read_campaign
-    from flows.cli.campaign import open_lake, resolve_campaign
-    from models.errors import UsageError
-    from models.validation import load_record
-    from tasks.bench.mount import plan_rack
-    from tasks.bench.mounting import Mounting, confirm_mounting
-    from tasks.gap.findings import find_newest_run
+    from fast.flows.campaign.forms import close_forms
+    from fast.flows.campaign.operator_prompts import make_mount_form
+    from fast.flows.campaign.status import read_campaign
+    from fast.flows.cli.campaign import open_lake, resolve_campaign
+    from fast.models.errors import UsageError
+    from fast.models.validation import load_record
+    from fast.tasks.bench.mount import plan_rack
+    from fast.tasks.bench.mounting import Mounting, confirm_mounting
+    from fast.tasks.gap.findings import find_newest_run
 
     found = open_lake(lake)
     campaign_id = resolve_campaign(found, campaign)
@@ -171,7 +171,7 @@ def mounted(
 
 def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:
     """Raises UsageError when a slot is named twice: one word would silently win over the other."""
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     slots = [slot for slot, _ in entries]
     twice = sorted({slot for slot in slots if slots.count(slot) > 1})
@@ -181,7 +181,7 @@ def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:
 
 
 def _reason(option: str, entry: str) -> tuple[int, str]:
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     slot, separator, reason = entry.partition("=")
     if not (slot.isdigit() and separator and reason.strip()):
@@ -190,7 +190,7 @@ def _reason(option: str, entry: str) -> tuple[int, str]:
 
 
 def _mounting(entry: str) -> tuple[int, int]:
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     slot, _, rack_slot = entry.partition("=")
     if not (slot.isdigit() and rack_slot.isdigit()):
@@ -199,9 +199,9 @@ def _mounting(entry: str) -> tuple[int, int]:
 
 
 def _measurement(entry: str) -> tuple[int, "MeasuredTool"]:
-    from models.errors import UsageError
-    from models.validation import closest, load_record
-    from tasks.bench.print import MeasuredTool
+    from fast.models.errors import UsageError
+    from fast.models.validation import closest, load_record
+    from fast.tasks.bench.print import MeasuredTool
 
     slot, _, pairs = entry.partition(":")
     values: dict[str, float] = {}

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from flows.cli.common import tell
+from fast.flows.cli.common import tell
 
 if TYPE_CHECKING:
-    from hardware.bench import BenchSettings
-    from hardware.tools.mounted import MountedTool
+    from fast.hardware.bench import BenchSettings
+    from fast.hardware.tools.mounted import MountedTool
 
 YesMove = Annotated[
     str | None,
@@ -40,7 +40,7 @@ def ask_leave(
     Raises:
         UsageError: no leave; nothing was moved.
     """
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     name = bench_file.stem
     tell(what_moves(name, settings, tools))
@@ -76,9 +76,9 @@ def is_rehearsal(settings: "BenchSettings") -> bool:
 
 def what_moves(name: str, settings: "BenchSettings", tools: "Mapping[int, MountedTool] | None") -> str:
     """What a bench will do when it is let: axes, box, speeds, tools, air and valves."""
-    from hardware.click import tags
-    from hardware.grbl.profile import GrblProfile
-    from hardware.grbl.workspace import Workspace
+    from fast.hardware.click import tags
+    from fast.hardware.grbl.profile import GrblProfile
+    from fast.hardware.grbl.workspace import Workspace
 
     profile = GrblProfile()
     x_mm, y_mm, z_mm = Workspace.nominal(profile).size_mm

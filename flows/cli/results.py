@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, tell
 
 if TYPE_CHECKING:
-    from flows.viewer.window import Viewer
-    from lake.store import Lake
+    from fast.flows.viewer.window import Viewer
+    from fast.lake.store import Lake
 
 
 def report(
@@ -29,10 +29,10 @@ def report(
     json: AsJson = False,
 ) -> None:
     """Write a report as one folder of HTML, figures and data: of a campaign, finished or not, or of a calibration."""
-    from flows.cli.campaign import open_lake, resolve_campaign
-    from flows.report.calibration.page import write_calibration_report
-    from flows.report.campaign.page import add_features, write_report
-    from lake.tables.campaign import CalibrationRow
+    from fast.flows.cli.campaign import open_lake, resolve_campaign
+    from fast.flows.report.calibration.page import write_calibration_report
+    from fast.flows.report.campaign.page import add_features, write_report
+    from fast.lake.tables.campaign import CalibrationRow
 
     found = open_lake(lake)
     if campaign is not None and found.has(CalibrationRow, campaign):
@@ -58,8 +58,8 @@ def view(
     json: AsJson = False,
 ) -> None:
     """Show a grasp, the fingers of a design or a tool, or a whole campaign in the Rerun viewer."""
-    from flows.cli.campaign import open_lake
-    from flows.viewer.window import check_viewer, open_viewer
+    from fast.flows.cli.campaign import open_lake
+    from fast.flows.viewer.window import check_viewer, open_viewer
 
     found = open_lake(lake)
     folder, write = _choose_recording(found, what)
@@ -85,7 +85,7 @@ def _tell_address(viewer: "Viewer | None") -> None:
     """Where the page is, on a line of its own, so that it can be clicked or copied; a browser is opened if one can."""
     if viewer is None or viewer.page_address is None:
         return
-    from flows.viewer.window import has_screen
+    from fast.flows.viewer.window import has_screen
 
     tell("Open this address in a browser on this machine; Ctrl-C ends it:")
     tell(viewer.page_address)
@@ -99,10 +99,10 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: "Viewer | None")
     Raises:
         UsageError: it is no campaign.
     """
-    from flows.cli.campaign import resolve_campaign
-    from flows.viewer.campaign import follow
-    from lake.leases import is_held
-    from tasks.campaign.requests import lease_name
+    from fast.flows.cli.campaign import resolve_campaign
+    from fast.flows.viewer.campaign import follow
+    from fast.lake.leases import is_held
+    from fast.tasks.campaign.requests import lease_name
 
     name = resolve_campaign(lake, campaign_id)
     _tell_address(viewer)
@@ -119,12 +119,12 @@ def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Pa
     Raises:
         UsageError: the lake has nothing of this name.
     """
-    from flows.cli.campaign import campaign_ids
-    from flows.viewer.campaign import write_recording
-    from flows.viewer.design import write_design_recording
-    from flows.viewer.grasp import write_grasp_recording
-    from lake.tables.campaign import DesignRow, GraspRow, ToolRow
-    from models.errors import UsageError
+    from fast.flows.cli.campaign import campaign_ids
+    from fast.flows.viewer.campaign import write_recording
+    from fast.flows.viewer.design import write_design_recording
+    from fast.flows.viewer.grasp import write_grasp_recording
+    from fast.lake.tables.campaign import DesignRow, GraspRow, ToolRow
+    from fast.models.errors import UsageError
 
     if lake.has(GraspRow, what):
         campaign_id = lake.records(GraspRow, grasp_id=what)[-1].campaign_id

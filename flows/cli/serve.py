@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, tell
 
 if TYPE_CHECKING:
-    from flows.server.lab import Lab
+    from fast.flows.server.lab import Lab
 
 TEND_S = 1.0
 
@@ -34,12 +34,12 @@ def serve(
     Campaigns on the same lake show there and can be started there. A server named by PREFECT_API_URL is used instead
     of one of its own. With FAST_PASSWORD set, pages and programs need it (user `fast`).
     """
-    from flows.cli.virtual import watch_signals
-    from flows.dependencies import require
-    from flows.server.lab import LabPlan, open_lab
-    from flows.server.server import find_server
-    from lake.store import Lake
-    from models.errors import FastError
+    from fast.flows.cli.virtual import watch_signals
+    from fast.flows.dependencies import require
+    from fast.flows.server.lab import LabPlan, open_lab
+    from fast.flows.server.server import find_server
+    from fast.lake.store import Lake
+    from fast.models.errors import FastError
 
     require(["prefect"])
     named = os.environ.get("PREFECT_API_URL")
@@ -70,8 +70,8 @@ def _tend(lab: "Lab", asked: threading.Event) -> None:
 
 def _check_server_wanted(host: str, port: int) -> None:
     """Raises UsageError when the port is taken, or others would reach a server without password."""
-    from flows.server.server import PASSWORD_VARIABLE
-    from models.errors import UsageError
+    from fast.flows.server.server import PASSWORD_VARIABLE
+    from fast.models.errors import UsageError
 
     if not _is_loopback(host) and not os.environ.get(PASSWORD_VARIABLE):
         raise UsageError(f"--host {host} is reached by others; set a password in {PASSWORD_VARIABLE}, then try again.")
@@ -85,7 +85,7 @@ def _check_server_wanted(host: str, port: int) -> None:
 
 def _is_loopback(host: str) -> bool:
     """Raises UsageError for what is no IPv4 address."""
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     try:
         return ipaddress.IPv4Address(host).is_loopback

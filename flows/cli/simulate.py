@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show, table_text
-from flows.cli.simulate_output import make_folder, write_outputs
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show, table_text
+from fast.flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
-    from models.objects.catalogue import RigidObject
-    from models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion
+    from fast.models.objects.catalogue import RigidObject
+    from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion
 
     Grasp = tuple[Design, RigidObject, SimulatorVersion, GraspSetup, Placement]
 
@@ -58,9 +58,9 @@ class Asked:
             UsageError: no object, options that exclude each other, or an id that the lake does not have.
             ConfigError: a design file or a setting that cannot be used.
         """
-        from models.errors import UsageError
-        from models.records import Placement
-        from tasks.objects import find_object
+        from fast.models.errors import UsageError
+        from fast.models.records import Placement
+        from fast.tasks.objects import find_object
 
         if self.simulation is not None:
             refuse_beside("simulation", {name: value for name, value in vars(self).items() if name != "simulation"})
@@ -93,17 +93,17 @@ def simulate(
     json: AsJson = False,
 ) -> None:
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     if designs is not None:
         others = {"branches": branches or None, "export-calculix": export_calculix}
         refuse_beside("designs", {"design": asked.design, "simulation": asked.simulation, **others})
         simulate_file(designs, family, asked, workers, out, lake, json)
         return
-    from models.records import Placement
-    from models.simulation.branches import find_branches
-    from models.simulation.grasp import simulate_grasp
-    from models.simulation.output.recording import GraspRecording
+    from fast.models.records import Placement
+    from fast.models.simulation.branches import find_branches
+    from fast.models.simulation.grasp import simulate_grasp
+    from fast.models.simulation.output.recording import GraspRecording
 
     design, met, simulator, setup, placement = asked.read(lake)
     if branches and placement != Placement():
@@ -119,7 +119,7 @@ def simulate(
     show(data, describe_grasp(data), json)
     files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording, found)
     if export_calculix is not None:
-        from flows.simulation.calculix import write_calculix
+        from fast.flows.simulation.calculix import write_calculix
 
         files += write_calculix(export_calculix, design, met, simulator, setup, placement)
     if files and not json:
@@ -130,15 +130,15 @@ def simulate_file(
     designs: Path, family: str, asked: Asked, workers: int, out: Path | None, lake: Path, as_json: bool
 ) -> None:
     """Simulate a file of designs and show them as a table, the best first; with `out` also as CSV files."""
-    from flows.cli.live import open_reporter
-    from flows.cli.simulate_output import write_table
-    from flows.simulation.many_designs import simulate_designs
-    from models.design.families import find_family
-    from models.errors import UsageError
-    from models.objects.catalogue import name_object
-    from tasks.campaign.own_designs import read_designs
-    from tasks.campaign.settings import N_OBJECTS
-    from tasks.objects import find_object
+    from fast.flows.cli.live import open_reporter
+    from fast.flows.cli.simulate_output import write_table
+    from fast.flows.simulation.many_designs import simulate_designs
+    from fast.models.design.families import find_family
+    from fast.models.errors import UsageError
+    from fast.models.objects.catalogue import name_object
+    from fast.tasks.campaign.own_designs import read_designs
+    from fast.tasks.campaign.settings import N_OBJECTS
+    from fast.tasks.objects import find_object
 
     if not 1 <= workers <= 256:
         raise UsageError(f"--workers is {workers}, it must be from 1 to 256; change it.")
@@ -190,11 +190,11 @@ def read_design(path: Path | None) -> "Design":
     Raises:
         ConfigError: missing file, no JSON, or a value out of its range.
     """
-    from models.design.families import read_design as read_family_design
-    from models.design.space import BEST_PUBLISHED, numbered_design
-    from models.errors import ConfigError
-    from models.records import FinRay
-    from models.validation import load_record, parse_json
+    from fast.models.design.families import read_design as read_family_design
+    from fast.models.design.space import BEST_PUBLISHED, numbered_design
+    from fast.models.errors import ConfigError
+    from fast.models.records import FinRay
+    from fast.models.validation import load_record, parse_json
 
     if path is None or path == BEST:
         return BEST_PUBLISHED
@@ -221,12 +221,12 @@ def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, RigidObjec
     Raises:
         UsageError: the lake has no such simulation, or it is another lab's.
     """
-    from lake.store import Lake
-    from lake.tables.campaign import DesignRow, SimulationRow, SimulatorVersionRow
-    from models.errors import UsageError
-    from models.objects.catalogue import get_object
-    from models.records import GraspSetup
-    from models.validation import closest
+    from fast.lake.store import Lake
+    from fast.lake.tables.campaign import DesignRow, SimulationRow, SimulatorVersionRow
+    from fast.models.errors import UsageError
+    from fast.models.objects.catalogue import get_object
+    from fast.models.records import GraspSetup
+    from fast.models.validation import closest
 
     found = Lake.open(lake)
     rows = found.records(SimulationRow, simulation_id=simulation_id)
@@ -248,7 +248,7 @@ def refuse_beside(option: str, others: dict[str, Any]) -> None:
     Raises:
         UsageError: naming the first of them that was given.
     """
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     for name, value in others.items():
         if value is not None:
@@ -256,7 +256,7 @@ def refuse_beside(option: str, others: dict[str, Any]) -> None:
 
 
 def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "SimulatorVersion":
-    from models.records import find_tier
+    from fast.models.records import find_tier
 
     if tier is None:
         return read_version(lake, version_id)
@@ -270,14 +270,14 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
     Raises:
         UsageError: the lake has no such version, or it is another lab's simulator.
     """
-    from models.errors import UsageError
-    from models.records import SimulatorVersion
-    from models.validation import closest, load_record
+    from fast.models.errors import UsageError
+    from fast.models.records import SimulatorVersion
+    from fast.models.validation import closest, load_record
 
     if version_id is None:
         return SimulatorVersion()
-    from lake.store import Lake
-    from lake.tables.campaign import SimulatorVersionRow
+    from fast.lake.store import Lake
+    from fast.lake.tables.campaign import SimulatorVersionRow
 
     found = Lake.open(lake)
     rows = found.rows(SimulatorVersionRow)
@@ -295,9 +295,9 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
     Raises:
         ConfigError: unknown name or value out of range.
     """
-    from models.errors import ConfigError
-    from models.records import GraspSetup, MeshSettings, Placement, Theta
-    from models.validation import closest, load_record
+    from fast.models.errors import ConfigError
+    from fast.models.records import GraspSetup, MeshSettings, Placement, Theta
+    from fast.models.validation import closest, load_record
 
     sections: dict[Any, dict[str, Any]] = {
         Theta: base.theta.model_dump(),

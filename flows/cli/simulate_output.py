@@ -10,10 +10,10 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from models.errors import UsageError
-    from models.objects.catalogue import RigidObject
-    from models.records import Branches, Design, GraspSimulation, Placement, Trace
-    from models.simulation.output.recording import GraspRecording
+    from fast.models.errors import UsageError
+    from fast.models.objects.catalogue import RigidObject
+    from fast.models.records import Branches, Design, GraspSimulation, Placement, Trace
+    from fast.models.simulation.output.recording import GraspRecording
 
 PIXELS_PER_INCH = 150
 
@@ -36,8 +36,8 @@ def write_outputs(
     Raises:
         UsageError: the folder cannot be written.
     """
-    from flows.viewer.simulation import write_simulation
-    from models.simulation.placement import describe_placement, place
+    from fast.flows.viewer.simulation import write_simulation
+    from fast.models.simulation.placement import describe_placement, place
 
     title = f"{design.design_id} on object {obj.object_id}, {obj.name}{describe_placement(placement)}"
     files = [out / name for name in ("result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd")]
@@ -84,7 +84,7 @@ def make_folder(out: Path) -> None:
 
 def unwritable(option: str, folder: Path, error: OSError) -> "UsageError":
     """The error for a folder that cannot be written."""
-    from models.errors import UsageError
+    from fast.models.errors import UsageError
 
     return UsageError(f"{option} `{folder}` cannot be written: {error.strerror}; give a folder you may write to.")
 
@@ -103,9 +103,9 @@ def _draw(
     title: str,
     found: "Branches | None",
 ) -> None:
-    from flows.report.campaign.grasp import draw_instants, draw_trace
-    from flows.report.grasp_frames import five_instants
-    from flows.report.style import figure_style
+    from fast.flows.report.campaign.grasp import draw_instants, draw_trace
+    from fast.flows.report.grasp_frames import five_instants
+    from fast.flows.report.style import figure_style
 
     with figure_style():
         instants = five_instants(recording, result.trace)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from lake.query.catalogue import Entry
+    from fast.lake.query.catalogue import Entry
 
 _WIDTH = 110
 _STDIN = "-"
@@ -49,10 +49,10 @@ def sql(
     json: AsJson = False,
 ) -> None:
     """Run one SELECT over the lake's tables, views and macros; without a query, list them."""
-    from lake.query.limits import Limits
-    from lake.query.sql import run_sql
-    from lake.store import Lake
-    from models.errors import UsageError
+    from fast.lake.query.limits import Limits
+    from fast.lake.query.sql import run_sql
+    from fast.lake.store import Lake
+    from fast.models.errors import UsageError
 
     if query is None:
         if format or out:
@@ -90,7 +90,7 @@ def _format_of(out: Path | None) -> Format:
 
 
 def _list_names(as_json: bool) -> None:
-    from lake.query.catalogue import catalogue
+    from fast.lake.query.catalogue import catalogue
 
     entries = catalogue()
     groups = [
@@ -111,7 +111,7 @@ def _entry_text(entry: "Entry") -> str:
 
 
 def _formatted(table: "pa.Table", chosen: Format) -> bytes:
-    from lake.query.sql import csv_bytes, plain
+    from fast.lake.query.sql import csv_bytes, plain
 
     if chosen == "csv":
         return csv_bytes(table)

@@ -5,8 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
-from flows.cli.common import tell as say_progress
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from fast.flows.cli.common import tell as say_progress
 
 Config = Annotated[Path, Parameter(help='TOML file of a campaign with bench.kind = "folder".')]
 
@@ -25,10 +25,10 @@ def ask(
     Simulations of the schedule that a guided batch waits for are made first. The same command again gives the same
     batch until it is told.
     """
-    from flows.campaign.ask_tell import ask as ask_next
-    from lake.store import Lake
-    from tasks.campaign.config import load_config
-    from tasks.campaign.state import rank_tools
+    from fast.flows.campaign.ask_tell import ask as ask_next
+    from fast.lake.store import Lake
+    from fast.tasks.campaign.config import load_config
+    from fast.tasks.campaign.state import rank_tools
 
     asked = ask_next(config, lake, out, say_progress)
     if asked is None:
@@ -70,7 +70,7 @@ def tell(
     """
     from dataclasses import asdict
 
-    from flows.campaign.ask_tell import tell as tell_all
+    from fast.flows.campaign.ask_tell import tell as tell_all
 
     taken = tell_all(config, lake, results, format_path=format, operator=operator, is_dry=dry_run, may_replace=replace)
     words = f"nothing was written (--dry-run); it would be: {taken.sentence}" if dry_run else taken.sentence

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import AsJson, say
+from fast.flows.cli.common import AsJson, say
 
 if TYPE_CHECKING:
-    from hardware.tools.mounted import MountedTool
+    from fast.hardware.tools.mounted import MountedTool
 
 Designs = Annotated[
     list[Path] | None,
@@ -48,10 +48,10 @@ def start(
     json: AsJson = False,
 ) -> None:
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
-    from hardware.bench import open_virtual_servers
-    from hardware.clock import ScaledClock
-    from hardware.virtual.world.physics import simulate_request
-    from tasks.campaign.setup import read_world
+    from fast.hardware.bench import open_virtual_servers
+    from fast.hardware.clock import ScaledClock
+    from fast.hardware.virtual.world.physics import simulate_request
+    from fast.tasks.campaign.setup import read_world
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
     faults = [read_fault(text) for text in fault or []]
@@ -74,8 +74,8 @@ def read_fault(text: str) -> tuple[str, float]:
     Raises:
         UsageError: unknown name, or no time.
     """
-    from hardware.virtual.faults import find_fault
-    from models.errors import UsageError
+    from fast.hardware.virtual.faults import find_fault
+    from fast.models.errors import UsageError
 
     name, _, time_s = text.partition("@")
     find_fault(name)
@@ -91,11 +91,11 @@ def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
     Raises:
         UsageError: a file that is no design, or more designs than slots.
     """
-    from flows.cli.simulate import read_design
-    from hardware.cell.layout import N_SLOTS
-    from hardware.tools.mounted import MountedTool
-    from models.errors import UsageError
-    from models.ids import tool_label
+    from fast.flows.cli.simulate import read_design
+    from fast.hardware.cell.layout import N_SLOTS
+    from fast.hardware.tools.mounted import MountedTool
+    from fast.models.errors import UsageError
+    from fast.models.ids import tool_label
 
     chosen = [read_design(path) for path in designs] if designs else [read_design(None)] * N_SLOTS
     if len(chosen) > N_SLOTS:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from flows.cli.common import AsJson, show, table_text
+from fast.flows.cli.common import AsJson, show, table_text
 
 if TYPE_CHECKING:
-    from hardware.wire.log_files import RecordedWire, WireHeader
-    from hardware.wire.replay_outcome import Replay
+    from fast.hardware.wire.log_files import RecordedWire, WireHeader
+    from fast.hardware.wire.replay_outcome import Replay
 
 FromLake = Annotated[
     Path | None, Parameter(name="--lake", help="Lake whose benches' logs are meant; default: benches moved by hand.")
@@ -35,7 +35,7 @@ def log(
     if grasp is not None:
         from_s, until_s, wires = _of_grasp(lake, folder, grasp)
     elif file is not None:
-        from hardware.wire.log_files import read_session
+        from fast.hardware.wire.log_files import read_session
 
         wires = [read_session(file)]
     else:
@@ -55,8 +55,8 @@ def replay(
 
     The device says again, byte for byte, what it said. Nothing real is touched.
     """
-    from hardware.wire.log_files import read_session
-    from hardware.wire.replay import replay as play
+    from fast.hardware.wire.log_files import read_session
+    from fast.hardware.wire.replay import replay as play
 
     recorded = read_session(file)
     outcome = play(recorded)
@@ -82,11 +82,11 @@ def replay(
 
 def log_folder(lake: Path | None) -> Path:
     """Folder of the wire logs: of a lake, or of benches that are moved by hand (in the user's state folder)."""
-    from hardware.wire.log_files import FOLDER_NAME
+    from fast.hardware.wire.log_files import FOLDER_NAME
 
     if lake is not None:
-        from flows.cli.campaign import open_lake
-        from tasks.campaign.requests import bench_log_folder
+        from fast.flows.cli.campaign import open_lake
+        from fast.tasks.campaign.requests import bench_log_folder
 
         return bench_log_folder(open_lake(lake))
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
@@ -94,8 +94,8 @@ def log_folder(lake: Path | None) -> Path:
 
 
 def _listing(folder: Path) -> list[dict[str, Any]]:
-    from hardware.wire.log_files import list_logs, read_header
-    from models.errors import UsageError
+    from fast.hardware.wire.log_files import list_logs, read_header
+    from fast.models.errors import UsageError
 
     rows = []
     for path in list_logs(folder):
@@ -122,10 +122,10 @@ def _of_grasp(lake: Path | None, folder: Path, grasp_id: str) -> "tuple[float, f
     Raises:
         UsageError: no such grasp, or its logs were not kept or have made room since.
     """
-    from flows.cli.campaign import open_lake
-    from hardware.wire.log_files import list_logs, read_session
-    from lake.tables.campaign import GraspRow
-    from models.errors import UsageError
+    from fast.flows.cli.campaign import open_lake
+    from fast.hardware.wire.log_files import list_logs, read_session
+    from fast.lake.tables.campaign import GraspRow
+    from fast.models.errors import UsageError
 
     if lake is None:
         raise UsageError("--grasp needs --lake, the lake that holds the grasp.")

@@ -1,6 +1,6 @@
 """How an open question of a search is answered: the command for a person's number, or for grasps made by hand."""
 
-from models.gap.findings import NextExperiment
+from fast.models.gap.findings import NextExperiment
 
 
 def describe_command(asked: NextExperiment, campaign_id: str | None, address: str) -> str:

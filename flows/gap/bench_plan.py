@@ -6,16 +6,16 @@ from html import escape
 from itertools import groupby
 from pathlib import Path
 
-from hardware.cell.cycle_time import plan_time
-from hardware.tools.mounted import MountedTool
-from lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
-from lake.store import Lake
-from models.objects.catalogue import get_object
-from models.records import GraspRequest, GraspSetup, Placement
-from models.units import spell_name, unit_of
-from tasks.bench.asked import read_open_requests
-from tasks.campaign.state import load_designs
-from tasks.gap.findings import find_last_run, find_run
+from fast.hardware.cell.cycle_time import plan_time
+from fast.hardware.tools.mounted import MountedTool
+from fast.lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
+from fast.lake.store import Lake
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspRequest, GraspSetup, Placement
+from fast.models.units import spell_name, unit_of
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.campaign.state import load_designs
+from fast.tasks.gap.findings import find_last_run, find_run
 
 _STYLE = """
 @page { size: A4; margin: 12mm }

@@ -3,11 +3,11 @@
 from pathlib import Path
 from tempfile import mkdtemp
 
-from lake.handoff.packed import read_packed
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow
-from models.errors import UsageError
+from fast.lake.handoff.packed import read_packed
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow
+from fast.models.errors import UsageError
 
 CAMPAIGN = "example"
 FILE = Path(__file__).with_name("example.npz")

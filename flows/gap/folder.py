@@ -5,21 +5,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flows.gap.answering import describe_command
-from flows.gap.search import GapOutcome
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
+from fast.flows.gap.answering import describe_command
+from fast.flows.gap.search import GapOutcome
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
 
 if TYPE_CHECKING:
-    from flows.report.gap.answer import GapPage, ThetaRow
-    from tasks.gap.calibrate import CalibratedSimulator
+    from fast.flows.report.gap.answer import GapPage, ThetaRow
+    from fast.tasks.gap.calibrate import CalibratedSimulator
 
 RECORDING = "held_out.rrd"
 
 
 def find_page(lake: Lake, outcome: GapOutcome) -> Path:
     """Where the page of a search is in the lake's outputs."""
-    from flows.report.gap.page import PAGE
+    from fast.flows.report.gap.page import PAGE
 
     return lake.root / "outputs" / outcome.run.gap_id / PAGE
 
@@ -32,7 +32,7 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
     Raises:
         UsageError: the folder cannot be written.
     """
-    from flows.report.gap.page import PAGE, write_gap_report
+    from fast.flows.report.gap.page import PAGE, write_gap_report
 
     run = outcome.run
     folder = out or lake.root / "outputs" / run.gap_id
@@ -41,16 +41,16 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
     of = f"{run.campaign_id or lake.address}, {run.n_grasps} grasps"
     page = write_gap_report(_collect_page(lake, outcome), folder, run.gap_id, of)
     if outcome.evaluation is not None:
-        from flows.viewer.gap import write_gap_recording
+        from fast.flows.viewer.gap import write_gap_recording
 
         write_gap_recording(outcome.evaluation, folder / RECORDING)
     return page
 
 
 def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
-    from flows.report.gap.answer import GapPage
-    from models.gap.evaluation.power import find_visible_sizes
-    from models.gap.where.cells import find_unsure_cells
+    from fast.flows.report.gap.answer import GapPage
+    from fast.models.gap.evaluation.power import find_visible_sizes
+    from fast.models.gap.where.cells import find_unsure_cells
 
     rounds, evaluation = outcome.rounds, outcome.evaluation
     asked = outcome.run.findings.next_experiment
@@ -75,8 +75,8 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
 
 def _theta_rows(before: "CalibratedSimulator", after: "CalibratedSimulator", is_real: bool) -> "tuple[ThetaRow, ...]":
     """Constants before and after; no instrument has measured the material of a virtual bench."""
-    from flows.report.gap.answer import INDEPENDENT, ThetaRow
-    from models.calibration.means.problem import THETA
+    from fast.flows.report.gap.answer import INDEPENDENT, ThetaRow
+    from fast.models.calibration.means.problem import THETA
 
     known = INDEPENDENT if is_real else {}
     return tuple(ThetaRow(name, _interval(before, name), _interval(after, name), known.get(name)) for name in THETA)

@@ -5,18 +5,18 @@ from collections.abc import Callable
 
 from prefect.artifacts import create_markdown_artifact
 
-from flows.campaign.events import announce_gap
-from flows.campaign.notify import KINDS, SILENT, Notifier, notifier
-from flows.gap.folder import find_page, write_folder
-from flows.gap.search import GapOrder, GapOutcome, run_gap
-from flows.progress import ProgressReporter
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow, GraspRow
-from lake.tables.imported import is_imported
-from models.validation import load_record
-from tasks.calibration.mean_data import TooLittleDataError
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.flow_runs import record_sentence
+from fast.flows.campaign.events import announce_gap
+from fast.flows.campaign.notify import KINDS, SILENT, Notifier, notifier
+from fast.flows.gap.folder import find_page, write_folder
+from fast.flows.gap.search import GapOrder, GapOutcome, run_gap
+from fast.flows.progress import ProgressReporter
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow, GraspRow
+from fast.lake.tables.imported import is_imported
+from fast.models.validation import load_record
+from fast.tasks.calibration.mean_data import TooLittleDataError
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.flow_runs import record_sentence
 
 FLOW = "close-gap"
 

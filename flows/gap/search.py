@@ -11,28 +11,28 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from flows.progress import ProgressReporter, describe_duration
-from flows.simulation.progress import n_missing, simulate_missing
-from lake.leases import exclusive
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.catalogue_rows import missing_version_rows
-from models.calibration.inference.settings import CalibrationSettings
-from models.errors import FastError
-from models.gap.data import GapData
-from models.gap.evaluation.power import write_power_sentence
-from models.gap.findings import Findings
-from models.ids import content_id
-from models.records import EffectValue, SimulatorVersion
-from tasks.bench.asked import read_requests, write_requests
-from tasks.calibration.mean_data import find_base_version
-from tasks.campaign.requests import GAP_LEASE
-from tasks.campaign.simulator_versions import newest_calibrated
-from tasks.gap.ask_settings import AskSettings
-from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, read_bank
-from tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
-from tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
-from tasks.gap.findings import (
+from fast.flows.progress import ProgressReporter, describe_duration
+from fast.flows.simulation.progress import n_missing, simulate_missing
+from fast.lake.leases import exclusive
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.catalogue_rows import missing_version_rows
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.errors import FastError
+from fast.models.gap.data import GapData
+from fast.models.gap.evaluation.power import write_power_sentence
+from fast.models.gap.findings import Findings
+from fast.models.ids import content_id
+from fast.models.records import EffectValue, SimulatorVersion
+from fast.tasks.bench.asked import read_requests, write_requests
+from fast.tasks.calibration.mean_data import find_base_version
+from fast.tasks.campaign.requests import GAP_LEASE
+from fast.tasks.campaign.simulator_versions import newest_calibrated
+from fast.tasks.gap.ask_settings import AskSettings
+from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, read_bank
+from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
+from fast.tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
+from fast.tasks.gap.findings import (
     GapRun,
     Start,
     find_answered_run,
@@ -42,14 +42,14 @@ from tasks.gap.findings import (
     write_run,
     write_start,
 )
-from tasks.gap.panel import WHOLE, PanelSize
-from tasks.gap.split import Split
-from tasks.simulation.plan import SimulationPlan
+from fast.tasks.gap.panel import WHOLE, PanelSize
+from fast.tasks.gap.split import Split
+from fast.tasks.simulation.plan import SimulationPlan
 
 if TYPE_CHECKING:
-    from models.gap.evaluation.evaluate import Evaluation
-    from tasks.gap.calibrate import SearchInputs
-    from tasks.gap.rounds import Round
+    from fast.models.gap.evaluation.evaluate import Evaluation
+    from fast.tasks.gap.calibrate import SearchInputs
+    from fast.tasks.gap.rounds import Round
 
 MOST_ROUNDS = 4
 
@@ -238,10 +238,10 @@ class _Simulator:
 
 def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
-    from tasks.gap.ask import list_requests
-    from tasks.gap.calibrate import SearchInputs
-    from tasks.gap.refine import ask_next
-    from tasks.gap.rounds import evaluate_rounds, judge
+    from fast.tasks.gap.ask import list_requests
+    from fast.tasks.gap.calibrate import SearchInputs
+    from fast.tasks.gap.refine import ask_next
+    from fast.tasks.gap.rounds import evaluate_rounds, judge
 
     order, grasps, began = search.order, search.measured.grasps, time.monotonic() - simulator.spent_s
     bank = read_bank(lake, search.base, grasps.cells)
@@ -311,8 +311,8 @@ def _repeat_rounds(
     wide: "SearchInputs", effects: Sequence[EffectValue], most: int, reporter: ProgressReporter
 ) -> "list[Round]":
     """Rounds until one changes nothing, or as many as are asked for."""
-    from tasks.gap.calibrate import calibrate_simulator
-    from tasks.gap.rounds import run_round, settle_bank
+    from fast.tasks.gap.calibrate import calibrate_simulator
+    from fast.tasks.gap.rounds import run_round, settle_bank
 
     rounds: list[Round] = []
     while len(rounds) < most and not (rounds and rounds[-1].is_last):

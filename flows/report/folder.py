@@ -11,12 +11,12 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from flows.report.campaign.queries import Result
-from flows.report.html import Markup, Page, document, picture, sources
-from flows.report.style import figure_style, save_svg
-from lake.query.sql import csv_bytes
-from lake.storage.files import discard
-from models.errors import FastError, UsageError
+from fast.flows.report.campaign.queries import Result
+from fast.flows.report.html import Markup, Page, document, picture, sources
+from fast.flows.report.style import figure_style, save_svg
+from fast.lake.query.sql import csv_bytes
+from fast.lake.storage.files import discard
+from fast.models.errors import FastError, UsageError
 
 _LOG = logging.getLogger(__name__)
 PRINT_DPI = 200

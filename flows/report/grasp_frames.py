@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import SimulationRow, SimulatorVersionRow
-from models.errors import FastError
-from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, Trace
-from models.simulation.grasp import simulate_grasp
-from models.simulation.output.recording import SIDES, GraspRecording, Snapshot
-from models.simulation.output.surface import Skin, section_of, section_outline, skin_of
-from models.simulation.placement import Side
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import SimulationRow, SimulatorVersionRow
+from fast.models.errors import FastError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, Trace
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.output.recording import SIDES, GraspRecording, Snapshot
+from fast.models.simulation.output.surface import Skin, section_of, section_outline, skin_of
+from fast.models.simulation.placement import Side
 
 _LOG = logging.getLogger(__name__)
 CELL_MM = 3.0  # contact forces are summed over cells of this size

@@ -7,7 +7,7 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
-from flows.report.campaign.queries import Result
+from fast.flows.report.campaign.queries import Result
 
 DASH = "–"
 
@@ -136,7 +136,7 @@ class Page:
 
 def document(page: Page, header: str, body: str) -> str:
     """The whole document, with its style inside; the navigation has the sections that are there."""
-    css = files("flows.report").joinpath("page.css").read_text(encoding="utf-8")
+    css = files("fast.flows.report").joinpath("page.css").read_text(encoding="utf-8")
     links = "".join(
         f'<a href="#{anchor}">{escape(name)}</a>'
         for anchor, name in page.nav.items()

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import Any
 
-from lake.query.lineage import UNKNOWN, Group, Lineage, Node, StoredRow
-from lake.tables.links import summary_columns
+from fast.lake.query.lineage import UNKNOWN, Group, Lineage, Node, StoredRow
+from fast.lake.tables.links import summary_columns
 
 _LAST, _MORE, _UNDER_LAST, _UNDER_MORE = "└─ ", "├─ ", "   ", "│  "
 

@@ -16,9 +16,9 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from flows.report.style import OBJECT
-from models.objects.catalogue import RigidObject, get_object
-from models.objects.surface import object_mesh
+from fast.flows.report.style import OBJECT
+from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.objects.surface import object_mesh
 
 LIGHT = np.array([0.22, 0.58, 0.78])  # towards the light, in view coordinates (right, up, towards the eye)
 LARGEST_EDGE_MM = 3.0

@@ -17,30 +17,30 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from flows.progress import RateEstimate, describe_time_left
-from flows.scientist.strategies import Strategy
-from hardware.bench import Bench, open_virtual_bench
-from hardware.cell.cell import MeasuredGrasp
-from hardware.cell.layout import BenchLayout
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import World
-from hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
-from hardware.virtual.world.physics_cache import PhysicsFiles
-from lake.store import Lake
-from models.objects.catalogue import get_object
-from models.records import Design, GraspSimulation
-from tasks.bench.measure import measure_batch, measure_tool
-from tasks.bench.plan import ToolWork
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.setup import register
-from tasks.campaign.state import ProposedTool, rank_tools
-from tasks.scientist import propose as proposing
-from tasks.scientist import simulation_only
-from tasks.scientist.observe import means_of_simulations, proposed_designs, unfinished_tools
-from tasks.simulation.pool import WorkerPool, follow_parent
-from tasks.simulation.simulate import simulate_design
+from fast.flows.progress import RateEstimate, describe_time_left
+from fast.flows.scientist.strategies import Strategy
+from fast.hardware.bench import Bench, open_virtual_bench
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
+from fast.hardware.virtual.world.physics_cache import PhysicsFiles
+from fast.lake.store import Lake
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, GraspSimulation
+from fast.tasks.bench.measure import measure_batch, measure_tool
+from fast.tasks.bench.plan import ToolWork
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.setup import register
+from fast.tasks.campaign.state import ProposedTool, rank_tools
+from fast.tasks.scientist import propose as proposing
+from fast.tasks.scientist import simulation_only
+from fast.tasks.scientist.observe import means_of_simulations, proposed_designs, unfinished_tools
+from fast.tasks.simulation.pool import WorkerPool, follow_parent
+from fast.tasks.simulation.simulate import simulate_design
 
 _WORD = PrintConfirmation(operator="nobody (comparison)", confirmed_by="auto")
 

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import ttest_1samp
 
-from flows.report.style import INK, MUTED, new_figure
-from flows.scientist.campaign_runs import StrategyRun
-from flows.scientist.landscape_table import COLOURS
+from fast.flows.report.style import INK, MUTED, new_figure
+from fast.flows.scientist.campaign_runs import StrategyRun
+from fast.flows.scientist.landscape_table import COLOURS
 
 Rows = list[dict[str, Any]]
 COLUMNS = ("strategy", "n_campaigns", "last_batch_n", "last_batch_sd_n", "best_n", "best_median_n", "best_of_all_n",

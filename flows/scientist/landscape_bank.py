@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from models.design.space import from_unit, to_unit
-from models.errors import UsageError
-from models.ids import content_id
-from models.records import EffectValue, FinRay, Record, Theta
+from fast.models.design.space import from_unit, to_unit
+from fast.models.errors import UsageError
+from fast.models.ids import content_id
+from fast.models.records import EffectValue, FinRay, Record, Theta
 
 BELIEVED, TRUE, THETA, EFFECT = "believed", "true", "theta", "theta and effect"
 

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flows.scientist.landscape import N_DIMS, Landscape
-from flows.scientist.strategies import Strategy
-from models.design.space import random_unit, to_unit
-from models.records import Record
-from models.scientist.acquisition.candidates import mutate
-from models.scientist.propose import NO_PENDING, propose
-from models.scientist.surrogate.fit import fit_surrogate, trust_simulations
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
-from models.scientist.surrogate.posterior import Surrogate
+from fast.flows.scientist.landscape import N_DIMS, Landscape
+from fast.flows.scientist.strategies import Strategy
+from fast.models.design.space import random_unit, to_unit
+from fast.models.records import Record
+from fast.models.scientist.acquisition.candidates import mutate
+from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 _N_PARENTS, _STEPS = 20, (0.05, 0.1, 0.2)  # around which designs a night looks, and how far (unit cube)
 

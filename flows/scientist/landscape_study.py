@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.benchmarks.outcomes import RecordFile, read_records
-from flows.progress import describe_duration
-from flows.scientist.landscape import read_landscape
-from flows.scientist.landscape_bank import EFFECT, THETA, LandscapeBank
-from flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
-from flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED
-from models.ids import seed_from
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.progress import describe_duration
+from fast.flows.scientist.landscape import read_landscape
+from fast.flows.scientist.landscape_bank import EFFECT, THETA, LandscapeBank
+from fast.flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
+from fast.flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED
+from fast.models.ids import seed_from
 
 # Sealed worlds (docs/benchmarks/gap-sealed.json): alarm where 2 % is visible, right family, right member of it. A wrong
 # name counts as none: a version that does not predict held-out tools better is not accepted.

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import ttest_1samp
 
-from flows.report.style import INK, MUTED, new_figure
-from flows.scientist.landscape_run import LandscapeRun
+from fast.flows.report.style import INK, MUTED, new_figure
+from fast.flows.scientist.landscape_run import LandscapeRun
 
 Rows = list[dict[str, Any]]
 GOAL = 0.97  # of the optimum

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA
-from models.scientist.propose import RANDOM
+from fast.flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA
+from fast.models.scientist.propose import RANDOM
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from flows.server.run_process import RunningProcess, is_process_alive
-from flows.server.server import ask_server
+from fast.flows.server.run_process import RunningProcess, is_process_alive
+from fast.flows.server.server import ask_server
 
 logger = logging.getLogger(__name__)
 

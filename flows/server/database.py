@@ -11,7 +11,7 @@ from contextlib import closing
 from importlib.metadata import version
 from pathlib import Path
 
-from models.solver_code import cache_folder
+from fast.models.solver_code import cache_folder
 
 NAME = "prefect.db"
 OTHER_DATABASE = "PREFECT_API_DATABASE_CONNECTION_URL"  # a lab's own, such as PostgreSQL

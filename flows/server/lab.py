@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.server.child_process import ChildProcess
-from flows.server.crashed_runs import end_crashed_runs
-from flows.server.server import (
+from fast.flows.server.child_process import ChildProcess
+from fast.flows.server.crashed_runs import end_crashed_runs
+from fast.flows.server.server import (
     LOOPBACK,
     address_for_others,
     ask_server,
@@ -23,9 +23,9 @@ from flows.server.server import (
     state_folder,
     stop_server,
 )
-from flows.server.worker_process import POOL
-from lake.store import Lake
-from models.errors import FastError
+from fast.flows.server.worker_process import POOL
+from fast.lake.store import Lake
+from fast.models.errors import FastError
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 POOL_LIMIT_S = 300.0
@@ -69,7 +69,7 @@ class Lab:
         self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
         log = state_folder(lake.root) / "worker.log"
         self._n_runs = plan.n_runs
-        self._worker = ChildProcess("flows.server.worker_process", [str(os.getpid())], self._environment, log)
+        self._worker = ChildProcess("fast.flows.server.worker_process", [str(os.getpid())], self._environment, log)
         self._worker.start()
 
     def deploy(self) -> list[str]:

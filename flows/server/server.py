@@ -14,12 +14,12 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
-from flows.server.child_process import ChildProcess
-from flows.server.database import keep_empty_database, take_empty_database
-from flows.server.run_process import is_process_alive
-from lake.storage.files import writing_failed
-from lake.store import Lake
-from models.errors import FastError
+from fast.flows.server.child_process import ChildProcess
+from fast.flows.server.database import keep_empty_database, take_empty_database
+from fast.flows.server.run_process import is_process_alive
+from fast.lake.storage.files import writing_failed
+from fast.lake.store import Lake
+from fast.models.errors import FastError
 
 START_LIMIT_S = 600.0  # the first start on a machine makes a database: 10 s when it is idle, minutes when busy
 KEEP_S = 1.0  # between looks at a server of ours
@@ -194,7 +194,7 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")
     arguments = [str(listener.fileno()), str(os.getpid()), str(lake_root / "outputs")]
-    process = ChildProcess("flows.server.server_process", arguments, environment, home / "server.log", listener)
+    process = ChildProcess("fast.flows.server.server_process", arguments, environment, home / "server.log", listener)
     is_made_by_prefect = take_empty_database(home)
     process.start()
     try:

@@ -80,7 +80,7 @@ def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
     import uvicorn
     from prefect.server.api.server import create_app
 
-    from tasks.simulation.pool import follow_parent
+    from fast.tasks.simulation.pool import follow_parent
 
     follow_parent(parent_pid)
     slow_queue()

@@ -19,7 +19,7 @@ def work(parent_pid: int) -> None:
     import anyio
     from prefect.workers.process import ProcessWorker
 
-    from tasks.simulation.pool import follow_parent
+    from fast.tasks.simulation.pool import follow_parent
 
     follow_parent(parent_pid)
     # The same name after a restart: one worker in the pages, not one for each start.

@@ -5,12 +5,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
-from flows.progress import Bar, ProgressReporter, RateEstimate
-from models.objects.catalogue import get_object, name_object
-from models.records import GraspSetup, Placement, SimulatorVersion
-from tasks.campaign.own_designs import OwnDesign
-from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
-from tasks.simulation.pool import WorkerPool
+from fast.flows.progress import Bar, ProgressReporter, RateEstimate
+from fast.models.objects.catalogue import get_object, name_object
+from fast.models.records import GraspSetup, Placement, SimulatorVersion
+from fast.tasks.campaign.own_designs import OwnDesign
+from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
+from fast.tasks.simulation.pool import WorkerPool
 
 _DEADLINE_S = 120.0  # of one grasp, as in a campaign
 

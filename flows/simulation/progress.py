@@ -5,12 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
 
-from flows.progress import Bar, ProgressReporter, RateEstimate
-from lake.maintenance import compact
-from lake.store import Lake
-from lake.tables.campaign import SimTraceRow, SimulationRow
-from models.records import SimulatorVersion
-from tasks.simulation.plan import PointDone, SimulationPlan, missing_objects, simulate_plan
+from fast.flows.progress import Bar, ProgressReporter, RateEstimate
+from fast.lake.maintenance import compact
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import SimTraceRow, SimulationRow
+from fast.models.records import SimulatorVersion
+from fast.tasks.simulation.plan import PointDone, SimulationPlan, missing_objects, simulate_plan
 
 _PROGRESS_INTERVAL_S = 10.0
 _PARTS = 10**6  # of all the work, in which its progress is counted

@@ -7,11 +7,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 import trimesh
 
-from flows.report.style import FAINT, MUTED
-from flows.viewer.scene import rgb
-from flows.viewer.stream import fit_eye
-from hardware.cell.layout import BenchLayout
-from models.records import Design, GraspSetup
+from fast.flows.report.style import FAINT, MUTED
+from fast.flows.viewer.scene import rgb
+from fast.flows.viewer.stream import fit_eye
+from fast.hardware.cell.layout import BenchLayout
+from fast.models.records import Design, GraspSetup
 
 HEAD_ROOM_MM = 210.0  # a gripper at the end of its lift
 ROUND_MM = 75.0  # about an object: half of the pitch

@@ -12,19 +12,19 @@ import numpy as np
 import rerun as rr
 from matplotlib import colormaps
 
-from flows.report.campaign.queries import literal
-from flows.report.style import BEST, COMPLIANT, FIRST, INK, MUTED, OBJECT
-from flows.viewer.bench import build_head, send_bench
-from flows.viewer.curves import Curves
-from flows.viewer.scene import draw_object, flatten_mesh, rgb
-from flows.viewer.stream import read_design
-from hardware.cell.layout import BenchLayout
-from lake.store import Lake
-from lake.tables.campaign import design_of_columns
-from models.design.space import FIN_RAYS, DesignSpace
-from models.errors import UsageError
-from models.ids import tool_label
-from models.records import GraspSetup
+from fast.flows.report.campaign.queries import literal
+from fast.flows.report.style import BEST, COMPLIANT, FIRST, INK, MUTED, OBJECT
+from fast.flows.viewer.bench import build_head, send_bench
+from fast.flows.viewer.curves import Curves
+from fast.flows.viewer.scene import draw_object, flatten_mesh, rgb
+from fast.flows.viewer.stream import read_design
+from fast.hardware.cell.layout import BenchLayout
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import design_of_columns
+from fast.models.design.space import FIN_RAYS, DesignSpace
+from fast.models.errors import UsageError
+from fast.models.ids import tool_label
+from fast.models.records import GraspSetup
 
 KEEP_EVERY = 16  # of the readings at 80 a second
 LONGEST_WAIT_S = 5.0

@@ -11,20 +11,20 @@ from typing import Literal
 import rerun as rr
 import rerun.blueprint as rrb
 
-from flows.report.campaign.content import Content
-from flows.report.campaign.facts import Tool
-from flows.report.campaign.queries import literal
-from flows.viewer.bench import place_bench_eye
-from flows.viewer.bench_timeline import BenchTimeline
-from flows.viewer.curves import view_curves
-from flows.viewer.stream import lay_out, open_recording
-from hardware.cell.layout import N_OBJECTS, BenchLayout
-from lake.store import Lake
-from lake.tables.imported import is_imported
-from models.objects.catalogue import FIRST_OWN_ID
-from models.units import spell_name
-from models.validation import load_record
-from tasks.campaign.settings import ObjectPlan
+from fast.flows.report.campaign.content import Content
+from fast.flows.report.campaign.facts import Tool
+from fast.flows.report.campaign.queries import literal
+from fast.flows.viewer.bench import place_bench_eye
+from fast.flows.viewer.bench_timeline import BenchTimeline
+from fast.flows.viewer.curves import view_curves
+from fast.flows.viewer.stream import lay_out, open_recording
+from fast.hardware.cell.layout import N_OBJECTS, BenchLayout
+from fast.lake.store import Lake
+from fast.lake.tables.imported import is_imported
+from fast.models.objects.catalogue import FIRST_OWN_ID
+from fast.models.units import spell_name
+from fast.models.validation import load_record
+from fast.tasks.campaign.settings import ObjectPlan
 
 _LOG = logging.getLogger(__name__)
 

@@ -9,9 +9,9 @@ import rerun.blueprint as rrb
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from flows.report.style import FAINT, INK, MUTED
-from flows.viewer.scene import rgb
-from models.objects.catalogue import name_object
+from fast.flows.report.style import FAINT, INK, MUTED
+from fast.flows.viewer.scene import rgb
+from fast.models.objects.catalogue import name_object
 
 SHOWN_LIFT_MM = 60.0  # most objects have left the grip by then
 LIFT_STEP_MM = 10.0

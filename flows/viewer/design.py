@@ -7,20 +7,20 @@ import rerun as rr
 import rerun.blueprint as rrb
 import trimesh
 
-from flows.report.style import BEST, COMPLIANT, FAINT, FIRST, INK, RIGID
-from flows.viewer.scene import SIDES, build_fingers, flatten_mesh, marked_bodies, rgb
-from flows.viewer.stream import fit_eye, lay_out, open_recording, read_design
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, ToolRow
-from models.design.finger import FingerBodies, finger_bodies
-from models.design.tray import BED_MM, PrintItem, lying, tray_layout
-from models.ids import tool_label
-from models.records import Design, GraspSetup, MeshSettings
-from models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES
-from models.simulation.mesh.build import build_mesh
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.output.surface import skin_of
-from models.units import spell_name
+from fast.flows.report.style import BEST, COMPLIANT, FAINT, FIRST, INK, RIGID
+from fast.flows.viewer.scene import SIDES, build_fingers, flatten_mesh, marked_bodies, rgb
+from fast.flows.viewer.stream import fit_eye, lay_out, open_recording, read_design
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, ToolRow
+from fast.models.design.finger import FingerBodies, finger_bodies
+from fast.models.design.tray import BED_MM, PrintItem, lying, tray_layout
+from fast.models.ids import tool_label
+from fast.models.records import Design, GraspSetup, MeshSettings
+from fast.models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.output.surface import skin_of
+from fast.models.units import spell_name
 
 _SIDE = (-0.3, -1.0, 0.2)  # from which the ribs are seen
 APART_MM = 25.0  # between the printed bodies in the view of the parts

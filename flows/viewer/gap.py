@@ -7,12 +7,12 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from flows.report.gap.figures import SIM_AFTER, SIM_BEFORE, choose_cells, name_cell
-from flows.report.style import MUTED
-from flows.viewer.scene import rgb
-from flows.viewer.stream import lay_out, open_recording
-from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
-from models.traces.step_features import STEP_MM
+from fast.flows.report.gap.figures import SIM_AFTER, SIM_BEFORE, choose_cells, name_cell
+from fast.flows.report.style import MUTED
+from fast.flows.viewer.scene import rgb
+from fast.flows.viewer.stream import lay_out, open_recording
+from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
+from fast.models.traces.step_features import STEP_MM
 
 _N_CELLS = 6
 

@@ -8,17 +8,17 @@ from typing import NamedTuple
 import numpy as np
 import rerun as rr
 
-from flows.report.grasp_frames import GraspFrames, Simulated, simulate_again
-from flows.report.style import BEST, SIMULATED
-from flows.viewer.scene import build_fingers, draw_object, move_fingers
-from flows.viewer.simulation import describe_fingers, lay_out_grasp, send_fingers
-from flows.viewer.stream import open_recording, read_design, send_trace, times
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow
-from models.errors import UsageError
-from models.ids import tool_label
-from models.objects.catalogue import name_object
-from models.records import Design, GraspSetup, Trace
+from fast.flows.report.grasp_frames import GraspFrames, Simulated, simulate_again
+from fast.flows.report.style import BEST, SIMULATED
+from fast.flows.viewer.scene import build_fingers, draw_object, move_fingers
+from fast.flows.viewer.simulation import describe_fingers, lay_out_grasp, send_fingers
+from fast.flows.viewer.stream import open_recording, read_design, send_trace, times
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow
+from fast.models.errors import UsageError
+from fast.models.ids import tool_label
+from fast.models.objects.catalogue import name_object
+from fast.models.records import Design, GraspSetup, Trace
 
 
 def write_grasp_recording(lake: Lake, grasp_id: str, path: Path, is_simulated: bool = True) -> Path:

@@ -7,12 +7,12 @@ import rerun as rr
 import trimesh
 from matplotlib.colors import to_rgb
 
-from flows.report.style import COMPLIANT, OBJECT, RIGID
-from models.design.finger import FingerBodies, finger_bodies
-from models.design.glyphs import is_mark
-from models.objects.catalogue import get_object
-from models.objects.surface import object_mesh
-from models.records import Design, GraspSetup, Trace
+from fast.flows.report.style import COMPLIANT, OBJECT, RIGID
+from fast.models.design.finger import FingerBodies, finger_bodies
+from fast.models.design.glyphs import is_mark
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.surface import object_mesh
+from fast.models.records import Design, GraspSetup, Trace
 
 OBJECT_SPACING_MM = 2.0
 SIDES = {"right": 1.0, "left": -1.0}

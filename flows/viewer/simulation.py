@@ -9,14 +9,14 @@ import rerun.blueprint as rrb
 import trimesh
 from matplotlib import colormaps
 
-from flows.report.grasp_frames import Frame, GraspFrames
-from flows.report.style import FIRST, SIMULATED
-from flows.viewer.scene import draw_object, rgb
-from flows.viewer.stream import FRONT_EYE, lay_out, open_recording, send_trace, times
-from models.objects.primitives import turn_about_z
-from models.records import GraspSimulation, Placement, Trace
-from models.simulation.output.recording import GraspRecording, Snapshot
-from models.simulation.placement import CENTRED, offset_mm
+from fast.flows.report.grasp_frames import Frame, GraspFrames
+from fast.flows.report.style import FIRST, SIMULATED
+from fast.flows.viewer.scene import draw_object, rgb
+from fast.flows.viewer.stream import FRONT_EYE, lay_out, open_recording, send_trace, times
+from fast.models.objects.primitives import turn_about_z
+from fast.models.records import GraspSimulation, Placement, Trace
+from fast.models.simulation.output.recording import GraspRecording, Snapshot
+from fast.models.simulation.placement import CENTRED, offset_mm
 
 LONGEST_ARROW_MM = 60.0
 ARROW_RADIUS_MM = 0.6

@@ -15,11 +15,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 import trimesh
 
-from flows.viewer.scene import rgb
-from lake.store import Lake
-from lake.tables.campaign import DesignRow
-from models.errors import UsageError
-from models.records import Design, Trace
+from fast.flows.viewer.scene import rgb
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow
+from fast.models.errors import UsageError
+from fast.models.records import Design, Trace
 
 APPLICATION = "fast"
 

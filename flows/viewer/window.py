@@ -25,7 +25,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import IO
 
-from models.errors import FastError, MissingDependencyError, UsageError
+from fast.models.errors import FastError, MissingDependencyError, UsageError
 
 LOOPBACK = "127.0.0.1"
 PAGE_PORT, DATA_PORT = 9090, 9876  # Rerun's own, if they are free: people forward them through ssh

@@ -10,21 +10,21 @@ from typing import Literal
 
 import numpy as np
 
-from hardware.cell.diagnostics import NO_OBJECT, DiagnosticRun, Item
-from hardware.cell.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
-from hardware.cell.gantry import Gantry
-from hardware.cell.layout import BenchLayout
-from hardware.cell.pneumatics import Pneumatics
-from hardware.cell.recorder import GraspRecorder
-from hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
-from hardware.clock import Clock
-from hardware.safety.supervisor import Supervisor
-from hardware.safety.watches import GraspFaultError, GraspWatch
-from hardware.tools.changer import ToolChanger
-from hardware.tools.mounted import MountedTool
-from models.errors import DeviceError, FastError, InterlockError, UsageError
-from models.objects.catalogue import get_object
-from models.records import BENCH_FAULT, GraspRequest, GraspSetup, Placement, Trace
+from fast.hardware.cell.diagnostics import NO_OBJECT, DiagnosticRun, Item
+from fast.hardware.cell.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.cell.pneumatics import Pneumatics
+from fast.hardware.cell.recorder import GraspRecorder
+from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
+from fast.hardware.clock import Clock
+from fast.hardware.safety.supervisor import Supervisor
+from fast.hardware.safety.watches import GraspFaultError, GraspWatch
+from fast.hardware.tools.changer import ToolChanger
+from fast.hardware.tools.mounted import MountedTool
+from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import BENCH_FAULT, GraspRequest, GraspSetup, Placement, Trace
 
 logger = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from hardware.cell.cell import (
+from fast.hardware.cell.cell import (
     BASELINE_S,
     CLOSED_SETTLE_S,
     DEAD_WEIGHT_S,
@@ -20,12 +20,12 @@ from hardware.cell.cell import (
     closing_s,
     least_lift_mm,
 )
-from hardware.cell.diagnostics import DiagnosticRun, Item
-from hardware.cell.layout import BenchLayout
-from hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
-from hardware.tools import changer as tool_changer
-from hardware.tools.mounted import MountedTool
-from models.records import GraspRequest, GraspSetup, Placement
+from fast.hardware.cell.diagnostics import DiagnosticRun, Item
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
+from fast.hardware.tools import changer as tool_changer
+from fast.hardware.tools.mounted import MountedTool
+from fast.models.records import GraspRequest, GraspSetup, Placement
 
 PAPER_GRASP_S = 15.0  # "one grasp every 15 s", 240 an hour
 

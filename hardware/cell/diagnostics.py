@@ -20,7 +20,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from models.records import FinRay, GraspRequest, GraspSetup, Record
+from fast.models.records import FinRay, GraspRequest, GraspSetup, Record
 
 DiagnosticKind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
 Cell = tuple[int, int]  # (object id, repeat)
@@ -70,7 +70,7 @@ class DiagnosticRun(Record):
 
     def text(self) -> str:
         """`dwell, dwell_s 10, tube (14), repeat 0`."""
-        from models.objects.catalogue import name_object  # only those who print it need the objects
+        from fast.models.objects.catalogue import name_object  # only those who print it need the objects
 
         knobs = [f"{name} {value:g}" for name, value in self.parameters.items()]
         target = [name_object(self.object_id)] if self.object_id != NO_OBJECT else []

@@ -6,11 +6,11 @@ import statistics
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hardware.clock import Clock
-from hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, OVERLOAD_MASK, SHARPEST_FILTERS, Reading
-from hardware.laumas.source import WeightSource
-from models.errors import DeviceError
-from models.units import force_n_from_kg
+from fast.hardware.clock import Clock
+from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, OVERLOAD_MASK, SHARPEST_FILTERS, Reading
+from fast.hardware.laumas.source import WeightSource
+from fast.models.errors import DeviceError
+from fast.models.units import force_n_from_kg
 
 logger = logging.getLogger(__name__)
 

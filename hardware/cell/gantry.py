@@ -7,14 +7,14 @@ coordinates map to the controller's.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hardware.clock import Clock
-from hardware.grbl.driver import GrblDriver
-from hardware.grbl.messages import StatusReport
-from hardware.grbl.profile import GrblProfile
-from hardware.grbl.workspace import Workspace
-from hardware.wire.log import WireLog
-from hardware.wire.serial import Transport
-from models.errors import InterlockError
+from fast.hardware.clock import Clock
+from fast.hardware.grbl.driver import GrblDriver
+from fast.hardware.grbl.messages import StatusReport
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.grbl.workspace import Workspace
+from fast.hardware.wire.log import WireLog
+from fast.hardware.wire.serial import Transport
+from fast.models.errors import InterlockError
 
 Place = tuple[float, float, float]
 """x, y, z in the workspace, mm."""

@@ -11,9 +11,9 @@ A 120 mm finger grasps at z = 88 and ends an 80 mm lift at 168; a 90 mm finger g
 
 from pydantic import Field
 
-from hardware.cell.limits import BenchLimits
-from models.errors import UsageError
-from models.records import Design, GraspSetup, Placement, Record
+from fast.hardware.cell.limits import BenchLimits
+from fast.models.errors import UsageError
+from fast.models.records import Design, GraspSetup, Placement, Record
 
 N_OBJECTS = 36
 N_SLOTS = 10

@@ -2,9 +2,9 @@
 
 from pydantic import Field
 
-from models.errors import UsageError
-from models.records import GraspSetup, Placement, Record
-from models.units import unit_of
+from fast.models.errors import UsageError
+from fast.models.records import GraspSetup, Placement, Record
+from fast.models.units import unit_of
 
 Range = tuple[float, float]
 

@@ -1,11 +1,11 @@
 """Gripper air: supply, grip and vent, each confirmed by reading back outputs and pressure."""
 
-from hardware.click import tags
-from hardware.click.driver import ClickPlc
-from hardware.clock import Clock
-from hardware.safety.safe_state import EmergencyStopError
-from models.errors import DeviceError, InterlockError
-from models.records import GraspSetup
+from fast.hardware.click import tags
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import Clock
+from fast.hardware.safety.safe_state import EmergencyStopError
+from fast.models.errors import DeviceError, InterlockError
+from fast.models.records import GraspSetup
 
 _LOWEST_SHARE = 28.0 / 30.0  # of the set-point: less does not close the jaws fully
 

@@ -4,8 +4,8 @@ from bisect import bisect_left
 
 import numpy as np
 
-from hardware.cell.force_sensor import Baseline, ForceReading
-from models.records import Trace
+from fast.hardware.cell.force_sensor import Baseline, ForceReading
+from fast.models.records import Trace
 
 AT_REST_MM = 0.005  # below the place tolerance of the Z axis: the lift has not begun
 TIME_DECIMALS, LIFT_DECIMALS = 4, 3  # 0.1 ms, 1 um

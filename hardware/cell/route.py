@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-from hardware.cell.layout import N_SLOTS, BenchLayout
-from hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
+from fast.hardware.cell.layout import N_SLOTS, BenchLayout
+from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
 
 Point = tuple[float, float]
 

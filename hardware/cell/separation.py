@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.records import Trace
+from fast.models.records import Trace
 
 WINDOW_MM = 4.0  # lift over which a drifted zero must stand still; over its second half the force must be back
 FORCE_BACK_N = 0.25  # from zero: what counts as no force

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from models.errors import FastError
+from fast.models.errors import FastError
 
 
 class Finding(NamedTuple):

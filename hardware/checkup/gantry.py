@@ -4,13 +4,13 @@ A controller at rest gets a soft reset, which keeps its position and drops a hal
 left: sent on its own, the end of that line could complete a move. One that is not at rest is not touched.
 """
 
-from hardware.checkup.findings import Findings
-from hardware.checkup.ports import check_serial_port
-from hardware.clock import Clock
-from hardware.grbl.messages import Feedback, Setting, StatusReport
-from hardware.grbl.profile import GrblProfile
-from hardware.grbl.session import BOOT_POLL_S, BOOT_WAIT_S, REPLY_TIMEOUT_S, GrblSession
-from hardware.wire.serial import Transport
+from fast.hardware.checkup.findings import Findings
+from fast.hardware.checkup.ports import check_serial_port
+from fast.hardware.clock import Clock
+from fast.hardware.grbl.messages import Feedback, Setting, StatusReport
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.grbl.session import BOOT_POLL_S, BOOT_WAIT_S, REPLY_TIMEOUT_S, GrblSession
+from fast.hardware.wire.serial import Transport
 
 _DOING = "looking at the gantry"
 _SETTINGS = "gantry settings"

@@ -9,12 +9,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hardware.checkup.findings import Findings
-from hardware.click import tags
-from hardware.click.codec import parse_address
-from hardware.click.driver import ClickPlc
-from hardware.clock import Clock
-from hardware.wire.modbus import ModbusLink
+from fast.hardware.checkup.findings import Findings
+from fast.hardware.click import tags
+from fast.hardware.click.codec import parse_address
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import Clock
+from fast.hardware.wire.modbus import ModbusLink
 
 HIGHEST_COUNT = 30_000  # of the heartbeat
 LOOK_S = 0.7  # longer than a heartbeat: another host shows

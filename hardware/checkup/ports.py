@@ -6,7 +6,7 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from hardware.wire.serial import LinkLostError
+from fast.hardware.wire.serial import LinkLostError
 
 _PTY = "/dev/pts/"
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Literal
 
-from models.errors import UsageError
-from models.validation import closest
+from fast.models.errors import UsageError
+from fast.models.validation import closest
 
 Space = Literal["coil", "discrete", "holding", "input"]
 Kind = Literal["bit", "int16", "uint16", "int32", "float32", "text"]

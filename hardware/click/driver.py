@@ -5,8 +5,8 @@ import math
 import threading
 from collections.abc import Callable
 
-from hardware.click import tags
-from hardware.click.codec import (
+from fast.hardware.click import tags
+from fast.hardware.click.codec import (
     MAX_BITS_PER_READ,
     MAX_REGISTERS_PER_READ,
     Address,
@@ -15,10 +15,10 @@ from hardware.click.codec import (
     parse_address,
     unpack_value,
 )
-from hardware.clock import Clock
-from hardware.wire.modbus import ModbusLink
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError, InterlockError, UsageError
+from fast.hardware.clock import Clock
+from fast.hardware.wire.modbus import ModbusLink
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError, InterlockError, UsageError
 
 logger = logging.getLogger(__name__)
 

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable
 
-from hardware.grbl.messages import (
+from fast.hardware.grbl.messages import (
     Alarm,
     Banner,
     ErrorReply,
@@ -18,7 +18,7 @@ from hardware.grbl.messages import (
     Unknown,
     Vector,
 )
-from models.errors import UsageError
+from fast.models.errors import UsageError
 
 MAX_RECEIVED_LINE = 1024  # bytes; GRBL's longest line is below 200, the rest is noise
 MAX_SENT_LINE = 254  # characters; grbl-Mega's 256-byte line buffer less line end and NUL

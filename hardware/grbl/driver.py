@@ -13,22 +13,22 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from hardware.clock import Clock
-from hardware.grbl.errors import (
+from fast.hardware.clock import Clock
+from fast.hardware.grbl.errors import (
     GrblAlarmError,
     GrblReplyError,
     MoveTimeoutError,
     SilentControllerError,
 )
-from hardware.grbl.link import Ticket
-from hardware.grbl.messages import ErrorReply, RealTime, StatusReport, Vector
-from hardware.grbl.place_watch import PLACE_TOLERANCE_MM, Way
-from hardware.grbl.profile import DEADLINE_FACTOR, GrblProfile, limit_along, move_deadline_s, move_duration_s
-from hardware.grbl.session import FULL_OVERRIDES, GrblSession
-from hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, stand_still
-from hardware.grbl.switch_search import SwitchSearch
-from hardware.wire.serial import Transport
-from models.errors import DeviceError, InterlockError
+from fast.hardware.grbl.link import Ticket
+from fast.hardware.grbl.messages import ErrorReply, RealTime, StatusReport, Vector
+from fast.hardware.grbl.place_watch import PLACE_TOLERANCE_MM, Way
+from fast.hardware.grbl.profile import DEADLINE_FACTOR, GrblProfile, limit_along, move_deadline_s, move_duration_s
+from fast.hardware.grbl.session import FULL_OVERRIDES, GrblSession
+from fast.hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, stand_still
+from fast.hardware.grbl.switch_search import SwitchSearch
+from fast.hardware.wire.serial import Transport
+from fast.models.errors import DeviceError, InterlockError
 
 logger = logging.getLogger(__name__)
 

@@ -1,7 +1,7 @@
 """What can go wrong with a GRBL controller; each error says what it means for the position."""
 
-from hardware.grbl.codes import alarm_meaning, error_keeps_position, error_text
-from models.errors import DeviceError, InterlockError
+from fast.hardware.grbl.codes import alarm_meaning, error_keeps_position, error_text
+from fast.models.errors import DeviceError, InterlockError
 
 
 class GrblAlarmError(DeviceError):

@@ -11,8 +11,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from hardware.grbl.codec import LineDecoder, encode_line
-from hardware.grbl.messages import (
+from fast.hardware.grbl.codec import LineDecoder, encode_line
+from fast.hardware.grbl.messages import (
     Alarm,
     Banner,
     ErrorReply,
@@ -23,7 +23,7 @@ from hardware.grbl.messages import (
     Unknown,
     Vector,
 )
-from hardware.wire.serial import LinkLostError, Transport
+from fast.hardware.wire.serial import LinkLostError, Transport
 
 logger = logging.getLogger(__name__)
 

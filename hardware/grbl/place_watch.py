@@ -9,9 +9,9 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hardware.grbl.errors import LostAlarmError, MoveTimeoutError, WrongPlaceError
-from hardware.grbl.messages import StatusReport, Vector
-from models.errors import DeviceError
+from fast.hardware.grbl.errors import LostAlarmError, MoveTimeoutError, WrongPlaceError
+from fast.hardware.grbl.messages import StatusReport, Vector
+from fast.models.errors import DeviceError
 
 PLACE_TOLERANCE_MM = 0.01  # at the end of a way, and at rest
 OFF_LINE_MM = 0.1  # beside a commanded line: eight steps

@@ -10,9 +10,9 @@ from types import MappingProxyType
 
 from pydantic import Field, field_validator
 
-from hardware.grbl.messages import Vector
-from models.errors import ConfigError
-from models.records import Record
+from fast.hardware.grbl.messages import Vector
+from fast.models.errors import ConfigError
+from fast.models.records import Record
 
 MAX_STEP_RATE_HZ = 30_000  # beyond it GRBL loses steps
 RELATIVE_TOLERANCE = 1e-6

@@ -9,9 +9,9 @@ import logging
 import threading
 from typing import Never
 
-from hardware.clock import Clock
-from hardware.grbl.codes import alarm_meaning
-from hardware.grbl.errors import (
+from fast.hardware.clock import Clock
+from fast.hardware.grbl.codes import alarm_meaning
+from fast.hardware.grbl.errors import (
     ControllerResetError,
     GrblAlarmError,
     GrblReplyError,
@@ -19,13 +19,13 @@ from hardware.grbl.errors import (
     ProfileMismatchError,
     SilentControllerError,
 )
-from hardware.grbl.link import GrblLink, Ticket
-from hardware.grbl.messages import ErrorReply, Feedback, Message, RealTime, Setting, StatusReport
-from hardware.grbl.place_watch import PlaceWatch
-from hardware.grbl.profile import GrblProfile
-from hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, stand_still
-from hardware.wire.serial import Transport
-from models.errors import DeviceError
+from fast.hardware.grbl.link import GrblLink, Ticket
+from fast.hardware.grbl.messages import ErrorReply, Feedback, Message, RealTime, Setting, StatusReport
+from fast.hardware.grbl.place_watch import PlaceWatch
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, stand_still
+from fast.hardware.wire.serial import Transport
+from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 

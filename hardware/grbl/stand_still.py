@@ -3,11 +3,11 @@
 import logging
 from typing import TYPE_CHECKING
 
-from hardware.grbl.messages import RealTime
-from models.errors import DeviceError
+from fast.hardware.grbl.messages import RealTime
+from fast.models.errors import DeviceError
 
 if TYPE_CHECKING:
-    from hardware.grbl.session import GrblSession
+    from fast.hardware.grbl.session import GrblSession
 
 logger = logging.getLogger(__name__)
 

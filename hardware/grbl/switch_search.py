@@ -11,11 +11,11 @@ no way is longer than `BEYOND_MM` behind the switch. A host that dies in between
 import math
 from collections.abc import Sequence
 
-from hardware.clock import Clock
-from hardware.grbl.errors import MoveTimeoutError
-from hardware.grbl.messages import RealTime, StatusReport, Vector
-from hardware.grbl.profile import HARD_LIMITS, SOFT_LIMITS, GrblProfile, move_deadline_s
-from hardware.grbl.session import GrblSession
+from fast.hardware.clock import Clock
+from fast.hardware.grbl.errors import MoveTimeoutError
+from fast.hardware.grbl.messages import RealTime, StatusReport, Vector
+from fast.hardware.grbl.profile import HARD_LIMITS, SOFT_LIMITS, GrblProfile, move_deadline_s
+from fast.hardware.grbl.session import GrblSession
 
 AXES = "XYZ"
 BEYOND_MM = 1.0  # behind the place of the switch; end stops are 3 mm behind it

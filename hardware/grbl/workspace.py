@@ -12,9 +12,9 @@ controller shows after homing, since builds differ (HOMING_FORCE_SET_ORIGIN).
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hardware.grbl.messages import Vector
-from hardware.grbl.profile import GrblProfile
-from models.errors import InterlockError
+from fast.hardware.grbl.messages import Vector
+from fast.hardware.grbl.profile import GrblProfile
+from fast.models.errors import InterlockError
 
 WORKSPACE_SIZE_MM: Vector = (1500.0, 1500.0, 180.0)
 AXIS_NAMES = "xyz"

@@ -10,7 +10,7 @@ from enum import IntEnum, IntFlag
 from functools import cache
 from typing import NamedTuple
 
-from models.errors import DeviceError
+from fast.models.errors import DeviceError
 
 IDENTITY_REGISTER, N_IDENTITY = 0, 5  # firmware, type, year, serial number, program type
 COMMAND_REGISTER = 5

@@ -9,12 +9,12 @@ import threading
 import time
 from collections import deque
 
-from hardware.clock import Clock
-from hardware.laumas.codec import Reading, Scale, Status
-from hardware.laumas.source import NEWTON_PER_UNIT
-from hardware.laumas.strings import StringReader, WeightString
-from hardware.wire.serial import LinkLostError, Transport
-from models.errors import DeviceError
+from fast.hardware.clock import Clock
+from fast.hardware.laumas.codec import Reading, Scale, Status
+from fast.hardware.laumas.source import NEWTON_PER_UNIT
+from fast.hardware.laumas.strings import StringReader, WeightString
+from fast.hardware.wire.serial import LinkLostError, Transport
+from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 

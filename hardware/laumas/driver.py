@@ -2,8 +2,8 @@
 
 import logging
 
-from hardware.clock import Clock
-from hardware.laumas.codec import (
+from fast.hardware.clock import Clock
+from fast.hardware.laumas.codec import (
     COMMAND_REGISTER,
     DIVISION_REGISTER,
     FIRST_MEASURED_REGISTER,
@@ -17,10 +17,10 @@ from hardware.laumas.codec import (
     decode_measured,
     decode_scale,
 )
-from hardware.laumas.source import NEWTON_PER_UNIT
-from hardware.wire.modbus import ModbusLink
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError
+from fast.hardware.laumas.source import NEWTON_PER_UNIT
+from fast.hardware.wire.modbus import ModbusLink
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 

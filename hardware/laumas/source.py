@@ -2,8 +2,8 @@
 
 from typing import Protocol
 
-from hardware.laumas.codec import Reading
-from models.units import force_n_from_kg
+from fast.hardware.laumas.codec import Reading
+from fast.models.units import force_n_from_kg
 
 # Newtons of one unit of the instrument, for the units a load cell of force can be set to
 NEWTON_PER_UNIT = {"kg": force_n_from_kg(1.0), "g": force_n_from_kg(1e-3), "t": force_n_from_kg(1e3), "N": 1.0}

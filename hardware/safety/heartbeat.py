@@ -9,9 +9,9 @@ import logging
 import threading
 from collections.abc import Callable
 
-from hardware.click.driver import ClickPlc
-from hardware.clock import Clock, Listener
-from models.errors import DeviceError
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import Clock, Listener
+from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 

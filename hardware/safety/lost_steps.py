@@ -6,10 +6,10 @@ It is looked for with an empty head after every batch, and after so many tools a
 
 import logging
 
-from hardware.cell.gantry import Gantry, Place
-from hardware.safety.supervisor import Supervisor
-from hardware.tools.changer import ToolChanger
-from models.errors import DeviceError
+from fast.hardware.cell.gantry import Gantry, Place
+from fast.hardware.safety.supervisor import Supervisor
+from fast.hardware.tools.changer import ToolChanger
+from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ out.
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 
-from models.errors import InterlockError
+from fast.models.errors import InterlockError
 
 
 class Verb(StrEnum):

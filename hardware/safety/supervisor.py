@@ -9,12 +9,12 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hardware.cell.gantry import Gantry
-from hardware.cell.pneumatics import Pneumatics
-from hardware.click import tags
-from hardware.click.driver import ClickPlc
-from hardware.grbl.errors import ControllerResetError, GrblAlarmError, MoveAbortedError
-from hardware.safety.safe_state import (
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.cell.pneumatics import Pneumatics
+from fast.hardware.click import tags
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.grbl.errors import ControllerResetError, GrblAlarmError, MoveAbortedError
+from fast.hardware.safety.safe_state import (
     COMMANDS,
     MEANINGS,
     BenchCondition,
@@ -28,7 +28,7 @@ from hardware.safety.safe_state import (
     ending_actions,
     safe_actions,
 )
-from models.errors import FastError, InterlockError
+from fast.models.errors import FastError, InterlockError
 
 logger = logging.getLogger(__name__)
 

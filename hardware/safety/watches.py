@@ -7,11 +7,11 @@ the safe state.
 import logging
 from collections import deque
 
-from hardware.cell.force_sensor import Baseline, ForceSensor
-from hardware.cell.pneumatics import Pneumatics
-from hardware.clock import Clock
-from models.errors import DeviceError, InterlockError
-from models.units import force_n_from_kg
+from fast.hardware.cell.force_sensor import Baseline, ForceSensor
+from fast.hardware.cell.pneumatics import Pneumatics
+from fast.hardware.clock import Clock
+from fast.models.errors import DeviceError, InterlockError
+from fast.models.units import force_n_from_kg
 
 logger = logging.getLogger(__name__)
 

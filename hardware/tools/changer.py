@@ -3,18 +3,18 @@
 import logging
 from collections.abc import Mapping
 
-from hardware.cell.force_sensor import ForceSensor
-from hardware.cell.gantry import Gantry
-from hardware.cell.layout import BenchLayout
-from hardware.click import tags
-from hardware.click.driver import ClickPlc
-from hardware.clock import Clock
-from hardware.safety.safe_state import EmergencyStopError, FreezeError
-from hardware.tools.journal import Journal, Transaction
-from hardware.tools.mounted import MountedTool
-from hardware.tools.status import HeadSensors, ToolStatus, WayOn, judge
-from models.errors import InterlockError
-from models.units import force_n_from_kg
+from fast.hardware.cell.force_sensor import ForceSensor
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.click import tags
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import Clock
+from fast.hardware.safety.safe_state import EmergencyStopError, FreezeError
+from fast.hardware.tools.journal import Journal, Transaction
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.tools.status import HeadSensors, ToolStatus, WayOn, judge
+from fast.models.errors import InterlockError
+from fast.models.units import force_n_from_kg
 
 logger = logging.getLogger(__name__)
 

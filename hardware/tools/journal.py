@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from models.errors import DeviceError
+from fast.models.errors import DeviceError
 
 Verb = Literal["pick", "dock", "told"]
 End = Literal["done", "undone"]

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from hardware.tools.journal import Transaction
-from hardware.tools.mounted import MountedTool
+from fast.hardware.tools.journal import Transaction
+from fast.hardware.tools.mounted import MountedTool
 
 
 class WayOn(Enum):

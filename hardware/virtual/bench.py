@@ -7,18 +7,18 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-from hardware.cell.layout import BenchLayout
-from hardware.clock import Clock
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.click import VirtualClick
-from hardware.virtual.faults import find_fault
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.virtual.laumas import VirtualLaumas
-from hardware.virtual.world.file import World
-from hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest
-from hardware.virtual.world.state import WorldState
-from models.errors import SimulationFailed
-from models.records import GraspSimulation
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.clock import Clock
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.click import VirtualClick
+from fast.hardware.virtual.faults import find_fault
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.virtual.laumas import VirtualLaumas
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest
+from fast.hardware.virtual.world.state import WorldState
+from fast.models.errors import SimulationFailed
+from fast.models.records import GraspSimulation
 
 logger = logging.getLogger(__name__)
 

@@ -11,12 +11,12 @@ import random
 import threading
 from collections.abc import Callable
 
-from hardware.click import tags
-from hardware.click.codec import BANKS, Space, Value, pack_value, parse_address, unpack_value
-from hardware.virtual.modbus_pdu import ALL_FUNCTIONS
-from hardware.virtual.modbus_server import ModbusServerThread
-from hardware.virtual.world.state import WorldState, slots_full
-from models.records import GraspSetup
+from fast.hardware.click import tags
+from fast.hardware.click.codec import BANKS, Space, Value, pack_value, parse_address, unpack_value
+from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS
+from fast.hardware.virtual.modbus_server import ModbusServerThread
+from fast.hardware.virtual.world.state import WorldState, slots_full
+from fast.models.records import GraspSetup
 
 SCAN_PERIOD_S = 0.01
 SCAN_JITTER = 0.2  # of the period, either way

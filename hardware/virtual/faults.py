@@ -9,13 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from hardware.virtual.click import VirtualClick
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.virtual.laumas import VirtualLaumas
-from hardware.virtual.modbus_server import ModbusServerThread
-from hardware.virtual.world.state import WorldState
-from models.errors import UsageError
-from models.validation import closest
+from fast.hardware.virtual.click import VirtualClick
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.virtual.laumas import VirtualLaumas
+from fast.hardware.virtual.modbus_server import ModbusServerThread
+from fast.hardware.virtual.world.state import WorldState
+from fast.models.errors import UsageError
+from fast.models.validation import closest
 
 
 class FaultyBench(Protocol):

@@ -14,8 +14,8 @@ import tty
 from collections import deque
 from collections.abc import Callable
 
-from hardware.clock import Clock
-from hardware.laumas.codec import (
+from fast.hardware.clock import Clock
+from fast.hardware.laumas.codec import (
     COMMAND_REGISTER,
     FILTER_REFRESH_HZ,
     FILTER_RESPONSE_S,
@@ -26,12 +26,12 @@ from hardware.laumas.codec import (
     Status,
     encode_measured,
 )
-from hardware.laumas.strings import WeightString, encode_plain
-from hardware.virtual.modbus_pdu import READ_HOLDING, WRITE_REGISTERS
-from hardware.virtual.modbus_rtu import RtuServerThread
-from hardware.virtual.modbus_server import ModbusServerThread
-from hardware.virtual.world.state import WorldState
-from models.units import mass_kg_from_n
+from fast.hardware.laumas.strings import WeightString, encode_plain
+from fast.hardware.virtual.modbus_pdu import READ_HOLDING, WRITE_REGISTERS
+from fast.hardware.virtual.modbus_rtu import RtuServerThread
+from fast.hardware.virtual.modbus_server import ModbusServerThread
+from fast.hardware.virtual.world.state import WorldState
+from fast.models.units import mass_kg_from_n
 
 IDENTITY = (105, 2, 2024, 4711, 1)  # firmware, type, year, serial number, program type
 CAPACITY_KG = 20.0

@@ -12,12 +12,12 @@ from typing import cast
 
 from pymodbus.exceptions import ConnectionException
 
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.virtual.modbus_pdu import unpack_bits
-from hardware.virtual.modbus_server import ModbusServerThread
-from hardware.wire.log import WireLog
-from hardware.wire.modbus import Client, ModbusLink, Tracer
-from hardware.wire.serial import LinkLostError
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.virtual.modbus_pdu import unpack_bits
+from fast.hardware.virtual.modbus_server import ModbusServerThread
+from fast.hardware.wire.log import WireLog
+from fast.hardware.wire.modbus import Client, ModbusLink, Tracer
+from fast.hardware.wire.serial import LinkLostError
 
 _HEADER = struct.Struct(">HHHB")
 _READ = struct.Struct(">BHH")

@@ -12,7 +12,7 @@ import struct
 import threading
 import tty
 
-from hardware.virtual.modbus_pdu import WRITE_COILS, WRITE_REGISTERS, RegisterMap, answer_pdu
+from fast.hardware.virtual.modbus_pdu import WRITE_COILS, WRITE_REGISTERS, RegisterMap, answer_pdu
 
 _POLYNOMIAL = 0xA001
 _SILENCE_S = 0.05  # real: after this much silence an unfinished frame is thrown away

@@ -8,8 +8,8 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-from hardware.virtual.modbus_pdu import RegisterMap, answer_pdu
-from models.errors import DeviceError, UsageError
+from fast.hardware.virtual.modbus_pdu import RegisterMap, answer_pdu
+from fast.models.errors import DeviceError, UsageError
 
 logger = logging.getLogger(__name__)
 

@@ -20,8 +20,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import BinaryIO
 
-from hardware.wire.log import WireEntry, WireLog
-from models.errors import UsageError
+from fast.hardware.wire.log import WireEntry, WireLog
+from fast.models.errors import UsageError
 
 logger = logging.getLogger(__name__)
 

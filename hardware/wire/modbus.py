@@ -14,9 +14,9 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from hardware.wire.log import CLOSED, OPENED, WireLog
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError
+from fast.hardware.wire.log import CLOSED, OPENED, WireLog
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 # pymodbus reports every lost connection on its own logger; here each becomes one DeviceError with better words.

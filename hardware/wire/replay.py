@@ -1,10 +1,10 @@
 """Replay of any wire log of a bench against the driver of its device."""
 
-from hardware.wire.log_files import GANTRY, LOAD_CELL, PLC, RecordedWire
-from hardware.wire.replay_grbl import replay_grbl
-from hardware.wire.replay_modbus import replay_modbus
-from hardware.wire.replay_outcome import Replay
-from models.errors import UsageError
+from fast.hardware.wire.log_files import GANTRY, LOAD_CELL, PLC, RecordedWire
+from fast.hardware.wire.replay_grbl import replay_grbl
+from fast.hardware.wire.replay_modbus import replay_modbus
+from fast.hardware.wire.replay_outcome import Replay
+from fast.models.errors import UsageError
 
 
 def replay(recorded: RecordedWire) -> Replay:

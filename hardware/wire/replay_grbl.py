@@ -9,13 +9,13 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from hardware.clock import VirtualClock
-from hardware.grbl.driver import GrblDriver
-from hardware.grbl.messages import RealTime
-from hardware.grbl.profile import GrblProfile, limit_along
-from hardware.wire.log import OPENED, WireEntry, WireLog
-from hardware.wire.replay_outcome import Difference, Replay
-from models.errors import DeviceError
+from fast.hardware.clock import VirtualClock
+from fast.hardware.grbl.driver import GrblDriver
+from fast.hardware.grbl.messages import RealTime
+from fast.hardware.grbl.profile import GrblProfile, limit_along
+from fast.hardware.wire.log import OPENED, WireEntry, WireLog
+from fast.hardware.wire.replay_outcome import Difference, Replay
+from fast.models.errors import DeviceError
 
 POLL = bytes([RealTime.STATUS])
 HOLD, RESUME = bytes([RealTime.HOLD]), bytes([RealTime.RESUME])

@@ -12,16 +12,16 @@ from pymodbus import FramerType
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ConnectionException
 
-from hardware.click.codec import BANKS, Space, pack_value, parse_address, unpack_value
-from hardware.click.driver import ClickPlc
-from hardware.clock import VirtualClock
-from hardware.laumas.codec import FIRST_MEASURED_REGISTER, IDENTITY_REGISTER, N_IDENTITY, N_MEASURED
-from hardware.laumas.driver import LaumasTransmitter
-from hardware.wire.log import WireEntry
-from hardware.wire.log_files import PLC
-from hardware.wire.modbus import ModbusLink, Tracer
-from hardware.wire.replay_outcome import Difference, Replay
-from models.errors import FastError
+from fast.hardware.click.codec import BANKS, Space, pack_value, parse_address, unpack_value
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import VirtualClock
+from fast.hardware.laumas.codec import FIRST_MEASURED_REGISTER, IDENTITY_REGISTER, N_IDENTITY, N_MEASURED
+from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.wire.log import WireEntry
+from fast.hardware.wire.log_files import PLC
+from fast.hardware.wire.modbus import ModbusLink, Tracer
+from fast.hardware.wire.replay_outcome import Difference, Replay
+from fast.models.errors import FastError
 
 _TCP_HEADER_BYTES = 6  # transaction, protocol, length
 _CRC_BYTES = 2

@@ -10,8 +10,8 @@ from typing import Protocol
 
 import serial
 
-from hardware.wire.log import CLOSED, OPENED, WireLog
-from models.errors import DeviceError
+from fast.hardware.wire.log import CLOSED, OPENED, WireLog
+from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 

@@ -3,6 +3,6 @@
 A reader for another format is a function that returns `HandoffTables`.
 """
 
-from lake.handoff.readers import HandoffTables
+from fast.lake.handoff.readers import HandoffTables
 
 __all__ = ["HandoffTables"]

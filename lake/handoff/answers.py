@@ -6,12 +6,12 @@ search keeps what it had.
 
 from collections.abc import Sequence
 
-from lake.handoff.files import HandoffGrasp
-from lake.store import Lake
-from lake.tables.campaign import ToolRow
-from lake.tables.requests import PLACEMENT, GraspRequestRow
-from models.errors import UsageError
-from models.records import GraspSetup, Placement, find_setup_id
+from fast.lake.handoff.files import HandoffGrasp
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import ToolRow
+from fast.lake.tables.requests import PLACEMENT, GraspRequestRow
+from fast.models.errors import UsageError
+from fast.models.records import GraspSetup, Placement, find_setup_id
 
 _REMEDY = "nothing was imported, the search keeps what it had"
 

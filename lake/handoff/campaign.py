@@ -12,12 +12,12 @@ from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
-from lake.handoff.files import FILE_NAMES, HandoffGrasp
-from lake.store import Lake
-from lake.tables.campaign import BatchRow, CampaignRow, ObjectRow, Row, ToolRow
-from lake.tables.catalogue_rows import object_rows
-from lake.tables.imported import IMPORTED, is_imported
-from models.errors import UsageError
+from fast.lake.handoff.files import FILE_NAMES, HandoffGrasp
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import BatchRow, CampaignRow, ObjectRow, Row, ToolRow
+from fast.lake.tables.catalogue_rows import object_rows
+from fast.lake.tables.imported import IMPORTED, is_imported
+from fast.models.errors import UsageError
 
 _LOG = logging.getLogger(__name__)
 Place = tuple[int, int]  # (batch, slot)

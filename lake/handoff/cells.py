@@ -7,8 +7,8 @@ from datetime import UTC, datetime, timedelta
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from models.records import FinRay, GraspSetup, Placement, Record, Theta
-from models.units import unit_of
+from fast.models.records import FinRay, GraspSetup, Placement, Record, Theta
+from fast.models.units import unit_of
 
 _EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)
 _CLOCKS_APART = timedelta(days=1)  # of two labs, time zones that nobody wrote down included

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lake.handoff.files import (
+from fast.lake.handoff.files import (
     DESIGN_COLUMNS,
     FAMILY_COLUMNS,
     FILE_NAMES,
@@ -21,10 +21,10 @@ from lake.handoff.files import (
     THETA_COLUMNS,
     TRACE_COLUMNS,
 )
-from lake.handoff.import_folder import HandoffCounts
-from lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.handoff.import_folder import HandoffCounts
+from fast.lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     DesignRow,
     GraspRow,
     ObjectRow,
@@ -33,9 +33,9 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     TraceRow,
 )
-from lake.tables.imported import importing_campaign
-from models.errors import LakeError, UsageError
-from models.records import GraspSetup
+from fast.lake.tables.imported import importing_campaign
+from fast.models.errors import LakeError, UsageError
+from fast.models.records import GraspSetup
 
 _TRACE_SCHEMA = pa.schema([(TRACE_COLUMNS[0], pa.string()), *((name, pa.float64()) for name in TRACE_COLUMNS[1:])])
 _TRACES_AT_ONCE = 512  # traces held in memory while exporting

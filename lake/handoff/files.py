@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
-from lake.handoff.cells import (
+from fast.lake.handoff.cells import (
     design_number,
     fidelity,
     integer,
@@ -28,13 +28,13 @@ from lake.handoff.cells import (
     optional_setting,
     time,
 )
-from lake.tables.requests import PLACEMENT
-from models.design.families import read_design
-from models.design.space import PARAMETERS
-from models.errors import FastError, UsageError
-from models.objects.catalogue import OBJECTS, RigidObject, find_object
-from models.records import Design, FinRay, GraspSetup, Theta, Trace
-from models.units import unit_of
+from fast.lake.tables.requests import PLACEMENT
+from fast.models.design.families import read_design
+from fast.models.design.space import PARAMETERS
+from fast.models.errors import FastError, UsageError
+from fast.models.objects.catalogue import OBJECTS, RigidObject, find_object
+from fast.models.records import Design, FinRay, GraspSetup, Theta, Trace
+from fast.models.units import unit_of
 
 DESIGN_COLUMNS = ("design_id", *PARAMETERS)
 # Of fingers that are no fin rays: the family, and its parameters as a JSON object; the nine columns may then be empty.
@@ -230,7 +230,7 @@ def _read_objects(reader: _Reader) -> list[RigidObject]:
         limit = "must be a JSON list of objects, each with object_id, name and shape."
         reader.fault(OBJECTS_FILE, None, None, None, limit)
         return []
-    from models.objects.own import object_of_shape  # compiles
+    from fast.models.objects.own import object_of_shape  # compiles
 
     found = []
     for number, (object_id, name, shape) in enumerate(entries, start=1):

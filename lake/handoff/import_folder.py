@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lake.handoff.answers import check_answers, find_settings
-from lake.handoff.campaign import Place, bench_rows, campaign_row, source_hash, tool_places
-from lake.handoff.files import (
+from fast.lake.handoff.answers import check_answers, find_settings
+from fast.lake.handoff.campaign import Place, bench_rows, campaign_row, source_hash, tool_places
+from fast.lake.handoff.files import (
     CHANNELS,
     FILE_NAMES,
     THETA_COLUMNS,
@@ -27,9 +27,9 @@ from lake.handoff.files import (
     HandoffGrasp,
     read_handoff,
 )
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     DesignRow,
     GraspRow,
     ObjectRow,
@@ -39,12 +39,12 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     TraceRow,
 )
-from lake.tables.imported import importing_campaign
-from lake.tables.requests import setup_columns
-from models import traces as features
-from models.errors import UsageError
-from models.ids import canonical_json, content_id
-from models.records import GraspSetup, Trace
+from fast.lake.tables.imported import importing_campaign
+from fast.lake.tables.requests import setup_columns
+from fast.models import traces as features
+from fast.models.errors import UsageError
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import GraspSetup, Trace
 
 _CAMPAIGN_ID = re.compile(r"[^\W_][\w .+-]{0,99}")
 _TRACES_AT_ONCE = 512  # traces of the lake held in memory while they are compared

@@ -13,9 +13,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from lake.tables.campaign import TABLES
-from lake.tables.row import Row
-from models.errors import UsageError
+from fast.lake.tables.campaign import TABLES
+from fast.lake.tables.row import Row
+from fast.models.errors import UsageError
 
 FORCE_STEP_N: Mapping[str, float] = {"traces": 0.01}  # readings of a load cell have noise of ten times that
 _FORCE_STEP_N, _TIME_STEP_S, _LIFT_STEP_MM = 0.001, 1e-4, 1e-3

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lake.handoff.export_folder import list_design_columns, write_csv, write_files
-from lake.handoff.files import FILE_NAMES, GRASP_COLUMNS, HOW_COLUMNS
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, GraspRow, ProposalRow, ToolRow
-from models.errors import UsageError
-from models.objects.catalogue import get_object
-from models.records import GraspRequest
+from fast.lake.handoff.export_folder import list_design_columns, write_csv, write_files
+from fast.lake.handoff.files import FILE_NAMES, GRASP_COLUMNS, HOW_COLUMNS
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, GraspRow, ProposalRow, ToolRow
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspRequest
 
 SHEET, RESULTS = "sheet.html", "results.csv"
 RESULT_COLUMNS = ("tool_id", "object_id", "object", "repeat", "peak_force_n", "reason")

@@ -16,8 +16,8 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
-from lake.handoff.files import HandoffError
-from models.errors import UsageError
+from fast.lake.handoff.files import HandoffError
+from fast.models.errors import UsageError
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def _tables(source: Path, reader: Reader) -> dict[str, pa.Table]:
     except Exception as error:  # whatever the function of another lab raises
         raise UsageError(
             f"The reader failed on {source} ({_short(error)}); nothing was imported: correct it, it must return "
-            "lake.handoff.HandoffTables."
+            "fast.lake.handoff.HandoffTables."
         ) from error
 
 

@@ -6,11 +6,11 @@ from typing import Literal
 
 import duckdb
 
-from lake.provenance import ProvenanceColumns
-from lake.query.engine import create_table, load_views
-from lake.tables.campaign import TABLE_BY_NAME, TABLES
-from lake.tables.schema import sql_columns
-from models.records import Record
+from fast.lake.provenance import ProvenanceColumns
+from fast.lake.query.engine import create_table, load_views
+from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES
+from fast.lake.tables.schema import sql_columns
+from fast.models.records import Record
 
 
 class Entry(Record):
@@ -46,7 +46,7 @@ def catalogue() -> list[Entry]:
 
 def _view_comments() -> dict[str, str]:
     """First sentence of the comment above each view and macro."""
-    text = files("lake").joinpath("views.sql").read_text(encoding="utf-8")
+    text = files("fast.lake").joinpath("views.sql").read_text(encoding="utf-8")
     found = re.findall(r"((?:^-- .*\n)+)CREATE (?:VIEW|MACRO) (\w+)", text, flags=re.MULTILINE)
     return {name: _first_sentence(" ".join(comment.replace("-- ", "").split())) for comment, name in found}
 

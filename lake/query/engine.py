@@ -25,12 +25,12 @@ from typing import Any, NamedTuple
 import duckdb
 import pyarrow as pa
 
-from lake.order import CLOCK, LATEST_FIRST
-from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, fault_of
-from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
-from lake.tables.schema import has_samples, schema_of, sql_columns
-from lake.tables.upgrades import Upgrades
-from models.errors import LakeError, UsageError
+from fast.lake.order import CLOCK, LATEST_FIRST
+from fast.lake.storage.files import FILE_PREFIX, FILE_SUFFIX, fault_of
+from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
+from fast.lake.tables.schema import has_samples, schema_of, sql_columns
+from fast.lake.tables.upgrades import Upgrades
+from fast.models.errors import LakeError, UsageError
 
 _LOG = logging.getLogger(__name__)
 _READ_ATTEMPTS = 50  # a file may be merged into another between listing and reading
@@ -380,7 +380,7 @@ def views_used(sql: str) -> set[str]:
 
 @cache
 def _view_text() -> str:
-    return files("lake").joinpath("views.sql").read_text(encoding="utf-8")
+    return files("fast.lake").joinpath("views.sql").read_text(encoding="utf-8")
 
 
 def _names_used(sql: str) -> set[str]:

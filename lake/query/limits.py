@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import duckdb
 import psutil
 
-from models.errors import FastError
+from fast.models.errors import FastError
 
 _LOOK_S = 0.02
 _HEARD_S = 2.0  # an interrupt is heard within milliseconds, or in this step not at all

@@ -8,13 +8,13 @@ from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from lake.order import OLDEST_FIRST
-from lake.provenance import ProvenanceColumns
-from lake.store import Lake
-from lake.tables.campaign import TABLE_BY_NAME, TABLES
-from lake.tables.links import LINKS, is_linked, key_of
-from lake.tables.schema import has_samples
-from models.errors import UsageError
+from fast.lake.order import OLDEST_FIRST
+from fast.lake.provenance import ProvenanceColumns
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES
+from fast.lake.tables.links import LINKS, is_linked, key_of
+from fast.lake.tables.schema import has_samples
+from fast.models.errors import UsageError
 
 UNKNOWN = "unknown"  # table of a stored parent that the lake does not have
 _STORED = "parents"

@@ -16,11 +16,11 @@ import duckdb
 import pyarrow as pa
 from pyarrow import csv
 
-from lake.query.engine import check_reads_only
-from lake.query.limits import Limits, limited
-from lake.store import Lake
-from models.errors import UsageError
-from models.validation import closest
+from fast.lake.query.engine import check_reads_only
+from fast.lake.query.limits import Limits, limited
+from fast.lake.store import Lake
+from fast.models.errors import UsageError
+from fast.models.validation import closest
 
 _ATTEMPTS = 5  # files of traces may be merged while a query runs
 

@@ -11,10 +11,10 @@ from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
 
-from lake.tables.campaign import TABLE_BY_NAME, Row
-from lake.tables.migrations import file_version, migrated, table_version
-from lake.tables.schema import has_samples, schema_of
-from models.errors import FastError, LakeError, UsageError
+from fast.lake.tables.campaign import TABLE_BY_NAME, Row
+from fast.lake.tables.migrations import file_version, migrated, table_version
+from fast.lake.tables.schema import has_samples, schema_of
+from fast.models.errors import FastError, LakeError, UsageError
 
 FILE_PREFIX = "rows-"  # what readers look at; temporary and foreign files are named otherwise
 FILE_SUFFIX = ".parquet"

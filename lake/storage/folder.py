@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from lake.query.engine import is_rows
-from lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_of, reason_text
-from lake.storage.files import (
+from fast.lake.query.engine import is_rows
+from fast.lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_of, reason_text
+from fast.lake.storage.files import (
     FORBIDDEN,
     NOT_CONTENT,
     TEMPORARY_PREFIX,
@@ -23,7 +23,7 @@ from lake.storage.files import (
     write_synced,
     writing_failed,
 )
-from models.errors import FastError, LakeError, UsageError
+from fast.models.errors import FastError, LakeError, UsageError
 
 
 class FolderStorage:

@@ -22,10 +22,18 @@ from typing import TypeVar
 import pyarrow as pa
 from pyarrow.fs import FileInfo, FileType
 
-from lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_text
-from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, LEFTOVER_AGE_S, discard, file_name, make_folder, writing_failed
-from lake.storage.s3_client import Connection, refusal
-from models.errors import LakeError, UsageError
+from fast.lake.storage.base import MARKER, QUARANTINE, STAGED_MARKER, Entry, reason_text
+from fast.lake.storage.files import (
+    FILE_PREFIX,
+    FILE_SUFFIX,
+    LEFTOVER_AGE_S,
+    discard,
+    file_name,
+    make_folder,
+    writing_failed,
+)
+from fast.lake.storage.s3_client import Connection, refusal
+from fast.models.errors import LakeError, UsageError
 
 _FETCHED_AT_ONCE = 16  # each waits for the network most of its time
 # pyarrow writes the marker of the folder after each delete, and some servers make writers of one object wait a second.

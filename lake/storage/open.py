@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from lake.storage.base import Storage
-from lake.storage.folder import FolderStorage
-from models.errors import UsageError
+from fast.lake.storage.base import Storage
+from fast.lake.storage.folder import FolderStorage
+from fast.models.errors import UsageError
 
 # A path takes one of the two slashes away, and --lake is a path wherever it may be a folder.
 _OBJECT_STORE = re.compile(r"s3:/{1,2}(?P<bucket>[^/]+)/*(?P<prefix>.*)")
@@ -23,6 +23,6 @@ def storage_at(address: Path | str) -> Storage:
         raise UsageError(f"{address} is no lake: give a folder or s3://BUCKET/PREFIX with --lake.")
     if found is None:
         return FolderStorage(Path(address))
-    from lake.storage.object_store import ObjectStorage  # a tenth of a second that a folder does not need
+    from fast.lake.storage.object_store import ObjectStorage  # a tenth of a second that a folder does not need
 
     return ObjectStorage(found["bucket"], found["prefix"].strip("/"))

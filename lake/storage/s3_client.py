@@ -9,7 +9,7 @@ import re
 
 from pyarrow.fs import FileInfo, FileSelector, FileType, S3FileSystem, resolve_s3_region
 
-from models.errors import FastError, LakeError, UsageError
+from fast.models.errors import FastError, LakeError, UsageError
 
 _CONNECT_TIMEOUT_S = 5.0
 _REQUEST_TIMEOUT_S = 60.0  # of a silent connection

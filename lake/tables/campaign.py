@@ -11,15 +11,15 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from lake.tables.features import AnomalyFlagRow, TraceFeaturesRow
-from lake.tables.inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
-from lake.tables.material import MaterialRow
-from lake.tables.requests import GraspRequestRow, read_placement
-from lake.tables.row import Channel, Row, Status
-from models.design.space import PARAMETERS
-from models.ids import canonical_json, content_id
-from models.objects.catalogue import RigidObject
-from models.records import Design, FinRay, Placement, SimulatorVersion, Trace
+from fast.lake.tables.features import AnomalyFlagRow, TraceFeaturesRow
+from fast.lake.tables.inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
+from fast.lake.tables.material import MaterialRow
+from fast.lake.tables.requests import GraspRequestRow, read_placement
+from fast.lake.tables.row import Channel, Row, Status
+from fast.models.design.space import PARAMETERS
+from fast.models.ids import canonical_json, content_id
+from fast.models.objects.catalogue import RigidObject
+from fast.models.records import Design, FinRay, Placement, SimulatorVersion, Trace
 
 
 class CampaignRow(Row):
@@ -80,7 +80,7 @@ def design_of_columns(columns: Mapping[str, Any]) -> Design:
     family = columns.get("family")
     if family is None:
         return FinRay.model_validate({name: columns[name] for name in PARAMETERS})
-    from models.design.families import read_design
+    from fast.models.design.families import read_design
 
     return read_design(family, json.loads(columns["parameters_json"]), f"design {columns['design_id']}")
 

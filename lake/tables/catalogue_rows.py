@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from lake.store import Lake
-from lake.tables.campaign import EffectRow, ObjectRow, SimulatorVersionRow
-from lake.tables.row import Row
-from models.objects.catalogue import OBJECTS, RigidObject
-from models.records import EffectValue, SimulatorVersion
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EffectRow, ObjectRow, SimulatorVersionRow
+from fast.lake.tables.row import Row
+from fast.models.objects.catalogue import OBJECTS, RigidObject
+from fast.models.records import EffectValue, SimulatorVersion
 
 
 def version_rows(version: SimulatorVersion) -> list[Row]:
@@ -15,7 +15,7 @@ def version_rows(version: SimulatorVersion) -> list[Row]:
     Raises:
         ConfigError: an effect or parameter is unknown, or a value is out of bounds.
     """
-    from models.simulation.effects.catalogue import build_effects  # all effects: no question to a lake needs them
+    from fast.models.simulation.effects.catalogue import build_effects  # all effects: no question to a lake needs them
 
     build_effects(version.effects)  # names the effect or parameter that is wrong
     effects = [_effect_row(version.version_id, place, value) for place, value in enumerate(version.effects)]
@@ -29,7 +29,7 @@ def missing_version_rows(lake: Lake, version: SimulatorVersion) -> list[Row]:
 
 def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:
     """Row of one effect, with the neutral value of every parameter that the version leaves out."""
-    from models.simulation.effects.catalogue import CATALOGUE
+    from fast.models.simulation.effects.catalogue import CATALOGUE
 
     spec = CATALOGUE[value.effect]
     parameters = spec.neutral.parameters | value.parameters

@@ -4,10 +4,10 @@ from typing import ClassVar, Self
 
 from pydantic import Field
 
-from lake.tables.row import Row
-from models.ids import content_id
-from models.traces.flags import Anomaly, Compared, Kind
-from models.traces.names import FEATURE_VERSION
+from fast.lake.tables.row import Row
+from fast.models.ids import content_id
+from fast.models.traces.flags import Anomaly, Compared, Kind
+from fast.models.traces.names import FEATURE_VERSION
 
 
 class TraceFeaturesRow(Row):

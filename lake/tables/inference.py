@@ -5,9 +5,9 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from lake.tables.row import Channel, Row, Status
-from models.ids import content_id
-from models.units import unit_of
+from fast.lake.tables.row import Channel, Row, Status
+from fast.models.ids import content_id
+from fast.models.units import unit_of
 
 
 class CalibrationRow(Row):

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import NamedTuple
 
-from lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
-from lake.tables.schema import has_samples
+from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
+from fast.lake.tables.schema import has_samples
 
 
 class Link(NamedTuple):

@@ -4,9 +4,9 @@ from typing import ClassVar, Self
 
 from pydantic import Field
 
-from lake.tables.row import Row
-from models.ids import content_id
-from models.material import QUANTITIES, MaterialLot, MaterialMeasurement
+from fast.lake.tables.row import Row
+from fast.models.ids import content_id
+from fast.models.material import QUANTITIES, MaterialLot, MaterialMeasurement
 
 
 class MaterialRow(Row):

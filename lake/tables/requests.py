@@ -5,9 +5,9 @@ from typing import Any, ClassVar, Self
 
 from pydantic import Field
 
-from lake.tables.row import Row
-from models.ids import canonical_json, content_id
-from models.records import GraspRequest, GraspSetup, Placement, find_setup_id
+from fast.lake.tables.row import Row
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import GraspRequest, GraspSetup, Placement, find_setup_id
 
 PLACEMENT = ("offset_x_mm", "offset_y_mm", "yaw_deg")  # what of a placement can be asked for
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict
 
-from models.records import Record
+from fast.models.records import Record
 
 
 def _finite_vector(values: Any) -> np.ndarray:

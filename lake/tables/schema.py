@@ -14,10 +14,10 @@ import numpy as np
 import pyarrow as pa
 from pydantic import BaseModel
 
-from lake.provenance import ProvenanceColumns
-from lake.tables.campaign import Row
-from lake.tables.migrations import VERSION_KEY, table_version
-from models.units import unit_of
+from fast.lake.provenance import ProvenanceColumns
+from fast.lake.tables.campaign import Row
+from fast.lake.tables.migrations import VERSION_KEY, table_version
+from fast.models.units import unit_of
 
 _SCALARS: dict[Any, pa.DataType] = {
     str: pa.string(),

@@ -15,11 +15,11 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from lake.storage.files import FILE_PREFIX, FILE_SUFFIX, Fault, publish, reading_fault, schema_fault, stage
-from lake.tables.migrations import VERSION_KEY, file_version, migrated, table_version, version_number
-from lake.tables.row import Row
-from lake.tables.schema import schema_of
-from models.errors import FastError, LakeError
+from fast.lake.storage.files import FILE_PREFIX, FILE_SUFFIX, Fault, publish, reading_fault, schema_fault, stage
+from fast.lake.tables.migrations import VERSION_KEY, file_version, migrated, table_version, version_number
+from fast.lake.tables.row import Row
+from fast.lake.tables.schema import schema_of
+from fast.models.errors import FastError, LakeError
 
 _COPIES = Path(".state", "upgraded")
 

@@ -4,16 +4,16 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from models.errors import ConfigError, UsageError
-from models.own_code import load_own
-from models.records import Design, FinRay
-from models.validation import closest, load_record
+from fast.models.errors import ConfigError, UsageError
+from fast.models.own_code import load_own
+from fast.models.records import Design, FinRay
+from fast.models.validation import closest, load_record
 
 # A family of a user's own needs no line here: configs name it as `module:Class`.
 FAMILIES: Mapping[str, str] = {
-    "fin-ray": "models.records:FinRay",
-    "graded-fin-ray": "models.design.graded:GradedFinRay",
-    "free-form": "models.design.free_form:FreeForm",
+    "fin-ray": "fast.models.records:FinRay",
+    "graded-fin-ray": "fast.models.design.graded:GradedFinRay",
+    "free-form": "fast.models.design.free_form:FreeForm",
 }
 
 
@@ -53,7 +53,7 @@ def check_section(design: Design) -> None:
     """
     from shapely.geometry import Polygon
 
-    from models.design.profile import BASE_HEIGHT_MM
+    from fast.models.design.profile import BASE_HEIGHT_MM
 
     section = design.draw_section()
     what = f"the section of design {design.design_id} ({design.family})"

@@ -9,9 +9,9 @@ from shapely import affinity
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from models.design.glyphs import text_outline
-from models.design.profile import BASE_HEIGHT_MM
-from models.records import Design
+from fast.models.design.glyphs import text_outline
+from fast.models.design.profile import BASE_HEIGHT_MM
+from fast.models.records import Design
 
 MARK_DEPTH_MM = 0.6
 MARK_HEIGHT_MM = 5.0

@@ -14,8 +14,8 @@ from pydantic import Field
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, MIN_EDGE_MM
-from models.records import Design
+from fast.models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, MIN_EDGE_MM
+from fast.models.records import Design
 
 LENGTH_SCALE_MM = 2.0  # no void and no bridge between voids is thinner
 TIP_MM = 22.0  # solid, from the apex down: the middle of the paper's range

@@ -5,7 +5,7 @@ from shapely import affinity
 from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
-from models.errors import UsageError
+from fast.models.errors import UsageError
 
 # Strokes on a grid 4 wide and 6 high; a stroke is a chain of points.
 _GLYPHS: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {

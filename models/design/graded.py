@@ -5,8 +5,8 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from models.design.profile import is_in_rib
-from models.records import FinRay
+from fast.models.design.profile import is_in_rib
+from fast.models.records import FinRay
 
 
 class GradedFinRay(FinRay):

@@ -3,8 +3,8 @@
 import numpy as np
 from pydantic import Field
 
-from models.design.space import FIN_RAYS, DesignSpace
-from models.records import Design, Record
+from fast.models.design.space import FIN_RAYS, DesignSpace
+from fast.models.records import Design, Record
 
 
 class PrintingRules(Record):
@@ -25,7 +25,7 @@ def broken_rules(design: Design, rules: PrintingRules) -> list[str]:
     filled (`models.design.profile` fills what a printer cannot resolve): the finger is not the one that was meant.
 
     Example:
-        >>> from models.design.space import BEST_PUBLISHED
+        >>> from fast.models.design.space import BEST_PUBLISHED
         >>> broken_rules(BEST_PUBLISHED, PrintingRules(max_mass_g=20.0))
         ['mass 32.7 g, limit 20 g']
     """
@@ -51,8 +51,8 @@ def printable(points: np.ndarray, rules: PrintingRules, space: DesignSpace = FIN
 
 
 def _mass_g(design: Design) -> float:
-    from models.design.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
-    from models.design.profile import BASE_HEIGHT_MM
+    from fast.models.design.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
+    from fast.models.design.profile import BASE_HEIGHT_MM
 
     base_mm3 = design.length_mm * design.width_mm * BASE_HEIGHT_MM
     return DENSITY_G_PER_MM3 * (design.measure_section_mm2() * design.width_mm + base_mm3)

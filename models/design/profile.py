@@ -8,8 +8,8 @@ from shapely import affinity
 from shapely.geometry import LineString, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from models.errors import UsageError
-from models.records import Design, FinRay
+from fast.models.errors import UsageError
+from fast.models.records import Design, FinRay
 
 BASE_HEIGHT_MM = 3.0  # rigid mounting base, printed in another material below the compliant body
 APEX_EXTRA_MM = 1.0  # the apex is this much longer in x than the front wall is thick

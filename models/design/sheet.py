@@ -5,11 +5,11 @@ from html import escape
 
 import numpy as np
 
-from models.design.finger import FingerBodies, finger_bodies
-from models.design.profile import BASE_HEIGHT_MM
-from models.design.tray import BED_MM, FINGERS_PER_TOOL, PlacedFinger, PrintItem, tray_layout
-from models.records import Design
-from models.units import spell_name
+from fast.models.design.finger import FingerBodies, finger_bodies
+from fast.models.design.profile import BASE_HEIGHT_MM
+from fast.models.design.tray import BED_MM, FINGERS_PER_TOOL, PlacedFinger, PrintItem, tray_layout
+from fast.models.records import Design
+from fast.models.units import spell_name
 
 _STYLE = """
 @page { size: A4; margin: 12mm }

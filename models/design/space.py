@@ -12,10 +12,10 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 from pydantic import Field
 
-from models.errors import UsageError
-from models.records import Design, FinRay, Record
-from models.units import unit_of
-from models.validation import closest
+from fast.models.errors import UsageError
+from fast.models.records import Design, FinRay, Record
+from fast.models.units import unit_of
+from fast.models.validation import closest
 
 SEQUENCE_SEED = 2026
 _MAX_DRAWS = 200  # times the points that are asked for: limits that leave less room are a slip of the pen

@@ -7,9 +7,9 @@ from typing import cast
 import numpy as np
 import trimesh
 
-from models.design.finger import FingerBodies, finger_bodies
-from models.errors import UsageError
-from models.records import Design
+from fast.models.design.finger import FingerBodies, finger_bodies
+from fast.models.errors import UsageError
+from fast.models.records import Design
 
 FINGERS_PER_TOOL = 2
 BED_MM = (490.0, 390.0)  # build plate of the paper's printer, Stratasys J850

@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from models.gap.bank.bank import Bank
-from models.gap.bank.surrogate import Surrogate
-from models.gap.grasps import Grasps
+from fast.models.gap.bank.bank import Bank
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.grasps import Grasps
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from models.records import GraspSetup, Placement, Record
+from fast.models.records import GraspSetup, Placement, Record
 
 Interval = tuple[float, float]
 LEFTOVER = 0.1  # of what the first name explained

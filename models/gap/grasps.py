@@ -8,10 +8,10 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from models.ids import content_id
-from models.objects.catalogue import get_object
-from models.records import Design, GraspContext, GraspSetup, Placement
-from models.traces.step_noise import SensorNoise
+from fast.models.ids import content_id
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, GraspContext, GraspSetup, Placement
+from fast.models.traces.step_noise import SensorNoise
 
 N_DESIGN_FOLDS = 5
 N_OBJECT_FOLDS = 6

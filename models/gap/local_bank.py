@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.gap.bank.bank import LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
-from models.gap.fit.fit import Fit
-from models.gap.naming.name import NamingResult
+from fast.models.gap.bank.bank import LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.naming.name import NamingResult
 
 MOST_EFFECTS = 3  # that are proposed by a round
 _REACH_SD = 2.0  # of theta's posterior that the grid holds, as long as it is no more than twice the usual grid

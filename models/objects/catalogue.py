@@ -11,10 +11,10 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from models.errors import UsageError
-from models.objects.primitives import bounds, is_round, moved, rotated
-from models.objects.shapes import SHAPES
-from models.records import Record
+from fast.models.errors import UsageError
+from fast.models.objects.primitives import bounds, is_round, moved, rotated
+from fast.models.objects.shapes import SHAPES
+from fast.models.records import Record
 
 FIRST_OWN_ID = 1000  # numbers of own objects follow from their content, see `models.objects.own`
 Orientation = Literal["axis z", "axis x", "axis y", "turned 45 deg", "upside down"]
@@ -50,7 +50,7 @@ class RigidObject(Record):
     def primitives(self) -> np.ndarray:
         """The shape as rows (n_rows, N_COLUMNS) for `models.objects.distance`, in the object frame, mm."""
         if self.shape is not None:
-            from models.objects.own import shape_rows  # compiles; the 36 do without
+            from fast.models.objects.own import shape_rows  # compiles; the 36 do without
 
             return shape_rows(self.shape)
         rows = rotated(SHAPES[self.object_class](self.parameters), _ROTATIONS[self.orientation])

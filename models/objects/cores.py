@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from models.objects.primitives import (
+from fast.models.objects.primitives import (
     BOX,
     CIRCLE,
     ELLIPSOID,

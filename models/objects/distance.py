@@ -8,8 +8,8 @@ a lower bound: at 2 mm depth it may be 0.4 mm short behind a waist. The zero sur
 import numpy as np
 from numba import njit
 
-from models.objects.cores import Gradient3, core_distance
-from models.objects.primitives import CENTRE, RADIUS, REACH, ROTATION
+from fast.models.objects.cores import Gradient3, core_distance
+from fast.models.objects.primitives import CENTRE, RADIUS, REACH, ROTATION
 
 _MARGIN_MM = 1e-9  # far above rounding
 

@@ -14,7 +14,7 @@ import trimesh
 from numba import njit
 from scipy.ndimage import spline_filter
 
-from models.objects.primitives import grid, turn_about_z
+from fast.models.objects.primitives import grid, turn_about_z
 
 SPACING_MM = 0.5
 _MARGIN = 3  # grid points beyond the box of the mesh: the spline needs one, the border smooths one

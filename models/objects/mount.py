@@ -2,10 +2,10 @@
 
 import trimesh
 
-from models.errors import UsageError
-from models.objects.catalogue import RigidObject
-from models.objects.own import mesh_of
-from models.objects.surface import object_mesh
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.own import mesh_of
+from fast.models.objects.surface import object_mesh
 
 MOUNT_HEIGHT_MM = 33.0  # as in `hardware.cell.layout.BenchLayout`, from the sheet to the object's bottom
 POST_DIAMETER_MM = 12.0  # fingers that close to 16 mm pass below the object

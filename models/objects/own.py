@@ -17,15 +17,15 @@ import numpy as np
 import trimesh
 from pydantic import TypeAdapter
 
-from models.errors import ConfigError
-from models.ids import canonical_json
-from models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject
-from models.objects.distance import distance
-from models.objects.grid import SAME_MM, MeshGrid, looks_round, surface_points
-from models.objects.parts import Part, Turn, turn_matrix
-from models.objects.primitives import bounds, moved
-from models.objects.surface import surface_of
-from models.records import Record
+from fast.models.errors import ConfigError
+from fast.models.ids import canonical_json
+from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject
+from fast.models.objects.distance import distance
+from fast.models.objects.grid import SAME_MM, MeshGrid, looks_round, surface_points
+from fast.models.objects.parts import Part, Turn, turn_matrix
+from fast.models.objects.primitives import bounds, moved
+from fast.models.objects.surface import surface_of
+from fast.models.records import Record
 
 OWN_CLASS = "own"
 LEAST_SIZE_MM, MOST_HEIGHT_MM = 3.0, 50.0

@@ -5,9 +5,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from models.objects import primitives
-from models.objects.primitives import MAX_VERTICES
-from models.records import Record
+from fast.models.objects import primitives
+from fast.models.objects.primitives import MAX_VERTICES
+from fast.models.records import Record
 
 Size = Annotated[float, Field(gt=0, le=200)]
 Place = Annotated[float, Field(ge=-200, le=200)]

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from models.objects import primitives
+from fast.models.objects import primitives
 
 Sizes = Mapping[str, float]
 

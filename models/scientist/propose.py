@@ -6,19 +6,19 @@ from functools import partial
 
 import numpy as np
 
-from models.blas import one_blas_thread
-from models.design.printability import PrintingRules, printable
-from models.design.space import FIN_RAYS, DesignSpace
-from models.errors import UsageError
-from models.own_code import is_own
-from models.records import Design
-from models.scientist.acquisition.candidates import CandidateSettings, Spacing, candidate_points
-from models.scientist.acquisition.improvement import select_by_improvement
-from models.scientist.acquisition.mes import select_by_mes
-from models.scientist.bridge.own_model import OwnSurrogate
-from models.scientist.surrogate.observations import REAL, SIM
-from models.scientist.surrogate.posterior import Surrogate
-from models.validation import closest
+from fast.models.blas import one_blas_thread
+from fast.models.design.printability import PrintingRules, printable
+from fast.models.design.space import FIN_RAYS, DesignSpace
+from fast.models.errors import UsageError
+from fast.models.own_code import is_own
+from fast.models.records import Design
+from fast.models.scientist.acquisition.candidates import CandidateSettings, Spacing, candidate_points
+from fast.models.scientist.acquisition.improvement import select_by_improvement
+from fast.models.scientist.acquisition.mes import select_by_mes
+from fast.models.scientist.bridge.own_model import OwnSurrogate
+from fast.models.scientist.surrogate.observations import REAL, SIM
+from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.models.validation import closest
 
 # (surrogate, points m x 9, fidelity, n, pending p x 10, spacing, rng) -> [(row of points, value)], best first
 Selection = Callable[
@@ -158,7 +158,7 @@ def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callabl
         return ACQUISITIONS[acquisition]
     if not is_own(acquisition) and acquisition != "mes":
         raise UsageError(f"Acquisition `{acquisition}` needs FAST's surrogate; with a model of your own use `mes`.")
-    from models.scientist.bridge.choose import select_by_rule  # imports torch
+    from fast.models.scientist.bridge.choose import select_by_rule  # imports torch
 
     return partial(select_by_rule, acquisition)
 

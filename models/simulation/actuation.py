@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from models.simulation.solver.stepping import Step
+from fast.models.simulation.solver.stepping import Step
 
 FIRST_STEP_MM = 0.25  # before a stiffness is known
 SHORTEST_STEP_MM = 0.005

@@ -21,9 +21,9 @@ from statistics import NormalDist
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from models.errors import SimulationFailed
-from models.objects.catalogue import RigidObject
-from models.records import (
+from fast.models.errors import SimulationFailed
+from fast.models.objects.catalogue import RigidObject
+from fast.models.records import (
     Branch,
     BranchCause,
     Branches,
@@ -34,9 +34,9 @@ from models.records import (
     SimulatorVersion,
     Trace,
 )
-from models.simulation.grasp import SNAP, simulate_grasp
-from models.simulation.problem import Numerics
-from models.simulation.solver.stepping import StepLimits
+from fast.models.simulation.grasp import SNAP, simulate_grasp
+from fast.models.simulation.problem import Numerics
+from fast.models.simulation.solver.stepping import StepLimits
 
 PLACEMENT_SD_MM = 0.2  # of an object on its mount, in x and in z
 REACH_SD = 2.0  # how far placements are tried on each axis: 95 % of them lie within

@@ -11,10 +11,10 @@ from typing import Self
 import numba as nb
 import numpy as np
 
-from models.errors import SimulationFailed
-from models.simulation.body.assembly import ElasticBody
-from models.simulation.contact.law import ContactResponse, ContactState, ContactSurface, Obstacle
-from models.simulation.contact.self_contact import SelfContact
+from fast.models.errors import SimulationFailed
+from fast.models.simulation.body.assembly import ElasticBody
+from fast.models.simulation.contact.law import ContactResponse, ContactState, ContactSurface, Obstacle
+from fast.models.simulation.contact.self_contact import SelfContact
 
 DENSITY_T_PER_MM3 = 1.1e-9  # silicone-like print material, 1.1 g/cm3; at REFERENCE_MODULUS_MPA
 

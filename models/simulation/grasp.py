@@ -7,10 +7,10 @@ from typing import Self
 
 import numpy as np
 
-from models.errors import UsageError
-from models.objects.catalogue import RigidObject
-from models.objects.primitives import bounds
-from models.records import (
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.primitives import bounds
+from fast.models.records import (
     Design,
     GraspContext,
     GraspSetup,
@@ -20,20 +20,20 @@ from models.records import (
     Trace,
     check_tier,
 )
-from models.simulation.actuation import ClosingStall
-from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
-from models.simulation.contact.law import ObjectObstacle, Obstacle
-from models.simulation.effects.base import Effect
-from models.simulation.effects.catalogue import build_effects
-from models.simulation.finger import FingerState, FingerStep
-from models.simulation.mesh.build import build_mesh
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.output.recording import Camera, Phase, Recorder
-from models.simulation.output.twist import TwistGauge
-from models.simulation.placement import Side, check_overlap, check_reach, find_symmetry
-from models.simulation.problem import TIER_NUMERICS, FingerProblem, Numerics
-from models.simulation.solver.newton import NewtonSolver
-from models.simulation.solver.stepping import (
+from fast.models.simulation.actuation import ClosingStall
+from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
+from fast.models.simulation.contact.law import ObjectObstacle, Obstacle
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.catalogue import build_effects
+from fast.models.simulation.finger import FingerState, FingerStep
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.output.recording import Camera, Phase, Recorder
+from fast.models.simulation.output.twist import TwistGauge
+from fast.models.simulation.placement import Side, check_overlap, check_reach, find_symmetry
+from fast.models.simulation.problem import TIER_NUMERICS, FingerProblem, Numerics
+from fast.models.simulation.solver.newton import NewtonSolver
+from fast.models.simulation.solver.stepping import (
     FingerRecord,
     Path,
     Step,
@@ -42,8 +42,8 @@ from models.simulation.solver.stepping import (
     lift_step_mm,
     travel_to_touch,
 )
-from models.traces import peak_force_n, work_j
-from models.traces.step_features import LIFT_MM
+from fast.models.traces import peak_force_n, work_j
+from fast.models.traces.step_features import LIFT_MM
 
 __all__ = ["FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simulate_grasp"]
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.objects.primitives import turn_about_z
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.contact.law import ContactLaw, ContactSurface, Obstacle, PointSpacing
-from models.simulation.contact.self_contact import SelfContact
-from models.simulation.finger import FingerStep
-from models.simulation.mesh.cavities import cavity_faces
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.solver.cholesky import BlockCholesky, LinearSolver
+from fast.models.objects.primitives import turn_about_z
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.contact.law import ContactLaw, ContactSurface, Obstacle, PointSpacing
+from fast.models.simulation.contact.self_contact import SelfContact
+from fast.models.simulation.finger import FingerStep
+from fast.models.simulation.mesh.cavities import cavity_faces
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.solver.cholesky import BlockCholesky, LinearSolver
 
 # Half and full width of one design: a design's objects come one after the other.
 MAX_KEPT = 2

@@ -10,10 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from models.errors import SimulationFailed
-from models.objects.catalogue import RigidObject
-from models.objects.primitives import bounds, moved, rotated, turn_about_z
-from models.records import Design, GraspSetup, Placement
+from fast.models.errors import SimulationFailed
+from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.primitives import bounds, moved, rotated, turn_about_z
+from fast.models.records import Design, GraspSetup, Placement
 
 Side = Literal["right", "left"]
 

@@ -4,17 +4,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.records import Design, GraspSetup, Theta
-from models.simulation.actuation import Jaw
-from models.simulation.body.assembly import Material
-from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
-from models.simulation.contact.law import ContactLaw, PointSpacing
-from models.simulation.effects.base import Effect
-from models.simulation.mesh.build import IN_SECTION
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.model import FingerModel, finger_model
-from models.simulation.solver.newton import NewtonSettings
-from models.simulation.solver.stepping import REFERENCE_LIMITS, StepLimits
+from fast.models.records import Design, GraspSetup, Theta
+from fast.models.simulation.actuation import Jaw
+from fast.models.simulation.body.assembly import Material
+from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
+from fast.models.simulation.contact.law import ContactLaw, PointSpacing
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.mesh.build import IN_SECTION
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.model import FingerModel, finger_model
+from fast.models.simulation.solver.newton import NewtonSettings
+from fast.models.simulation.solver.stepping import REFERENCE_LIMITS, StepLimits
 
 
 @dataclass(frozen=True)

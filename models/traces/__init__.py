@@ -3,6 +3,6 @@
 The scalars of one trace are here; the features of many traces at once, compiled, in `models.traces.batch`.
 """
 
-from models.traces.scalars import initial_force_n, peak_force_n, work_j
+from fast.models.traces.scalars import initial_force_n, peak_force_n, work_j
 
 __all__ = ["initial_force_n", "peak_force_n", "work_j"]

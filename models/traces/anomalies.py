@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.traces.batch import TraceFeatures
-from models.traces.departures import p_values, shortfall_to_peers, shortfall_to_repeats
-from models.traces.flags import KINDS, Anomaly, Compared, Kind
-from models.traces.names import NOISE_N, PROFILE_STEP_MM
+from fast.models.traces.batch import TraceFeatures
+from fast.models.traces.departures import p_values, shortfall_to_peers, shortfall_to_repeats
+from fast.models.traces.flags import KINDS, Anomaly, Compared, Kind
+from fast.models.traces.names import NOISE_N, PROFILE_STEP_MM
 
 TURNED = "turned 45 deg"  # orientation of an object that shows an edge to each finger
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.errors import UsageError
-from models.records import Trace
-from models.traces.kernel import features_of_flat
-from models.traces.names import FEATURES, MIN_LIFT_MM
+from fast.models.errors import UsageError
+from fast.models.records import Trace
+from fast.models.traces.kernel import features_of_flat
+from fast.models.traces.names import FEATURES, MIN_LIFT_MM
 
 
 @dataclass(frozen=True, eq=False)

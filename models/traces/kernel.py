@@ -3,7 +3,7 @@
 import numba as nb
 import numpy as np
 
-from models.traces.names import (
+from fast.models.traces.names import (
     DIP_MM,
     END_MM,
     FEATURES,

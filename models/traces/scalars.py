@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.records import Trace
-from models.units import work_j_from_n_mm
+from fast.models.records import Trace
+from fast.models.units import work_j_from_n_mm
 
 
 def peak_force_n(trace: Trace) -> float:

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.errors import UsageError
-from models.records import Trace
+from fast.models.errors import UsageError
+from fast.models.records import Trace
 
 STEP_MM = 0.5
 LIFT_MM = 60.0  # the tallest object is 50 mm: beyond, nothing is in the fingers

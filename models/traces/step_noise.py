@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.errors import UsageError
-from models.records import Trace
-from models.traces.step_features import STEP_MM, features_of_steps
+from fast.models.errors import UsageError
+from fast.models.records import Trace
+from fast.models.traces.step_features import STEP_MM, features_of_steps
 
 N_DRAWS = 200
 _CHUNK = 64  # traces at a time

@@ -3,11 +3,11 @@
 from collections import defaultdict
 from collections.abc import Sequence
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.requests import GraspRequestRow
-from models.records import GraspRequest
-from tasks.campaign.state import tuples
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.requests import GraspRequestRow
+from fast.models.records import GraspRequest
+from fast.tasks.campaign.state import tuples
 
 _LAST_REPEATS = """
     SELECT tool_id, object_id, max(repeat) FROM (

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from lake.store import Lake
-from models.records import GraspRequest
-from tasks.bench.plan import order_cells
-from tasks.bench.reference_tools import list_owed
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import CampaignState
+from fast.lake.store import Lake
+from fast.models.records import GraspRequest
+from fast.tasks.bench.plan import order_cells
+from fast.tasks.bench.reference_tools import list_owed
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState
 
 
 def bench_folder(lake: Lake, campaign_id: str, batch: int) -> Path:

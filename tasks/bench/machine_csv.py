@@ -9,11 +9,11 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 from pydantic import Field, field_validator
 
-from models.errors import ConfigError, UsageError
-from models.records import Record, Trace
-from models.validation import closest, load_record
-from tasks.bench.told import ToldGrasp
-from tasks.campaign.config import read_toml
+from fast.models.errors import ConfigError, UsageError
+from fast.models.records import Record, Trace
+from fast.models.validation import closest, load_record
+from fast.tasks.bench.told import ToldGrasp
+from fast.tasks.campaign.config import read_toml
 
 _FIELDS = {
     "tool": r"(?P<tool>(?:[A-Za-z0-9-]+_)?B\d{2,6}T\d)",

@@ -5,25 +5,25 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from itertools import count
 
-from hardware.bench import Bench
-from hardware.cell.cell import MeasuredGrasp
-from hardware.cell.diagnostics import NO_OBJECT
-from hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
-from lake.leases import exclusive
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow
-from lake.tables.requests import setup_columns
-from models.errors import UsageError
-from models.ids import canonical_json
-from models.records import Placement
-from models.traces import initial_force_n, peak_force_n, work_j
-from tasks.bench.plan import ToolWork, plan_tool, seed_of_order
-from tasks.bench.reference_grasps import ReferenceGrasps
-from tasks.bench.reference_tools import add_references, ask_references, plan_reference
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import append_event, note_verbs, require_room
-from tasks.campaign.state import ProposedTool, tuples
+from fast.hardware.bench import Bench
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.cell.diagnostics import NO_OBJECT
+from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
+from fast.lake.leases import exclusive
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow
+from fast.lake.tables.requests import setup_columns
+from fast.models.errors import UsageError
+from fast.models.ids import canonical_json
+from fast.models.records import Placement
+from fast.models.traces import initial_force_n, peak_force_n, work_j
+from fast.tasks.bench.plan import ToolWork, plan_tool, seed_of_order
+from fast.tasks.bench.reference_grasps import ReferenceGrasps
+from fast.tasks.bench.reference_tools import add_references, ask_references, plan_reference
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.requests import append_event, note_verbs, require_room
+from fast.tasks.campaign.state import ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
 MeasureTool = Callable[[Bench, ToolWork, Callable[[MeasuredGrasp], None]], None]

@@ -8,19 +8,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from hardware.bench import Bench
-from hardware.cell.cell import MeasuredGrasp
-from hardware.cell.layout import N_SLOTS
-from lake.leases import exclusive
-from lake.store import Lake
-from models.errors import UsageError
-from tasks.bench.asked import read_open_requests
-from tasks.bench.measure import MeasureTool, OpenBench, check_position
-from tasks.bench.mounting import read_mounting
-from tasks.bench.plan import ToolWork, plan_asked
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import note_verbs
-from tasks.campaign.state import CampaignState, ProposedTool
+from fast.hardware.bench import Bench
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.cell.layout import N_SLOTS
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.models.errors import UsageError
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.bench.measure import MeasureTool, OpenBench, check_position
+from fast.tasks.bench.mounting import read_mounting
+from fast.tasks.bench.plan import ToolWork, plan_asked
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.requests import note_verbs
+from fast.tasks.campaign.state import CampaignState, ProposedTool
 
 OnGrasp = Callable[[ProposedTool, MeasuredGrasp], None]
 

@@ -5,13 +5,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from hardware.cell.layout import N_SLOTS
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from models.errors import UsageError
-from models.ids import canonical_json, content_id
-from models.records import Record
-from tasks.campaign.campaign import stored_provenance
+from fast.hardware.cell.layout import N_SLOTS
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.models.errors import UsageError
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import Record
+from fast.tasks.campaign.campaign import stored_provenance
 
 MOUNTED = "tools_mounted"  # kind of the events
 

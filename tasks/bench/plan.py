@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from hardware.cell.diagnostics import NO_OBJECT, DiagnosticPlan, DiagnosticRun, Item
-from lake.store import Lake
-from models.ids import canonical_json
-from models.records import BENCH_FAULT
-from tasks.bench.asked import read_open_requests
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import CampaignState, Cell, ProposedTool, tuples
+from fast.hardware.cell.diagnostics import NO_OBJECT, DiagnosticPlan, DiagnosticRun, Item
+from fast.lake.store import Lake
+from fast.models.ids import canonical_json
+from fast.models.records import BENCH_FAULT
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState, Cell, ProposedTool, tuples
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,16 @@ from typing import Any, Literal, Protocol
 
 from pydantic import Field
 
-from hardware.cell.layout import N_SLOTS
-from lake.store import Lake
-from lake.tables.campaign import BatchRow, CampaignRow, ProposalRow, ToolRow
-from models.errors import UsageError
-from models.ids import tool_label
-from models.records import Record
-from tasks.campaign.campaign import stored_provenance
-from tasks.campaign.material import name_campaign_lot
-from tasks.campaign.requests import append_event
-from tasks.campaign.state import ProposedTool, load_designs
+from fast.hardware.cell.layout import N_SLOTS
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import BatchRow, CampaignRow, ProposalRow, ToolRow
+from fast.models.errors import UsageError
+from fast.models.ids import tool_label
+from fast.models.records import Record
+from fast.tasks.campaign.campaign import stored_provenance
+from fast.tasks.campaign.material import name_campaign_lot
+from fast.tasks.campaign.requests import append_event
+from fast.tasks.campaign.state import ProposedTool, load_designs
 
 SHEET = "sheet.html"
 
@@ -80,8 +80,8 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path, slots: Co
         UsageError: unknown batch, or a folder that cannot be written.
     """
     # A second of imports, which a campaign whose batches are printed does without.
-    from models.design.sheet import batch_sheet_html
-    from models.design.tray import PrintItem, tray_files
+    from fast.models.design.sheet import batch_sheet_html
+    from fast.models.design.tray import PrintItem, tray_files
 
     rows = [row for row in _proposals(lake, campaign_id, batch) if slots is None or row["slot"] in slots]
     designs = load_designs(lake)

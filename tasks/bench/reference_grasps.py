@@ -7,12 +7,12 @@ made since, and at the end; each time it makes `repeats` grasps on the reference
 
 from collections.abc import Sequence
 
-from hardware.cell.cell import MeasuredGrasp
-from lake.tables.campaign import DesignRow
-from models.errors import ConfigError
-from tasks.bench.plan import ToolWork
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import ProposedTool, tuples
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.lake.tables.campaign import DesignRow
+from fast.models.errors import ConfigError
+from fast.tasks.bench.plan import ToolWork
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import ProposedTool, tuples
 
 _MADE = """
     SELECT count(*), count(*) FILTER (batch = $batch), max(n_grasps_before) FILTER (batch = $batch)

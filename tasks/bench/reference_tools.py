@@ -7,16 +7,16 @@ each batch: `schedule.reference_tools`. On a gantry they hang in the slots above
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hardware.cell.layout import N_SLOTS
-from lake.store import Lake
-from models.errors import ConfigError, UsageError
-from models.records import GraspRequest
-from tasks.bench.asked import read_open_requests, read_requests, write_requests
-from tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
-from tasks.bench.plan import ToolWork, plan_asked
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import CampaignState, ProposedTool
-from tasks.scientist.observe import means_of_tools
+from fast.hardware.cell.layout import N_SLOTS
+from fast.lake.store import Lake
+from fast.models.errors import ConfigError, UsageError
+from fast.models.records import GraspRequest
+from fast.tasks.bench.asked import read_open_requests, read_requests, write_requests
+from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
+from fast.tasks.bench.plan import ToolWork, plan_asked
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState, ProposedTool
+from fast.tasks.scientist.observe import means_of_tools
 
 
 def reference_search(campaign_id: str, batch: int) -> str:

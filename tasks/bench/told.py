@@ -11,20 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, TraceRow
-from lake.tables.requests import setup_columns
-from models.errors import UsageError
-from models.ids import canonical_json
-from models.records import GraspRequest, Trace, find_setup_id
-from models.traces import initial_force_n, peak_force_n, work_j
-from tasks.bench.asked import read_open_requests
-from tasks.bench.measure import find_first_order
-from tasks.bench.plan import order_cells
-from tasks.bench.print import confirm_told
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import append_event
-from tasks.campaign.state import CampaignState, ProposedTool
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, TraceRow
+from fast.lake.tables.requests import setup_columns
+from fast.models.errors import UsageError
+from fast.models.ids import canonical_json
+from fast.models.records import GraspRequest, Trace, find_setup_id
+from fast.models.traces import initial_force_n, peak_force_n, work_j
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.bench.measure import find_first_order
+from fast.tasks.bench.plan import order_cells
+from fast.tasks.bench.print import confirm_told
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.requests import append_event
+from fast.tasks.campaign.state import CampaignState, ProposedTool
 
 TOLD = "told"  # kind of events
 _SHOWN = 10  # faults of one answer that are named

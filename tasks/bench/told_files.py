@@ -5,15 +5,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from lake.handoff.answers import find_settings
-from lake.handoff.cells import time as read_time
-from lake.handoff.files import read_handoff
-from lake.tables.campaign import DesignRow
-from models.errors import UsageError
-from models.records import find_setup_id
-from tasks.bench.told import ToldGrasp
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.csv_file import CsvRow, read_rows
+from fast.lake.handoff.answers import find_settings
+from fast.lake.handoff.cells import time as read_time
+from fast.lake.handoff.files import read_handoff
+from fast.lake.tables.campaign import DesignRow
+from fast.models.errors import UsageError
+from fast.models.records import find_setup_id
+from fast.tasks.bench.told import ToldGrasp
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.csv_file import CsvRow, read_rows
 
 NEEDED = ("tool_id", "object_id", "repeat", "peak_force_n")
 OPTIONAL = ("object", "reason", "started_at")

@@ -5,18 +5,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
-from lake.provenance import Provenance, current_provenance
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
-from lake.tables.catalogue_rows import missing_version_rows
-from lake.tables.row import Row
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
-from models.calibration.inference.summary import check_quality, find_theta, find_worst, summarise_theta
-from models.calibration.means.problem import THETA
-from models.ids import canonical_json, content_id
-from models.records import SimulatorVersion
-from tasks.calibration.drift import find_drift, read_theta_history
+from fast.lake.provenance import Provenance, current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
+from fast.lake.tables.catalogue_rows import missing_version_rows
+from fast.lake.tables.row import Row
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
+from fast.models.calibration.inference.summary import check_quality, find_theta, find_worst, summarise_theta
+from fast.models.calibration.means.problem import THETA
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import SimulatorVersion
+from fast.tasks.calibration.drift import find_drift, read_theta_history
 
 Progress = Callable[[str], None]
 

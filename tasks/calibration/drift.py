@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow
-from models.calibration.inference.settings import WITH_EFFECTS
-from models.calibration.inference.summary import ParameterSummary
-from models.calibration.means.problem import THETA
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow
+from fast.models.calibration.inference.settings import WITH_EFFECTS
+from fast.models.calibration.inference.summary import ParameterSummary
+from fast.models.calibration.means.problem import THETA
 
 _WORDS = {
     "young_modulus_mpa": ("Young's modulus", " MPa"),

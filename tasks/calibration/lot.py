@@ -4,11 +4,11 @@ from collections.abc import Collection
 
 import numpy as np
 
-from lake.store import Lake
-from models.calibration.inference.lot_priors import TAIL, make_lot_priors
-from models.calibration.inference.settings import CalibrationSettings
-from models.material import modulus_of_hardness_mpa
-from tasks.campaign.material import StoredLot, find_lot
+from fast.lake.store import Lake
+from fast.models.calibration.inference.lot_priors import TAIL, make_lot_priors
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.material import modulus_of_hardness_mpa
+from fast.tasks.campaign.material import StoredLot, find_lot
 
 
 def take_lot(

@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
-from lake.tables.imported import is_imported
-from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
-from models.calibration.means.problem import MIN_DESIGNS, MIN_SIMULATIONS, CalibrationProblem
-from models.design.space import FIN_RAYS, to_unit
-from models.errors import UsageError
-from models.ids import canonical_json
-from models.records import Design, GraspSetup, SimulatorVersion
-from models.scientist.surrogate.imputation import mean_over_objects
-from models.simulation.effects.scaling import scales_with_modulus
-from models.validation import closest, load_record
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
-from tasks.gap.bank import read_bank_thetas
-from tasks.simulation.plan import SimulationPlan
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, CampaignRow, SimulatorVersionRow, ToolRow
+from fast.lake.tables.imported import is_imported
+from fast.models.calibration.means.hypercube import HypercubePlan, draw_hypercube
+from fast.models.calibration.means.problem import MIN_DESIGNS, MIN_SIMULATIONS, CalibrationProblem
+from fast.models.design.space import FIN_RAYS, to_unit
+from fast.models.errors import UsageError
+from fast.models.ids import canonical_json
+from fast.models.records import Design, GraspSetup, SimulatorVersion
+from fast.models.scientist.surrogate.imputation import mean_over_objects
+from fast.models.simulation.effects.scaling import scales_with_modulus
+from fast.models.validation import closest, load_record
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
+from fast.tasks.gap.bank import read_bank_thetas
+from fast.tasks.simulation.plan import SimulationPlan
 
 LEAST_SHARE = 0.5  # of the objects a tool must have been measured on to count
 

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, SimulatorVersionRow
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings, read_settings
-from models.calibration.means.checks import Score, emulate, is_held_out, score
-from models.calibration.means.problem import CalibrationProblem
-from models.errors import UsageError
-from models.ids import content_id
-from models.records import SimulatorVersion
-from models.scientist.surrogate.imputation import mean_over_objects
-from tasks.calibration.calibrate import CalibrationData, Progress, make_version
-from tasks.calibration.mean_data import (
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, SimulatorVersionRow
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings, read_settings
+from fast.models.calibration.means.checks import Score, emulate, is_held_out, score
+from fast.models.calibration.means.problem import CalibrationProblem
+from fast.models.errors import UsageError
+from fast.models.ids import content_id
+from fast.models.records import SimulatorVersion
+from fast.models.scientist.surrogate.imputation import mean_over_objects
+from fast.tasks.calibration.calibrate import CalibrationData, Progress, make_version
+from fast.tasks.calibration.mean_data import (
     MeasuredTools,
     SimulatedPoints,
     find_base_version,
@@ -30,8 +30,8 @@ from tasks.calibration.mean_data import (
     read_measured_tools,
     read_simulated_points,
 )
-from tasks.campaign.state import tuples
-from tasks.simulation.plan import SimulationPlan
+from fast.tasks.campaign.state import tuples
+from fast.tasks.simulation.plan import SimulationPlan
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class MeanData(CalibrationData):
         Raises:
             UsageError: there is too little to learn from.
         """
-        from models.calibration.means.calibrate import calibrate  # PyMC takes seconds to import
+        from fast.models.calibration.means.calibrate import calibrate  # PyMC takes seconds to import
 
         fitted = self.fitted
         result = calibrate(fitted, settings, progress)

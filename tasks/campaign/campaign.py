@@ -5,15 +5,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from lake.provenance import Provenance, current_provenance
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow
-from models.design.space import DesignSpace
-from models.ids import seed_from
-from models.records import SimulatorVersion
-from tasks.campaign.config import CampaignConfig, relative_to
-from tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
-from tasks.campaign.state import CampaignState, derive_state
+from fast.lake.provenance import Provenance, current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow
+from fast.models.design.space import DesignSpace
+from fast.models.ids import seed_from
+from fast.models.records import SimulatorVersion
+from fast.tasks.campaign.config import CampaignConfig, relative_to
+from fast.tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
+from fast.tasks.campaign.state import CampaignState, derive_state
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Campaign:
     @property
     def older_versions(self) -> tuple[SimulatorVersion, ...]:
         """Those of its versions whose results are not those of the present one, newest first."""
-        from models.simulation.effects.scaling import force_ratio
+        from fast.models.simulation.effects.scaling import force_ratio
 
         older: list[SimulatorVersion] = []
         for version in reversed(self.versions):
@@ -58,7 +58,7 @@ class Campaign:
         """
         if not self.versions:
             return {version.version_id: 1.0}
-        from models.simulation.effects.scaling import force_ratio  # all effects, a tenth of a second of imports
+        from fast.models.simulation.effects.scaling import force_ratio  # all effects, a tenth of a second of imports
 
         ratios = {v.version_id: ratio for v in self.versions if (ratio := force_ratio(v, version)) is not None}
         ratios.pop(version.version_id, None)

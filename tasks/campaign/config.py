@@ -6,14 +6,14 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from hardware.cell.diagnostics import DiagnosticPlan
-from models.errors import ConfigError, UsageError
-from models.ids import canonical_json, content_id
-from models.material import TABLE_3, MaterialLot
-from models.records import GraspSetup, Record, check_tier
-from models.scientist.surrogate.observations import MIN_OBSERVATIONS
-from models.validation import load_record, parse_toml
-from tasks.campaign.settings import (
+from fast.hardware.cell.diagnostics import DiagnosticPlan
+from fast.models.errors import ConfigError, UsageError
+from fast.models.ids import canonical_json, content_id
+from fast.models.material import TABLE_3, MaterialLot
+from fast.models.records import GraspSetup, Record, check_tier
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
+from fast.models.validation import load_record, parse_toml
+from fast.tasks.campaign.settings import (
     REMOVED_RULES,
     DesignSettings,
     Execution,
@@ -180,7 +180,7 @@ def with_own_objects(config: CampaignConfig, path: Path) -> CampaignConfig:
     """
     if not config.objects.files:
         return config
-    from tasks.objects import read_objects  # loads meshes; the 36 do without
+    from fast.tasks.objects import read_objects  # loads meshes; the 36 do without
 
     found = read_objects([relative_to(path, name) for name in config.objects.files])
     numbers = {name: obj.object_id for name, obj in zip(config.objects.files, found, strict=True)}
@@ -266,8 +266,8 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 def _check_science(config: CampaignConfig, source: str) -> None:
     """Refuse unknown effects, functions that are not there, and a tier or rules that only stored configs may name."""
-    from models.own_code import load_own
-    from models.simulation.effects.catalogue import build_effects
+    from fast.models.own_code import load_own
+    from fast.models.simulation.effects.catalogue import build_effects
 
     try:
         _check_design(config)
@@ -292,7 +292,7 @@ def _check_design(config: CampaignConfig) -> None:
     """
     import numpy as np
 
-    from models.design.families import check_section
+    from fast.models.design.families import check_section
 
     if config.design == DesignSettings():
         return

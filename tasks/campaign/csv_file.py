@@ -5,8 +5,8 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from models.errors import UsageError
-from models.validation import closest, is_text
+from fast.models.errors import UsageError
+from fast.models.validation import closest, is_text
 
 _MOST_ROWS = 100_000
 

@@ -6,10 +6,10 @@ import socket
 from collections.abc import Callable
 from datetime import UTC, datetime
 
-from lake.provenance import Provenance, current_provenance
-from lake.store import Lake
-from lake.tables.campaign import FlowRunRow
-from models.errors import FastError
+from fast.lake.provenance import Provenance, current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import FlowRunRow
+from fast.models.errors import FastError
 
 _LOG = logging.getLogger(__name__)
 

@@ -5,15 +5,15 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow
-from lake.tables.imported import is_imported
-from lake.tables.material import MaterialRow, lot_of_rows
-from models.errors import UsageError
-from models.material import TABLE_3, MaterialLot
-from models.validation import closest
-from tasks.campaign.config import LOT_SUFFIX, read_lot
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow
+from fast.lake.tables.imported import is_imported
+from fast.lake.tables.material import MaterialRow, lot_of_rows
+from fast.models.errors import UsageError
+from fast.models.material import TABLE_3, MaterialLot
+from fast.models.validation import closest
+from fast.tasks.campaign.config import LOT_SUFFIX, read_lot
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,16 @@ import json
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from models.gap.findings import Verdict
-from models.ids import canonical_json, content_id
-from models.records import Record, SimulatorVersion
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.simulator_versions import count_seconds, find_decision, find_newest_decision
-from tasks.gap.findings import KIND as GAP_ENDED
-from tasks.gap.findings import GapRun
-from tasks.scientist.observe import means_of_simulations, means_of_tools
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.models.gap.findings import Verdict
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import Record, SimulatorVersion
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.simulator_versions import count_seconds, find_decision, find_newest_decision
+from fast.tasks.gap.findings import KIND as GAP_ENDED
+from fast.tasks.gap.findings import GapRun
+from fast.tasks.scientist.observe import means_of_simulations, means_of_tools
 
 KIND = "night"
 _FEWEST_TOOLS = 3  # whose ranks are compared: two are in order or not, which says nothing
@@ -188,7 +188,7 @@ def _find_verdict(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersi
 
 def _describe_change(old: SimulatorVersion, new: SimulatorVersion) -> str:
     """What a version has that the former did not, in words."""
-    from models.simulation.effects.catalogue import CATALOGUE
+    from fast.models.simulation.effects.catalogue import CATALOGUE
 
     before, after = ({value.effect: value for value in version.effects} for version in (old, new))
     titles = [f"{CATALOGUE[name].title} was added" for name in after if name not in before]

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from models.design.printability import PrintingRules, broken_rules
-from models.errors import ConfigError, UsageError
-from models.records import Design, FinRay
-from models.validation import load_record
-from tasks.campaign.csv_file import CsvRow, read_rows
-from tasks.campaign.settings import Schedule
+from fast.models.design.printability import PrintingRules, broken_rules
+from fast.models.errors import ConfigError, UsageError
+from fast.models.records import Design, FinRay
+from fast.models.validation import load_record
+from fast.tasks.campaign.csv_file import CsvRow, read_rows
+from fast.tasks.campaign.settings import Schedule
 
 OWN = "own"  # what `proposals.acquisition` says of them
 NAME, BATCH = "name", "batch"

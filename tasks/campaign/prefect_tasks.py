@@ -9,22 +9,22 @@ from prefect.cache_policies import NO_CACHE
 from prefect.runtime import task_run
 from prefect.utilities.annotations import quote
 
-from hardware.bench import Bench
-from hardware.cell.cell import MeasuredGrasp
-from models.records import Design
-from tasks.bench import measure as measuring
-from tasks.bench import mount as mounting
-from tasks.bench import print as printing
-from tasks.bench.measure import OpenBench
-from tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
-from tasks.bench.plan import ToolWork
-from tasks.bench.reference_tools import ask_references
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.run_names import PlaceInName
-from tasks.campaign.state import ProposedTool
-from tasks.scientist import propose as proposing
-from tasks.simulation import simulate as simulating
-from tasks.simulation.engine import Engine
+from fast.hardware.bench import Bench
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.models.records import Design
+from fast.tasks.bench import measure as measuring
+from fast.tasks.bench import mount as mounting
+from fast.tasks.bench import print as printing
+from fast.tasks.bench.measure import OpenBench
+from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
+from fast.tasks.bench.plan import ToolWork
+from fast.tasks.bench.reference_tools import ask_references
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.run_names import PlaceInName
+from fast.tasks.campaign.state import ProposedTool
+from fast.tasks.scientist import propose as proposing
+from fast.tasks.simulation import simulate as simulating
+from fast.tasks.simulation.engine import Engine
 
 T = TypeVar("T")
 

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
-from hardware.wire.log_files import FOLDER_NAME
-from lake.leases import holder_of
-from lake.query.engine import Mark
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from models.errors import FastError, LakeError
-from models.ids import canonical_json, content_id
-from tasks.campaign.campaign import stored_provenance
+from fast.hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
+from fast.hardware.wire.log_files import FOLDER_NAME
+from fast.lake.leases import holder_of
+from fast.lake.query.engine import Mark
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.models.errors import FastError, LakeError
+from fast.models.ids import canonical_json, content_id
+from fast.tasks.campaign.campaign import stored_provenance
 
 STARTED = "started"  # kind of the event with which a process begins to run a campaign
 # A verb is meant for the run that it names. One that names none (a single step, version 0.1) counts for the run before.

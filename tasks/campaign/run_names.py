@@ -6,9 +6,9 @@ from uuid import UUID
 
 from prefect import get_client
 
-from hardware.cell.cell import MeasuredGrasp
-from tasks.campaign.settings import ObjectPlan
-from tasks.campaign.state import Cell
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.tasks.campaign.settings import ObjectPlan
+from fast.tasks.campaign.state import Cell
 
 logger = logging.getLogger(__name__)
 

@@ -6,12 +6,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from hardware.cell.layout import N_OBJECTS, N_SLOTS, BenchLayout
-from models.design.families import find_family
-from models.design.printability import PrintingRules
-from models.design.space import FIN_RAYS, DesignSpace, LinearLimit
-from models.own_code import OWN, is_own
-from models.records import (
+from fast.hardware.cell.layout import N_OBJECTS, N_SLOTS, BenchLayout
+from fast.models.design.families import find_family
+from fast.models.design.printability import PrintingRules
+from fast.models.design.space import FIN_RAYS, DesignSpace, LinearLimit
+from fast.models.own_code import OWN, is_own
+from fast.models.records import (
     REMOVED_TIER,
     TIERS,
     EffectValue,
@@ -21,7 +21,7 @@ from models.records import (
     Theta,
     Tier,
 )
-from tasks.simulation.engine import check_engine
+from fast.tasks.simulation.engine import check_engine
 
 
 class ObjectPlan(Record):
@@ -120,7 +120,7 @@ class ObjectPlan(Record):
 
     def _pass(self, seed: int) -> list[int]:
         if self.order == "fixed":
-            from hardware.cell.route import shortest_tour
+            from fast.hardware.cell.route import shortest_tour
 
             return list(shortest_tour(self.object_ids, self.stand_on(BenchLayout())))
         objects = list(self.object_ids)

@@ -5,20 +5,20 @@ import tomllib
 from collections import defaultdict
 from pathlib import Path
 
-from hardware.bench import BenchSettings
-from hardware.virtual.world.file import World, load_world
-from lake.tables.campaign import CampaignRow, ProposalRow, ToolRow
-from lake.tables.catalogue_rows import object_rows
-from lake.tables.imported import IMPORTED, is_imported
-from lake.tables.row import Row
-from models.errors import ConfigError
-from models.ids import content_id
-from models.objects.catalogue import get_object
-from models.validation import load_record
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig, differences, read_toml, relative_to
-from tasks.campaign.material import store_lot
-from tasks.campaign.own_designs import OWN
+from fast.hardware.bench import BenchSettings
+from fast.hardware.virtual.world.file import World, load_world
+from fast.lake.tables.campaign import CampaignRow, ProposalRow, ToolRow
+from fast.lake.tables.catalogue_rows import object_rows
+from fast.lake.tables.imported import IMPORTED, is_imported
+from fast.lake.tables.row import Row
+from fast.models.errors import ConfigError
+from fast.models.ids import content_id
+from fast.models.objects.catalogue import get_object
+from fast.models.validation import load_record
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig, differences, read_toml, relative_to
+from fast.tasks.campaign.material import store_lot
+from fast.tasks.campaign.own_designs import OWN
 
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
 

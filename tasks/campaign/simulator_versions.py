@@ -6,14 +6,14 @@ from dataclasses import replace
 from itertools import zip_longest
 from typing import NamedTuple
 
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
-from models.calibration.inference.settings import WITH_EFFECTS
-from models.ids import canonical_json, content_id
-from models.records import Design, SimulatorVersion
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import tuples
-from tasks.scientist.observe import means_of_simulations, means_of_tools, older_simulations, proposed_designs
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
+from fast.models.calibration.inference.settings import WITH_EFFECTS
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import Design, SimulatorVersion
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import tuples
+from fast.tasks.scientist.observe import means_of_simulations, means_of_tools, older_simulations, proposed_designs
 
 KIND = "simulator_version"
 _SECONDS = """
@@ -118,8 +118,8 @@ def newest_calibrated(lake: Lake, base_version_id: str, campaign_id: str) -> tup
 
 def _decide(campaign: Campaign, stage: int) -> None:
     """Take the newest version for a stage and write down which it is."""
-    from lake.tables.catalogue_rows import missing_version_rows
-    from models.simulation.effects.scaling import force_ratio
+    from fast.lake.tables.catalogue_rows import missing_version_rows
+    from fast.models.simulation.effects.scaling import force_ratio
 
     base = campaign.config.simulator.version
     found = newest_calibrated(campaign.lake, base.version_id, campaign.campaign_id)
@@ -156,7 +156,7 @@ def _worth_rerunning(campaign: Campaign, stage: int) -> list[str]:
     A night adds new designs to them (`tasks.scientist.night`).
     """
     if campaign.config.night.active:
-        from tasks.scientist.night import choose_designs  # needs SciPy, which a campaign without nights does not
+        from fast.tasks.scientist.night import choose_designs  # needs SciPy, which a campaign without nights does not
 
         chosen = choose_designs(campaign, stage, campaign.config.night.max_designs)
         return [design.design_id for design in chosen]

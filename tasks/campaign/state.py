@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, ToolRow, design_of_columns
-from models.design.space import PARAMETERS, DesignSpace
-from models.ids import tool_label
-from models.records import BENCH_FAULT, Design
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, ToolRow, design_of_columns
+from fast.models.design.space import PARAMETERS, DesignSpace
+from fast.models.ids import tool_label
+from fast.models.records import BENCH_FAULT, Design
 
 Cell = tuple[int, int]  # (object id, repeat)
 NIGHT = "night"  # what `proposals.acquisition` says of designs that a night adds to those of the schedule

@@ -10,23 +10,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hardware.cell.cycle_time import plan_time
-from hardware.tools.mounted import MountedTool
-from models.gap.ask.answers import forecast_measurements
-from models.gap.ask.choose import Choice, Costs, choose_experiments, list_open_pairs
-from models.gap.ask.forecast import Forecast, compute_nats
-from models.gap.ask.hypotheses import Hypothesis, list_hypotheses
-from models.gap.ask.outcomes import MEANS, describe_pairs, describe_reading, join_outcomes
-from models.gap.ask.predict import Moved, Pair, forecast_pairs, predict_first
-from models.gap.ask.settings import Setting, list_settings
-from models.gap.findings import AskedGrasps, NextExperiment, PersonQuestion, Prediction, Promise
-from models.gap.grasps import Grasps
-from models.gap.naming.name import NamingResult
-from models.records import GraspRequest
-from models.simulation.effects.catalogue import CATALOGUE
-from tasks.gap.ask_settings import AskSettings
-from tasks.gap.calibrate import SearchInputs
-from tasks.gap.moved import choose_cells, simulate_moved
+from fast.hardware.cell.cycle_time import plan_time
+from fast.hardware.tools.mounted import MountedTool
+from fast.models.gap.ask.answers import forecast_measurements
+from fast.models.gap.ask.choose import Choice, Costs, choose_experiments, list_open_pairs
+from fast.models.gap.ask.forecast import Forecast, compute_nats
+from fast.models.gap.ask.hypotheses import Hypothesis, list_hypotheses
+from fast.models.gap.ask.outcomes import MEANS, describe_pairs, describe_reading, join_outcomes
+from fast.models.gap.ask.predict import Moved, Pair, forecast_pairs, predict_first
+from fast.models.gap.ask.settings import Setting, list_settings
+from fast.models.gap.findings import AskedGrasps, NextExperiment, PersonQuestion, Prediction, Promise
+from fast.models.gap.grasps import Grasps
+from fast.models.gap.naming.name import NamingResult
+from fast.models.records import GraspRequest
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.tasks.gap.ask_settings import AskSettings
+from fast.tasks.gap.calibrate import SearchInputs
+from fast.tasks.gap.moved import choose_cells, simulate_moved
 
 _MOST_TOOLS, _MOST_OBJECTS = 5, 5  # of which every pair is looked at
 FEWEST_GRASPS = 2  # a pair

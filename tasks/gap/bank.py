@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import EventRow, SimTraceRow, SimulationRow
-from models.calibration.traces.theta_grid import ThetaGrid
-from models.errors import UsageError
-from models.gap.bank.bank import (
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, SimTraceRow, SimulationRow
+from fast.models.calibration.traces.theta_grid import ThetaGrid
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import (
     AMPLITUDES,
     CLOSED_LESS,
     DEEPER_MM,
@@ -28,14 +28,14 @@ from models.gap.bank.bank import (
     list_versions,
     list_wider_setups,
 )
-from models.gap.bank.sensor_effects import N_LEAD, read_lead
-from models.gap.fit.theta import make_grid_bank
-from models.gap.grasps import Cells
-from models.ids import canonical_json, content_id
-from models.records import Design, GraspSetup, Placement, SimulatorVersion, Theta, Trace, find_setup_id
-from models.traces.step_features import N_STEPS, is_usable, step_means
-from tasks.gap.trace_rows import read_traces
-from tasks.simulation.plan import SimulationPlan
+from fast.models.gap.bank.sensor_effects import N_LEAD, read_lead
+from fast.models.gap.fit.theta import make_grid_bank
+from fast.models.gap.grasps import Cells
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import Design, GraspSetup, Placement, SimulatorVersion, Theta, Trace, find_setup_id
+from fast.models.traces.step_features import N_STEPS, is_usable, step_means
+from fast.tasks.gap.trace_rows import read_traces
+from fast.tasks.simulation.plan import SimulationPlan
 
 BANK = "gap_bank"  # kind of the events that name banks around a fitted theta
 # What a search simulates, in words.

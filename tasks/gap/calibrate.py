@@ -7,25 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulationRow, SimulatorVersionRow
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.inference.summary import check_quality, find_theta, summarise_theta
-from models.calibration.means.problem import THETA
-from models.errors import FastError
-from models.gap.ask.answers import Answers
-from models.gap.bank.bank import WIDE, BankPlan
-from models.gap.bank.surrogate import Surrogate
-from models.gap.data import GapData
-from models.gap.findings import ParameterEstimate
-from models.ids import canonical_json
-from models.records import EffectValue, SimulatorVersion
-from tasks.calibration.calibrate import CalibrationData, Progress, calibrate_once, write_settings
-from tasks.gap.bank import list_bank_ids
-from tasks.gap.theta import count_training
-from tasks.simulation.plan import SimulationPlan
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulationRow, SimulatorVersionRow
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.inference.summary import check_quality, find_theta, summarise_theta
+from fast.models.calibration.means.problem import THETA
+from fast.models.errors import FastError
+from fast.models.gap.ask.answers import Answers
+from fast.models.gap.bank.bank import WIDE, BankPlan
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.data import GapData
+from fast.models.gap.findings import ParameterEstimate
+from fast.models.ids import canonical_json
+from fast.models.records import EffectValue, SimulatorVersion
+from fast.tasks.calibration.calibrate import CalibrationData, Progress, calibrate_once, write_settings
+from fast.tasks.gap.bank import list_bank_ids
+from fast.tasks.gap.theta import count_training
+from fast.tasks.simulation.plan import SimulationPlan
 
 _NOT_JUDGED = "its held-out error has not been compared yet"
 
@@ -85,7 +85,7 @@ class CalibratedSimulator:
 
     def draw(self, n: int, seed: int) -> list[tuple[np.ndarray, tuple[EffectValue, ...]]]:
         """Draws (n), each theta (3) and effects."""
-        from models.gap.fit.posterior import effects_at
+        from fast.models.gap.fit.posterior import effects_at
 
         rows = self.draws[np.random.default_rng(seed).integers(len(self.draws), size=n)]
         return [(row[: len(THETA)], effects_at(self.names, row.tolist())) for row in rows]
@@ -157,7 +157,7 @@ class EffectData(CalibrationData):
         Raises:
             UsageError: the bank has no simulations of an effect.
         """
-        from models.gap.fit.posterior import sample_posterior  # ArviZ takes seconds to import
+        from fast.models.gap.fit.posterior import sample_posterior  # ArviZ takes seconds to import
 
         result = sample_posterior(self._fit, settings, progress)
         counts = count_training(self.training)
@@ -167,7 +167,7 @@ class EffectData(CalibrationData):
 
     @cached_property
     def _fit(self) -> Any:
-        from models.gap.fit.recalibrate import recalibrate
+        from fast.models.gap.fit.recalibrate import recalibrate
 
         return recalibrate(self.training, self.effects)
 
@@ -185,7 +185,7 @@ def gather_effects(search: SearchInputs, effects: Sequence[EffectValue]) -> Effe
 
 def make_version(base: SimulatorVersion, result: CalibrationResult) -> SimulatorVersion | None:
     """The simulator with the medians of theta and of the effects' parameters; None if the draws cannot be trusted."""
-    from models.gap.fit.posterior import effects_at
+    from fast.models.gap.fit.posterior import effects_at
 
     if check_quality(result):
         return None

@@ -7,13 +7,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import SimulatorVersionRow
-from models.gap.bank.bank import AMPLITUDES, CENTRE, BankPlan
-from models.gap.local_bank import MOST_EFFECTS
-from models.ids import canonical_json
-from models.records import Design, SimulatorVersion, Theta
-from tasks.simulation.plan import SimulationPlan, missing_objects
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import SimulatorVersionRow
+from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, BankPlan
+from fast.models.gap.local_bank import MOST_EFFECTS
+from fast.models.ids import canonical_json
+from fast.models.records import Design, SimulatorVersion, Theta
+from fast.tasks.simulation.plan import SimulationPlan, missing_objects
 
 _T = TypeVar("_T")
 _PROBED_DESIGNS, _PROBED_OBJECTS = 2, 2

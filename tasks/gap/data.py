@@ -8,25 +8,25 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, ToolRow, TraceRow
-from lake.tables.requests import GraspRequestRow
-from models.calibration.inference.result import find_unit_warnings
-from models.calibration.inference.settings import ThetaPriors
-from models.errors import UsageError
-from models.gap.ask.answers import Answers
-from models.gap.bank.bank import Bank
-from models.gap.data import GapData
-from models.gap.grasps import Grasps, number_distinct
-from models.ids import content_id
-from models.records import Design, GraspContext, GraspSetup, Placement, Trace
-from models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
-from models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
-from tasks.campaign.state import THICKNESSES
-from tasks.gap.panel import WHOLE, PanelSize, select_panel
-from tasks.gap.readings import read_readings
-from tasks.gap.split import Split, freeze_split
-from tasks.gap.trace_rows import designs_of, find_base_setup, measured_grasps, read_traces
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, ToolRow, TraceRow
+from fast.lake.tables.requests import GraspRequestRow
+from fast.models.calibration.inference.result import find_unit_warnings
+from fast.models.calibration.inference.settings import ThetaPriors
+from fast.models.errors import UsageError
+from fast.models.gap.ask.answers import Answers
+from fast.models.gap.bank.bank import Bank
+from fast.models.gap.data import GapData
+from fast.models.gap.grasps import Grasps, number_distinct
+from fast.models.ids import content_id
+from fast.models.records import Design, GraspContext, GraspSetup, Placement, Trace
+from fast.models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
+from fast.models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
+from fast.tasks.campaign.state import THICKNESSES
+from fast.tasks.gap.panel import WHOLE, PanelSize, select_panel
+from fast.tasks.gap.readings import read_readings
+from fast.tasks.gap.split import Split, freeze_split
+from fast.tasks.gap.trace_rows import designs_of, find_base_setup, measured_grasps, read_traces
 
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept

@@ -4,17 +4,17 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from lake.provenance import Provenance, current_provenance
-from lake.store import Lake
-from lake.tables.campaign import EventRow, GapFindingRow
-from lake.tables.row import Row
-from models.gap.findings import Candidate, Decision, Findings, NextExperiment, RoundFindings, WhereFinding
-from models.ids import canonical_json, content_id
-from models.records import EffectValue, Record, SimulatorVersion
-from models.simulation.effects.catalogue import CATALOGUE
-from tasks.gap.data import MeasuredGrasps
-from tasks.gap.readings import is_answered
-from tasks.gap.split import Split
+from fast.lake.provenance import Provenance, current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, GapFindingRow
+from fast.lake.tables.row import Row
+from fast.models.gap.findings import Candidate, Decision, Findings, NextExperiment, RoundFindings, WhereFinding
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import EffectValue, Record, SimulatorVersion
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.tasks.gap.data import MeasuredGrasps
+from fast.tasks.gap.readings import is_answered
+from fast.tasks.gap.split import Split
 
 KIND, STARTED = "gap", "gap_started"
 _N_MADE = "SELECT count(*) AS n FROM asked_grasps WHERE search_id = $search AND state = 'made'"

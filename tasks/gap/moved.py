@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.predict import Moved, Pair
-from models.gap.ask.settings import Setting
-from models.gap.bank.bank import AMPLITUDES
-from models.gap.bank.sensor_effects import N_LEAD, read_lead
-from models.gap.grasps import Cells, Grasps, Target
-from models.records import EffectValue, SimulatorVersion, Theta
-from tasks.gap.bank import plan_cells, read_simulated_steps
-from tasks.gap.calibrate import SearchInputs
-from tasks.simulation.plan import SimulationPlan
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.ask.predict import Moved, Pair
+from fast.models.gap.ask.settings import Setting
+from fast.models.gap.bank.bank import AMPLITUDES
+from fast.models.gap.bank.sensor_effects import N_LEAD, read_lead
+from fast.models.gap.grasps import Cells, Grasps, Target
+from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.tasks.gap.bank import plan_cells, read_simulated_steps
+from fast.tasks.gap.calibrate import SearchInputs
+from fast.tasks.simulation.plan import SimulationPlan
 
 MOST_SIMULATIONS = 240  # minutes of one core
 QUESTION = "what other strokes and placements would show"

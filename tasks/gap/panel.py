@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lake.tables.campaign import GraspRow
-from models.design.space import space_of
-from models.errors import UsageError
-from models.objects.catalogue import get_object
-from models.records import Design
-from tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
+from fast.lake.tables.campaign import GraspRow
+from fast.models.design.space import space_of
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design
+from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
 
 
 @dataclass(frozen=True)

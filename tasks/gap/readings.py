@@ -6,16 +6,16 @@ finds it, also one that was in the file of the lot before anybody asked.
 
 import json
 
-from lake.store import Lake
-from lake.tables.campaign import EventRow, ToolRow
-from lake.tables.material import MaterialRow
-from lake.tables.row import Row
-from models.errors import UsageError
-from models.gap.ask.answers import Reading, check_reading
-from models.gap.ask.person import find_measurement
-from models.ids import canonical_json, content_id
-from models.material import LAYER_EXCESS, MaterialMeasurement
-from tasks.campaign.campaign import stored_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, ToolRow
+from fast.lake.tables.material import MaterialRow
+from fast.lake.tables.row import Row
+from fast.models.errors import UsageError
+from fast.models.gap.ask.answers import Reading, check_reading
+from fast.models.gap.ask.person import find_measurement
+from fast.models.ids import canonical_json, content_id
+from fast.models.material import LAYER_EXCESS, MaterialMeasurement
+from fast.tasks.campaign.campaign import stored_provenance
 
 KIND = "gap_reading"
 BAR = "tensile_bar"

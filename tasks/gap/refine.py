@@ -11,18 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.predict import Pair
-from models.gap.ask.refine import Ranking, Refinement, rank_draws, refine
-from models.gap.ask.settings import list_settings
-from models.gap.findings import Asked, Interval, NextExperiment, RankedDesigns
-from models.gap.fit.fit import Fit
-from models.units import spell_name, unit_of
-from tasks.gap.ask import FEWEST_GRASPS, ask, estimate_costs, spread_cells, write_pair
-from tasks.gap.ask_settings import AskSettings
-from tasks.gap.calibrate import CalibratedSimulator
-from tasks.gap.findings import count_made, find_refined_run
-from tasks.gap.rounds import Round
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.ask.predict import Pair
+from fast.models.gap.ask.refine import Ranking, Refinement, rank_draws, refine
+from fast.models.gap.ask.settings import list_settings
+from fast.models.gap.findings import Asked, Interval, NextExperiment, RankedDesigns
+from fast.models.gap.fit.fit import Fit
+from fast.models.units import spell_name, unit_of
+from fast.tasks.gap.ask import FEWEST_GRASPS, ask, estimate_costs, spread_cells, write_pair
+from fast.tasks.gap.ask_settings import AskSettings
+from fast.tasks.gap.calibrate import CalibratedSimulator
+from fast.tasks.gap.findings import count_made, find_refined_run
+from fast.tasks.gap.rounds import Round
 
 _THETA_WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "friction", "poisson_ratio": "Poisson's ratio"}
 

@@ -12,33 +12,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lake.store import Lake
-from models.gap.ask.answers import believe
-from models.gap.ask.hypotheses import list_hypotheses
-from models.gap.ask.settle import settle, tell_asked
-from models.gap.bank.bank import AMPLITUDES, BankPlan
-from models.gap.bank.surrogate import N_BINS
-from models.gap.data import GapData
-from models.gap.evaluation.confounds import find_confounds
-from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
-from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
-from models.gap.evaluation.rest import describe_rest
-from models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict
-from models.gap.fit.fit import Fit
-from models.gap.fit.recalibrate import TOOL_SD
-from models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
-from models.gap.local_bank import choose_bank, has_left, move_bank
-from models.gap.naming.name import NamingResult, name_effect
-from models.gap.where.locate import Where, locate
-from models.gap.where.residuals import Residuals
-from models.records import EffectValue, SimulatorVersion
-from models.simulation.effects.catalogue import CATALOGUE
-from models.traces.step_features import N_STEPS
-from tasks.gap.bank import HELD_OUT, LOCAL_BANK, note_bank, plan_bank, plan_cells, read_bank, read_simulated_steps
-from tasks.gap.calibrate import CalibratedSimulator, SearchInputs, admit_simulator, calibrate_simulator
-from tasks.gap.findings import read_questions
-from tasks.gap.moved import simulate_moved
-from tasks.simulation.plan import SimulationPlan
+from fast.lake.store import Lake
+from fast.models.gap.ask.answers import believe
+from fast.models.gap.ask.hypotheses import list_hypotheses
+from fast.models.gap.ask.settle import settle, tell_asked
+from fast.models.gap.bank.bank import AMPLITUDES, BankPlan
+from fast.models.gap.bank.surrogate import N_BINS
+from fast.models.gap.data import GapData
+from fast.models.gap.evaluation.confounds import find_confounds
+from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
+from fast.models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
+from fast.models.gap.evaluation.rest import describe_rest
+from fast.models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.recalibrate import TOOL_SD
+from fast.models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
+from fast.models.gap.local_bank import choose_bank, has_left, move_bank
+from fast.models.gap.naming.name import NamingResult, name_effect
+from fast.models.gap.where.locate import Where, locate
+from fast.models.gap.where.residuals import Residuals
+from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.traces.step_features import N_STEPS
+from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, note_bank, plan_bank, plan_cells, read_bank, read_simulated_steps
+from fast.tasks.gap.calibrate import CalibratedSimulator, SearchInputs, admit_simulator, calibrate_simulator
+from fast.tasks.gap.findings import read_questions
+from fast.tasks.gap.moved import simulate_moved
+from fast.tasks.simulation.plan import SimulationPlan
 
 _FRICTION_STEP = 0.02  # relative, of a finite difference
 _N_DRAWS = 40

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from models.ids import content_id, seed_from
-from models.objects.catalogue import get_object
-from tasks.calibration.mean_data import TooLittleDataError
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.models.ids import content_id, seed_from
+from fast.models.objects.catalogue import get_object
+from fast.tasks.calibration.mean_data import TooLittleDataError
 
 KIND = "gap_split"
 MIN_DESIGNS, MIN_OBJECTS = 7, 5  # five tools and four objects are left to look at

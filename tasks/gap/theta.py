@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import SimulationRow
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.errors import UsageError
-from models.gap.bank.surrogate import Surrogate
-from models.gap.data import GapData
-from models.records import SimulatorVersion
-from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from tasks.calibration.calibrate import CalibrationData, Progress, make_version
-from tasks.gap.bank import list_plan_ids, plan_theta_grid, read_grid_bank
-from tasks.gap.data import MeasuredGrasps, check_units
-from tasks.simulation.plan import SimulationPlan
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import SimulationRow
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.errors import UsageError
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.data import GapData
+from fast.models.records import SimulatorVersion
+from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.tasks.calibration.calibrate import CalibrationData, Progress, make_version
+from fast.tasks.gap.bank import list_plan_ids, plan_theta_grid, read_grid_bank
+from fast.tasks.gap.data import MeasuredGrasps, check_units
+from fast.tasks.simulation.plan import SimulationPlan
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class TraceData(CalibrationData):
         Raises:
             UsageError: there are too few tools.
         """
-        from models.gap.fit.theta import calibrate_theta, of_bench
+        from fast.models.gap.fit.theta import calibrate_theta, of_bench
 
         result = calibrate_theta(self.training, settings, progress)
         columns = count_training(self.training) | {"n_simulations": len(self.simulation_ids), "n_held_out": 0}

@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, GraspRow, SimTraceRow, TraceRow
-from models.errors import UsageError
-from models.records import Design, GraspSetup, Placement, Trace
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, GraspRow, SimTraceRow, TraceRow
+from fast.models.errors import UsageError
+from fast.models.records import Design, GraspSetup, Placement, Trace
 
 
 def measured_grasps(lake: Lake, campaign_id: str | None) -> list[GraspRow]:

@@ -4,16 +4,16 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
-from lake.tables.campaign import FitRow
-from models.blas import one_blas_thread
-from models.ids import content_id
-from models.scientist.surrogate.fit import fit_surrogate, trust_simulations
-from models.scientist.surrogate.health import health_of
-from models.scientist.surrogate.observations import ObservationSet
-from models.scientist.surrogate.parameters import SurrogateParameters
-from models.scientist.surrogate.posterior import Surrogate
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.settings import LOG
+from fast.lake.tables.campaign import FitRow
+from fast.models.blas import one_blas_thread
+from fast.models.ids import content_id
+from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
+from fast.models.scientist.surrogate.health import health_of
+from fast.models.scientist.surrogate.observations import ObservationSet
+from fast.models.scientist.surrogate.parameters import SurrogateParameters
+from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.settings import LOG
 
 logger = logging.getLogger(__name__)
 

@@ -4,17 +4,17 @@ from itertools import zip_longest
 
 import numpy as np
 
-from lake.tables.campaign import DesignRow, ProposalRow
-from models.ids import content_id
-from models.records import Design
-from models.scientist.propose import keep_allowed
-from models.scientist.surrogate.fit import fit_surrogate
-from models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
-from models.scientist.surrogate.posterior import Surrogate
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import NIGHT
-from tasks.scientist.fit import in_units_of
-from tasks.scientist.observe import (
+from fast.lake.tables.campaign import DesignRow, ProposalRow
+from fast.models.ids import content_id
+from fast.models.records import Design
+from fast.models.scientist.propose import keep_allowed
+from fast.models.scientist.surrogate.fit import fit_surrogate
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import NIGHT
+from fast.tasks.scientist.fit import in_units_of
+from fast.tasks.scientist.observe import (
     Means,
     closed_batches,
     means_of_simulations,
@@ -22,7 +22,7 @@ from tasks.scientist.observe import (
     observe,
     proposed_designs,
 )
-from tasks.scientist.propose import constraint_of
+from fast.tasks.scientist.propose import constraint_of
 
 _N_FITTED = (
     300  # simulated designs that the surrogate is fitted to: the best half and a random half, for seconds of CPU

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.records import Design, SimulatorVersion
-from models.scientist.surrogate.imputation import mean_over_objects
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
-from models.scientist.surrogate.version_map import VersionMap, fit_version_map
-from tasks.bench.plan import find_missing_runs
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import CampaignState, ProposedTool, tuples
+from fast.models.records import Design, SimulatorVersion
+from fast.models.scientist.surrogate.imputation import mean_over_objects
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
+from fast.tasks.bench.plan import find_missing_runs
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState, ProposedTool, tuples
 
 # Grasps that a search asked for say nothing of a tool's quality.
 _ORDINARY = "grasps WHERE campaign_id = ? AND status = 'ok' AND request_id IS NULL"

@@ -6,23 +6,23 @@ from itertools import islice
 
 import numpy as np
 
-from lake.tables.campaign import BatchRow, DesignRow, ProposalRow
-from models.design.printability import broken_rules
-from models.errors import FastError, UsageError
-from models.ids import content_id
-from models.own_code import is_own, load_constraint
-from models.records import Design
-from models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
-from models.scientist.propose import RANDOM, Constraint, propose
-from models.scientist.propose import Proposal as ProposedDesign
-from models.scientist.surrogate.observations import ObservationSet
-from models.scientist.surrogate.posterior import Surrogate
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.own_designs import OWN
-from tasks.campaign.simulator_versions import note_older_simulations
-from tasks.campaign.state import CampaignState
-from tasks.scientist.fit import fit, surrogate_for_simulation, tools_fit_id
-from tasks.scientist.observe import closed_batches, observe, observed_rows
+from fast.lake.tables.campaign import BatchRow, DesignRow, ProposalRow
+from fast.models.design.printability import broken_rules
+from fast.models.errors import FastError, UsageError
+from fast.models.ids import content_id
+from fast.models.own_code import is_own, load_constraint
+from fast.models.records import Design
+from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
+from fast.models.scientist.propose import RANDOM, Constraint, propose
+from fast.models.scientist.propose import Proposal as ProposedDesign
+from fast.models.scientist.surrogate.observations import ObservationSet
+from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.own_designs import OWN
+from fast.tasks.campaign.simulator_versions import note_older_simulations
+from fast.tasks.campaign.state import CampaignState
+from fast.tasks.scientist.fit import fit, surrogate_for_simulation, tools_fit_id
+from fast.tasks.scientist.observe import closed_batches, observe, observed_rows
 
 
 @dataclass(frozen=True)

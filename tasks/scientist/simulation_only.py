@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.scientist.propose import Proposal, propose
-from models.scientist.surrogate.observations import REAL
-from models.scientist.surrogate.posterior import Surrogate
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import CampaignState
-from tasks.scientist.fit import surrogate_for_simulation
-from tasks.scientist.observe import means_of_simulations, observe, observed_rows, proposed_designs
-from tasks.scientist.propose import (
+from fast.models.scientist.propose import Proposal, propose
+from fast.models.scientist.surrogate.observations import REAL
+from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState
+from fast.tasks.scientist.fit import surrogate_for_simulation
+from fast.tasks.scientist.observe import means_of_simulations, observe, observed_rows, proposed_designs
+from fast.tasks.scientist.propose import (
     Choice,
     append_simulation,
     append_tools,

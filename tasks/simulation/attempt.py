@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from models.design.space import BEST_PUBLISHED
-from models.errors import MeshingFailed, SimulationFailed
-from models.ids import canonical_json, content_id
-from models.objects.catalogue import RigidObject, get_object
-from models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, check_tier
-from models.simulation.effects.catalogue import build_effects
-from models.simulation.mesh.build import build_mesh
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.placement import needs_full_width
-from tasks.simulation.pool import EngineWorker
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import MeshingFailed, SimulationFailed
+from fast.models.ids import canonical_json, content_id
+from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, check_tier
+from fast.models.simulation.effects.catalogue import build_effects
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.placement import needs_full_width
+from fast.tasks.simulation.pool import EngineWorker
 
 logger = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ def attempt_grasp(job: GraspJob) -> Attempt:
     Raises:
         UsageError: the job's tier was removed.
     """
-    from models.simulation.grasp import simulate_grasp  # compiled kernels are loaded in workers only
+    from fast.models.simulation.grasp import simulate_grasp  # compiled kernels are loaded in workers only
 
     wall, started, meshed = time.perf_counter(), time.process_time(), time.process_time()
     result, reason, message = None, "", ""
@@ -118,7 +118,7 @@ def attempt_grasp(job: GraspJob) -> Attempt:
 
 def _branches_of(job: GraspJob, result: GraspSimulation, started_s: float) -> Branches | None:
     """The branches of a grasp that began at `started_s` (of `perf_counter`); None if they are not found in time."""
-    from models.simulation.branches import find_branches
+    from fast.models.simulation.branches import find_branches
 
     left_s = job.deadline_s - (time.perf_counter() - started_s)
     try:
@@ -137,7 +137,7 @@ def _load_kernels() -> None:
     After an update they are compiled first, on a busy machine for minutes. That time belongs to no grasp: counted
     against a deadline, it would be kept as a failure for good.
     """
-    from models.simulation.grasp import simulate_grasp
+    from fast.models.simulation.grasp import simulate_grasp
 
     setup = GraspSetup(max_lift_mm=1.0)
     simulate_grasp(BEST_PUBLISHED, get_object(WARM_UP_OBJECT), setup=setup)

@@ -4,8 +4,8 @@ import re
 from contextlib import AbstractContextManager
 from typing import Protocol
 
-from models.errors import ConfigError
-from tasks.simulation.pool import EngineWorker, WorkerPool
+from fast.models.errors import ConfigError
+from fast.tasks.simulation.pool import EngineWorker, WorkerPool
 
 LOCAL = "local"
 _ADDRESS = re.compile(r"(?P<scheme>dask|dask\+tls)://(?P<host>[A-Za-z0-9_.-]+):(?P<port>\d{1,5})")
@@ -58,6 +58,6 @@ def open_engine(address: str, n_workers: int, limit_s: float) -> Engine:
         raise ConfigError(f"{error}.") from error
     if address == LOCAL:
         return WorkerPool(n_workers)
-    from tasks.simulation.engine_dask import DaskEngine
+    from fast.tasks.simulation.engine_dask import DaskEngine
 
     return DaskEngine(address, n_workers, limit_s)

@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from models.errors import FastError, MissingDependencyError
-from models.solver_code import solver_id
-from tasks.simulation.attempt import GraspJob
+from fast.models.errors import FastError, MissingDependencyError
+from fast.models.solver_code import solver_id
+from fast.tasks.simulation.attempt import GraspJob
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -6,17 +6,17 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
-from lake.provenance import Provenance, current_provenance
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, SimulatorVersionRow
-from lake.tables.catalogue_rows import version_rows
-from lake.tables.row import Row
-from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, Placement, SimulatorVersion, find_setup_id
-from tasks.campaign.state import tuples
-from tasks.simulation.attempt import GraspJob, answer, attempt_grasp
-from tasks.simulation.pool import WorkerPool
-from tasks.simulation.simulate import simulation_rows
+from fast.lake.provenance import Provenance, current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, SimulatorVersionRow
+from fast.lake.tables.catalogue_rows import version_rows
+from fast.lake.tables.row import Row
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, GraspSetup, Placement, SimulatorVersion, find_setup_id
+from fast.tasks.campaign.state import tuples
+from fast.tasks.simulation.attempt import GraspJob, answer, attempt_grasp
+from fast.tasks.simulation.pool import WorkerPool
+from fast.tasks.simulation.simulate import simulation_rows
 
 
 @dataclass(frozen=True)

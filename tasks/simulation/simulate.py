@@ -5,15 +5,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from lake.tables.campaign import Row, SimTraceRow, SimulationBranchRow, SimulationRow
-from lake.tables.catalogue_rows import missing_version_rows
-from lake.tables.requests import setup_columns
-from models.ids import canonical_json
-from models.objects.catalogue import get_object
-from models.records import Branches, Design
-from tasks.campaign.campaign import Campaign
-from tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
-from tasks.simulation.engine import Engine
+from fast.lake.tables.campaign import Row, SimTraceRow, SimulationBranchRow, SimulationRow
+from fast.lake.tables.catalogue_rows import missing_version_rows
+from fast.lake.tables.requests import setup_columns
+from fast.models.ids import canonical_json
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Branches, Design
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
+from fast.tasks.simulation.engine import Engine
 
 logger = logging.getLogger(__name__)
 

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import AnomalyFlagRow
-from models.traces.anomalies import TURNED, Labels, find_anomalies
-from models.traces.batch import TraceFeatures
-from models.traces.flags import Anomaly
-from models.traces.names import FEATURES
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import AnomalyFlagRow
+from fast.models.traces.anomalies import TURNED, Labels, find_anomalies
+from fast.models.traces.batch import TraceFeatures
+from fast.models.traces.flags import Anomaly
+from fast.models.traces.names import FEATURES
 
 _FEATURES = f"""
     SELECT f.grasp_id, f.campaign_id, f.setup_id, f.tool_id, f.object_id, o.orientation, profile_n,

@@ -8,13 +8,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import TraceFeaturesRow
-from models.errors import UsageError
-from models.traces.batch import features_of_samples
-from models.traces.names import FEATURE_VERSION, MIN_LIFT_MM
-from models.traces.quality import Interval, difference_of_tools, mean_of_tools
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TraceFeaturesRow
+from fast.models.errors import UsageError
+from fast.models.traces.batch import features_of_samples
+from fast.models.traces.names import FEATURE_VERSION, MIN_LIFT_MM
+from fast.models.traces.quality import Interval, difference_of_tools, mean_of_tools
 
 AT_ONCE = 4096  # grasps whose samples are in memory: 80 MB of 1,200 each
 ALL_OBJECTS = "all objects"

@@ -4,15 +4,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lake.store import Lake
-from models.errors import UsageError
-from models.ids import seed_from
-from models.objects.catalogue import get_object
-from models.records import Trace
-from models.traces.identification.classifier import CLASSES, ORIENTATIONS, Beliefs, train
-from models.traces.identification.evaluate import N_FOLDS, beliefs_of_unseen, rank_of_truth
-from models.traces.identification.inputs import inputs_of
-from models.traces.identification.kinds import MEANINGS, SIDES
+from fast.lake.store import Lake
+from fast.models.errors import UsageError
+from fast.models.ids import seed_from
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Trace
+from fast.models.traces.identification.classifier import CLASSES, ORIENTATIONS, Beliefs, train
+from fast.models.traces.identification.evaluate import N_FOLDS, beliefs_of_unseen, rank_of_truth
+from fast.models.traces.identification.inputs import inputs_of
+from fast.models.traces.identification.kinds import MEANINGS, SIDES
 
 MOST_GRASPS = 5000  # to learn from: 140 of each object
 N_SHOWN = 3

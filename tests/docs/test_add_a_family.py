@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lake.tables.campaign import DesignRow
-from models.design.families import check_section, find_family, read_design
-from models.errors import ConfigError, UsageError
-from models.records import Design, MeshSettings
-from models.simulation.mesh.build import build_mesh
-from tasks.campaign.config import load_config
-from tasks.scientist.propose import propose_guided
+from fast.lake.tables.campaign import DesignRow
+from fast.models.design.families import check_section, find_family, read_design
+from fast.models.errors import ConfigError, UsageError
+from fast.models.records import Design, MeshSettings
+from fast.models.simulation.mesh.build import build_mesh
+from fast.tasks.campaign.config import load_config
+from fast.tasks.scientist.propose import propose_guided
 from tests.docs.pages import DOCS, ROOT, blocks_of
 from tests.flows.cli.cli_lakes import WORLD, Fast
 from tests.tasks.campaign.small_campaign import begun, small_campaign
@@ -115,5 +115,5 @@ def test_unknown_families_are_named() -> None:
     with pytest.raises(UsageError, match="did you mean `free-form`"):
         find_family("freeform")
     with pytest.raises(UsageError, match="no design family"):
-        find_family("models.records:Theta")
+        find_family("fast.models.records:Theta")
     assert issubclass(find_family(NAME), Design)

@@ -10,7 +10,7 @@ import pytest
 from cyclopts import App
 from cyclopts.exceptions import CoercionError, CycloptsError, MissingArgumentError
 
-from flows.cli.main import app
+from fast.flows.cli.main import app
 from tests.docs.pages import DOCS, PAGES, Block, blocks_of, name_of, prose_of
 
 FIRST_CAMPAIGN = DOCS / "tutorial" / "first-campaign.md"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from models.ids import PREFIXES, content_id
+from fast.models.ids import PREFIXES, content_id
 from tests.docs.pages import DOCS, ROOT
 
 LAYERS = ("flows", "tasks", "lake", "hardware", "models")

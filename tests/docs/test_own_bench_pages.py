@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from lake.store import Lake
+from fast.lake.store import Lake
 from tests.docs.pages import DOCS, blocks_of
 from tests.flows.cli.cli_lakes import Fast
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from lake.store import Lake
-from models.objects import catalogue
-from tasks.campaign.config import load_config
+from fast.lake.store import Lake
+from fast.models.objects import catalogue
+from fast.tasks.campaign.config import load_config
 from tests.docs.pages import DOCS, ROOT, blocks_of
 from tests.flows.cli.cli_lakes import Fast
 

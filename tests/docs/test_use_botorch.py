@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lake.tables.campaign import ProposalRow
-from models.design.space import from_unit, random_unit
-from models.scientist.propose import NO_PENDING, propose
-from models.scientist.surrogate.fit import ObservationSet, fit_surrogate
-from tasks.campaign.config import load_config
-from tasks.scientist.propose import propose_guided
+from fast.lake.tables.campaign import ProposalRow
+from fast.models.design.space import from_unit, random_unit
+from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.surrogate.fit import ObservationSet, fit_surrogate
+from fast.tasks.campaign.config import load_config
+from fast.tasks.scientist.propose import propose_guided
 from tests.docs.pages import DOCS, ROOT, blocks_of
 from tests.tasks.campaign.small_campaign import begun, small_campaign
 

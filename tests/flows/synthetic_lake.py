@@ -9,9 +9,9 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     BatchRow,
     CampaignRow,
     DesignRow,
@@ -25,11 +25,11 @@ from lake.tables.campaign import (
     ToolRow,
     TraceRow,
 )
-from lake.tables.requests import setup_columns
-from models.design.space import random_designs, to_unit
-from models.ids import content_id, seed_from, tool_label
-from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
-from models.traces import initial_force_n, peak_force_n, work_j
+from fast.lake.tables.requests import setup_columns
+from fast.models.design.space import random_designs, to_unit
+from fast.models.ids import content_id, seed_from, tool_label
+from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+from fast.models.traces import initial_force_n, peak_force_n, work_j
 
 SETUP = GraspSetup()
 STARTED = datetime(2025, 3, 3, 9, 0, tzinfo=UTC)

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.gap import search
-from flows.library import find_gap
-from lake.store import Lake
-from models.errors import UsageError
+from fast.flows.gap import search
+from fast.flows.library import find_gap
+from fast.lake.store import Lake
+from fast.models.errors import UsageError
 
 
 def test_a_search_from_python_is_the_one_that_was_asked_for(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.viewer.window import find_port
+from fast.flows.viewer.window import find_port
 from tests.flows.cli.cli_lakes import ROOT, proposed_lake
 
 # Read by every Python that is started below, before anything else.
@@ -69,7 +69,7 @@ def test_the_watch_sees_who_leaves(watched):
 def test_commands_ask_nobody(tmp_path, watched, words):
     environment, leaves = watched
     lake = proposed_lake(tmp_path)
-    command = [sys.executable, "-m", "flows.cli.main", *words, "--lake", str(lake)]
+    command = [sys.executable, "-m", "fast.flows.cli.main", *words, "--lake", str(lake)]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     n_watched, left = seen_of(leaves)
@@ -84,7 +84,7 @@ def test_server_worker_and_deployments_ask_nobody(tmp_path, watched):
     command = [
         sys.executable,
         "-m",
-        "flows.cli.main",
+        "fast.flows.cli.main",
         "serve",
         "--lake",
         str(tmp_path / "lake"),

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from flows.report.calibration.page import write_calibration_report
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, GraspRow, PosteriorDrawsRow, SimulationRow, ToolRow
+from fast.flows.report.calibration.page import write_calibration_report
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, GraspRow, PosteriorDrawsRow, SimulationRow, ToolRow
 from tests.flows.cli.cli_lakes import ROOT, Fast
 
 ARCHIVES = ROOT / "tests" / "data" / "lakes-0.1"
@@ -55,7 +55,7 @@ def test_a_stopped_campaign_continues_at_the_missing_grasp(tmp_path: Path) -> No
     assert 0 < len(kept) < N_GRASPS
     words = ["campaign", "run", folder / "tiny.toml", "--lake", folder / "lake", "--auto-print"]
     done = subprocess.run(
-        [sys.executable, "-m", "flows.cli.main", *words],
+        [sys.executable, "-m", "fast.flows.cli.main", *words],
         cwd=ROOT,
         env={name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")},
         capture_output=True,

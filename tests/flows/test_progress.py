@@ -1,6 +1,6 @@
 import pytest
 
-from flows.progress import UNKNOWN, RateEstimate, describe_duration, describe_time_left
+from fast.flows.progress import UNKNOWN, RateEstimate, describe_duration, describe_time_left
 
 
 def test_time_left_follows_the_rate():

@@ -10,12 +10,12 @@ from unittest import mock
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flows.campaign import progress as campaign_progress
-from flows.campaign.progress import CampaignProgress, Workload
-from flows.progress import UNKNOWN, ProgressReporter
-from flows.simulation import progress as simulation_progress
-from flows.simulation.progress import simulate_missing
-from tasks.simulation.plan import PointDone
+from fast.flows.campaign import progress as campaign_progress
+from fast.flows.campaign.progress import CampaignProgress, Workload
+from fast.flows.progress import UNKNOWN, ProgressReporter
+from fast.flows.simulation import progress as simulation_progress
+from fast.flows.simulation.progress import simulate_missing
+from fast.tasks.simulation.plan import PointDone
 
 ALL_DONE = "0 s left"
 EVENTS = ("grasp", "simulation", "both", "failed grasp", "given up", "resume")

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from flows.report.folder import Folder
+from fast.flows.report.folder import Folder
 
 
 def leave_undrawn(patch: pytest.MonkeyPatch) -> None:
     """Have figures made but not written, and bodies left blank; the tests of `tests/flows/report` draw every one."""
-    patch.setattr("flows.report.folder.save_svg", lambda figure, path: None)
+    patch.setattr("fast.flows.report.folder.save_svg", lambda figure, path: None)
     patch.setattr(Folder, "print_figure", Folder.figure)
-    for picture in ("flows.report.campaign.finger.render", "flows.report.campaign.traces.object_picture"):
+    for picture in ("fast.flows.report.campaign.finger.render", "fast.flows.report.campaign.traces.object_picture"):
         patch.setattr(picture, lambda *words, **options: np.zeros((8, 8, 4)))

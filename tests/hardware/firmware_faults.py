@@ -11,9 +11,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from hardware.cell.gantry import Gantry
-from hardware.wire.log_files import GANTRY, WireFiles, list_logs
-from hardware.wire.serial import SerialTransport
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.wire.log_files import GANTRY, WireFiles, list_logs
+from fast.hardware.wire.serial import SerialTransport
 from tests.hardware.grbl.faulty_line import FaultyLine
 from tests.hardware.grbl.firmware_board import FirmwareRig, find_reason_to_skip
 from tests.hardware.grbl.test_wire_faults import VirtualRig

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli.common import table_text
-from hardware.click import tags
-from hardware.click.codec import parse_address
-from hardware.clock import VirtualClock
-from hardware.grbl.profile import LAB_SETTINGS
-from hardware.virtual.click import VirtualClick
+from fast.flows.cli.common import table_text
+from fast.hardware.click import tags
+from fast.hardware.click.codec import parse_address
+from fast.hardware.clock import VirtualClock
+from fast.hardware.grbl.profile import LAB_SETTINGS
+from fast.hardware.virtual.click import VirtualClick
 
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "how-to" / "set-up-a-bench.md").read_text()

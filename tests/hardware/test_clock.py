@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
+from fast.hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
 
 
 @given(st.lists(st.floats(0, 100), max_size=20))

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     BatchRow,
     CampaignRow,
     DesignRow,
@@ -21,10 +21,10 @@ from lake.tables.campaign import (
     ToolRow,
     TraceRow,
 )
-from lake.tables.requests import setup_columns
-from models import traces as features
-from models.design.space import BEST_PUBLISHED
-from models.records import GraspSetup, SimulatorVersion, Trace
+from fast.lake.tables.requests import setup_columns
+from fast.models import traces as features
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.records import GraspSetup, SimulatorVersion, Trace
 
 START = datetime(2026, 3, 1, 8, tzinfo=UTC)
 

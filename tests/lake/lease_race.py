@@ -3,9 +3,9 @@
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-from lake.leases import exclusive
-from lake.store import Lake
-from models.errors import FastError
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.models.errors import FastError
 
 
 def race_for_lease(address: object, at_once: int) -> tuple[int, int]:

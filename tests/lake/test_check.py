@@ -10,10 +10,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lake.maintenance import Finding, check, compact
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, GraspRow, Row
-from models.errors import LakeError, UsageError
+from fast.lake.maintenance import Finding, check, compact
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, GraspRow, Row
+from fast.models.errors import LakeError, UsageError
 
 
 @pytest.fixture
@@ -143,8 +143,8 @@ def test_a_folder_that_the_system_refuses_is_named(filled, monkeypatch, number):
 
         return call
 
-    monkeypatch.setattr("lake.storage.folder.Path.iterdir", refusing(Path.iterdir))
-    monkeypatch.setattr("lake.query.engine.os.scandir", refusing(os.scandir))
+    monkeypatch.setattr("fast.lake.storage.folder.Path.iterdir", refusing(Path.iterdir))
+    monkeypatch.setattr("fast.lake.query.engine.os.scandir", refusing(os.scandir))
     words = f"{folder} cannot be read ({os.strerror(number)})"
     (finding,) = check(filled)
     assert finding == Finding("unreadable", folder, f"{words}; change its permissions or repair the disk.")
@@ -170,7 +170,7 @@ def test_what_cannot_be_set_aside_stays_where_it_is(filled, monkeypatch, functio
         raise OSError(number, os.strerror(number))
 
     with monkeypatch.context() as patched:
-        patched.setattr(f"lake.storage.folder.{function}", fail)
+        patched.setattr(f"fast.lake.storage.folder.{function}", fail)
         with pytest.raises(kind) as caught:
             check(filled, quarantine=True)
     assert str(caught.value) == (
@@ -207,7 +207,7 @@ def test_a_full_disk_while_writing_leaves_nothing_to_set_aside(filled, provenanc
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patched:
-        patched.setattr(f"lake.storage.files.{function}", fail)
+        patched.setattr(f"fast.lake.storage.files.{function}", fail)
         with pytest.raises(LakeError, match=r"No space left on device.*free disk space"):
             filled.append(make_grasp(object_id=9), provenance)
     assert peaks(filled) == before
@@ -241,6 +241,6 @@ def test_a_file_that_is_merged_while_check_looks_is_no_finding(filled, monkeypat
             compact(filled, GraspRow)
         return paths
 
-    monkeypatch.setattr("lake.storage.folder.Path.iterdir", list_then_merge)
+    monkeypatch.setattr("fast.lake.storage.folder.Path.iterdir", list_then_merge)
     assert check(filled) == []
     assert not gone.exists()

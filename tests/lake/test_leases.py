@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from lake import leases
-from lake.leases import Lease, exclusive, holder_of, is_held
-from lake.maintenance import check
-from lake.provenance import Provenance
-from lake.storage.folder import FolderStorage
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from models.errors import FastError, LakeError, LostLeaseError, UsageError
+from fast.lake import leases
+from fast.lake.leases import Lease, exclusive, holder_of, is_held
+from fast.lake.maintenance import check
+from fast.lake.provenance import Provenance
+from fast.lake.storage.folder import FolderStorage
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.models.errors import FastError, LakeError, LostLeaseError, UsageError
 from tests.lake.lease_race import race_for_lease
 
 PROVENANCE = Provenance(code_version="x", code_dirty=False)

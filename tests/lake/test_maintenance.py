@@ -5,10 +5,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lake.maintenance import check, compact, stats
-from lake.store import Lake
-from lake.tables.campaign import TABLES, EventRow, GraspRow, TraceRow
-from models.errors import LakeError
+from fast.lake.maintenance import check, compact, stats
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TABLES, EventRow, GraspRow, TraceRow
+from fast.models.errors import LakeError
 
 
 class Killed(BaseException):
@@ -87,9 +87,9 @@ def test_a_crash_while_compacting_changes_nothing_a_reader_sees(filled, monkeypa
         return call
 
     with monkeypatch.context() as patched:
-        patched.setattr("lake.storage.files.os.replace", dying(os.replace))
-        patched.setattr("lake.storage.files.os.fsync", dying(os.fsync))
-        patched.setattr("lake.maintenance.Path.unlink", dying(type(filled.root).unlink))
+        patched.setattr("fast.lake.storage.files.os.replace", dying(os.replace))
+        patched.setattr("fast.lake.storage.files.os.fsync", dying(os.fsync))
+        patched.setattr("fast.lake.maintenance.Path.unlink", dying(type(filled.root).unlink))
         try:
             compact(filled, "traces")
         except Killed:
@@ -108,11 +108,11 @@ def test_a_file_rewritten_during_compaction_is_kept(filled, provenance, make_gra
     def rewrite_then_publish(staged, final):
         monkeypatch.undo()
         filled.append(rows, provenance)
-        from lake.storage.files import publish
+        from fast.lake.storage.files import publish
 
         publish(staged, final)
 
-    monkeypatch.setattr("lake.storage.folder.publish", rewrite_then_publish)
+    monkeypatch.setattr("fast.lake.storage.folder.publish", rewrite_then_publish)
     compact(filled, "traces")
     assert n_files(filled, "traces") == 2
     newest = max(row["sequence"] for row in filled.rows(TraceRow))

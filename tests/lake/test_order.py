@@ -7,13 +7,13 @@ from datetime import datetime, timedelta
 import pyarrow.parquet as pq
 import pytest
 
-from lake.maintenance import compact
-from lake.order import LogicalClock
-from lake.provenance import Provenance
-from lake.storage.files import number_of, older_copies
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from models.errors import LakeError
+from fast.lake.maintenance import compact
+from fast.lake.order import LogicalClock
+from fast.lake.provenance import Provenance
+from fast.lake.storage.files import number_of, older_copies
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.models.errors import LakeError
 
 PROVENANCE = Provenance(code_version="x", code_dirty=False)
 _OTHER_HOST = """
@@ -23,10 +23,10 @@ class Wrong(standard.datetime):
     @classmethod
     def now(cls, tz=None):
         return standard.datetime.now(tz) + standard.timedelta(hours=float(sys.argv[2]))
-import lake.provenance
+import fast.lake.provenance
 lake.provenance.datetime = Wrong
-from lake.store import Lake
-from lake.tables.campaign import EventRow
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
 row = EventRow(event_id="E1", campaign_id="c", kind="k", message=sys.argv[3])
 Lake.open(Path(sys.argv[1])).append([row], lake.provenance.Provenance(code_version="x", code_dirty=False))
 """
@@ -45,7 +45,7 @@ class Clock(datetime):
 
 @pytest.fixture
 def clock(monkeypatch):
-    monkeypatch.setattr("lake.provenance.datetime", Clock)
+    monkeypatch.setattr("fast.lake.provenance.datetime", Clock)
     monkeypatch.setattr(Clock, "off", timedelta(0))
     return Clock
 
@@ -98,9 +98,9 @@ def test_whoever_has_read_a_row_of_one_table_comes_after_it_in_every_other(lake,
     """As another process would, which has given no number yet."""
     for number in range(5):
         lake.append([event(str(number))], PROVENANCE)
-    monkeypatch.setattr("lake.order.CLOCK", own := LogicalClock())
-    monkeypatch.setattr("lake.store.CLOCK", own)
-    monkeypatch.setattr("lake.query.engine.CLOCK", own)
+    monkeypatch.setattr("fast.lake.order.CLOCK", own := LogicalClock())
+    monkeypatch.setattr("fast.lake.store.CLOCK", own)
+    monkeypatch.setattr("fast.lake.query.engine.CLOCK", own)
     other = Lake.open(lake.root)
     seen = other.rows(EventRow)[0]["sequence"]
     other.append(small_rows[:1], PROVENANCE)

@@ -9,16 +9,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from flows.benchmarks import lake as benchmark
-from flows.benchmarks.base import Options
-from flows.benchmarks.made_up_lake import N_SAMPLES, fill, rows
-from lake.maintenance import _groups, check, compact
-from lake.provenance import Provenance
-from lake.query.sql import run_sql
-from lake.store import Lake
-from lake.tables.campaign import EventRow, TraceRow
-from lake.tables.schema import schema_of
-from models.errors import LakeError, UsageError
+from fast.flows.benchmarks import lake as benchmark
+from fast.flows.benchmarks.base import Options
+from fast.flows.benchmarks.made_up_lake import N_SAMPLES, fill, rows
+from fast.lake.maintenance import _groups, check, compact
+from fast.lake.provenance import Provenance
+from fast.lake.query.sql import run_sql
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, TraceRow
+from fast.lake.tables.schema import schema_of
+from fast.models.errors import LakeError, UsageError
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 N_GRASPS = 512
@@ -71,7 +71,7 @@ def test_a_full_disk_is_told_before_the_lake_is_made():
 @pytest.mark.parametrize("loose_rows", [1, 10**6])
 def test_what_is_seen_bit_by_bit_is_what_is_seen_at_once(tmp_path, monkeypatch, loose_rows):
     """Rows come, are corrected before and after the fact, are merged and removed, in any order."""
-    monkeypatch.setattr("lake.query.engine._LOOSE_ROWS", loose_rows)
+    monkeypatch.setattr("fast.lake.query.engine._LOOSE_ROWS", loose_rows)
     lake, draw = Lake.open(tmp_path / "lake", create=True), random.Random(loose_rows)
     for step in range(45):
         created = START + timedelta(seconds=draw.randrange(1000), microseconds=step)

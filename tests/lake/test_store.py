@@ -11,9 +11,9 @@ import duckdb
 import numpy as np
 import pytest
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     TABLES,
     CampaignRow,
     DesignRow,
@@ -23,7 +23,7 @@ from lake.tables.campaign import (
     SimulationRow,
     TraceRow,
 )
-from models.errors import LakeError, UsageError
+from fast.models.errors import LakeError, UsageError
 
 VIEWS = ("grasp_summary", "tool_object", "tool_quality", "object_profile", "sim_vs_real", "stability")
 
@@ -191,7 +191,7 @@ def test_a_full_disk_leaves_no_row_visible(lake, provenance, make_grasp, monkeyp
         if len(calls) == 3:  # after the samples, while the grasp is written
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("lake.storage.files.os.fsync", full)
+    monkeypatch.setattr("fast.lake.storage.files.os.fsync", full)
     with pytest.raises(LakeError, match="No space left on device.*no row of this call"):
         lake.append(make_grasp(), provenance)
     monkeypatch.undo()
@@ -204,7 +204,7 @@ def test_a_failed_rename_leaves_no_temporary_file(lake, provenance, make_grasp, 
     def refuse(source, target):
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("lake.storage.files.os.replace", refuse)
+    monkeypatch.setattr("fast.lake.storage.files.os.replace", refuse)
     with pytest.raises(LakeError, match="Input/output error"):
         lake.append(make_grasp(), provenance)
     monkeypatch.undo()

@@ -2,7 +2,7 @@ import pickle
 
 import pytest
 
-from models.errors import MeshingFailed, SimulationFailed
+from fast.models.errors import MeshingFailed, SimulationFailed
 
 
 @pytest.mark.parametrize("error_type", [MeshingFailed, SimulationFailed])

@@ -1,7 +1,7 @@
 """Ids of records are of what they mean, not of how it was written; names are spelled for people."""
 
-from models.records import GraspSetup
-from models.units import spell_name
+from fast.models.records import GraspSetup
+from fast.models.units import spell_name
 
 
 def test_a_setup_has_one_id_however_its_numbers_are_written() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from models.solver_code import VARIABLE, source_stamp, use_cache_of
+from fast.models.solver_code import VARIABLE, source_stamp, use_cache_of
 
 
 @pytest.fixture

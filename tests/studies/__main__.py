@@ -8,9 +8,9 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from flows.cli.benchmarks import Chosen, run_benchmark, show_list
-from flows.cli.common import AsJson
-from flows.cli.main import run_and_leave
+from fast.flows.cli.benchmarks import Chosen, run_benchmark, show_list
+from fast.flows.cli.common import AsJson
+from fast.flows.cli.main import run_and_leave
 
 app = App(
     name="python -m tests.studies",

@@ -1,6 +1,6 @@
 """The studies by name. Their worker processes need one of them, so nothing but the runner imports this file."""
 
-from flows.benchmarks.base import Benchmark, benchmark
+from fast.flows.benchmarks.base import Benchmark, benchmark
 from tests.studies.calibration.peers import measure_calibration_peers
 from tests.studies.calibration.ranks import measure_calibration_ranks
 from tests.studies.calibration.traces import measure_calibration_traces

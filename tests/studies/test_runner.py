@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from flows.benchmarks.base import Options
-from flows.cli.main import run
+from fast.flows.benchmarks.base import Options
+from fast.flows.cli.main import run
 from tests.flows.cli.cli_lakes import ROOT
 from tests.studies.__main__ import StudyChosen, app
 from tests.studies.registry import STUDIES

@@ -13,17 +13,26 @@ from typing import Any
 
 import numpy as np
 
-from models.design.space import numbered_design, to_unit
-from models.gap.ask.answers import Answers
-from models.gap.ask.predict import Pair, make_grasps
-from models.gap.bank.bank import AMPLITUDES, DEEPER_MM, NUMERICAL_MESHES, WIDE, WIDER_MM, Bank, BankPlan, EffectRuns
-from models.gap.bank.sensor_effects import read_lead
-from models.gap.data import GapData
-from models.gap.grasps import Cells, Grasps
-from models.records import Design, EffectValue, GraspContext, GraspSetup, Placement, Theta, Trace
-from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from models.traces.step_features import N_STEPS, step_means
-from models.traces.step_noise import SensorNoise
+from fast.models.design.space import numbered_design, to_unit
+from fast.models.gap.ask.answers import Answers
+from fast.models.gap.ask.predict import Pair, make_grasps
+from fast.models.gap.bank.bank import (
+    AMPLITUDES,
+    DEEPER_MM,
+    NUMERICAL_MESHES,
+    WIDE,
+    WIDER_MM,
+    Bank,
+    BankPlan,
+    EffectRuns,
+)
+from fast.models.gap.bank.sensor_effects import read_lead
+from fast.models.gap.data import GapData
+from fast.models.gap.grasps import Cells, Grasps
+from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Placement, Theta, Trace
+from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.models.traces.step_features import N_STEPS, step_means
+from fast.models.traces.step_noise import SensorNoise
 from tests.synthetic.simulation import replayed
 
 OBJECTS = (1, 3, 6, 10, 14, 21, 22, 25, 28, 30, 32, 34)

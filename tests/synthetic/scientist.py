@@ -16,7 +16,7 @@ from gpytorch.priors import NormalPrior, Prior
 from linear_operator import to_dense
 from torch import Tensor
 
-from models.scientist.surrogate.parameters import SurrogateParameters
+from fast.models.scientist.surrogate.parameters import SurrogateParameters
 
 
 class BiFidelityKernel(Kernel):

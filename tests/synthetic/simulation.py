@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
-from models.errors import UsageError
-from models.records import Design, Theta, Trace
-from models.simulation.effects.base import Effect
+from fast.models.errors import UsageError
+from fast.models.records import Design, Theta, Trace
+from fast.models.simulation.effects.base import Effect
 
 
 def replayed(trace: Trace, effects: Iterable[Effect], design: Design, theta: Theta) -> Trace:

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.campaign import Campaign
 from tests.tasks.campaign.small_campaign import small_campaign
 
 

@@ -5,15 +5,15 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import ObjectRow
-from models.errors import ConfigError, UsageError
-from models.objects import catalogue
-from models.objects.catalogue import get_object, name_object
-from tasks.campaign.config import load_config
-from tasks.campaign.settings import ObjectPlan
-from tasks.objects import find_object, own_objects, read_object, read_objects
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import ObjectRow
+from fast.models.errors import ConfigError, UsageError
+from fast.models.objects import catalogue
+from fast.models.objects.catalogue import get_object, name_object
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.settings import ObjectPlan
+from fast.tasks.objects import find_object, own_objects, read_object, read_objects
 
 DUMBBELL = """
 name = "dumbbell"

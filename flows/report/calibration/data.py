@@ -9,24 +9,24 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.report.calibration.prediction_figures import Cloud, Panel
-from flows.report.campaign.queries import Result, fetch
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
-from models.calibration.inference.result import CalibrationResult, measure_convergence
-from models.calibration.inference.settings import CalibrationSettings, read_settings
-from models.calibration.inference.summary import ParameterSummary, summarise_all
-from models.calibration.means.checks import CalibrationChecks, check_calibration
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.predict import N_DRAWS, predict_measured, predict_simulated
-from models.calibration.means.problem import THETA, CalibrationProblem, Standardised
-from models.design.space import PARAMETERS
-from models.errors import UsageError
-from models.records import Theta
-from models.units import unit_of
-from models.validation import closest
-from tasks.calibration.drift import PastCalibration
-from tasks.calibration.means import regather
+from fast.flows.report.calibration.prediction_figures import Cloud, Panel
+from fast.flows.report.campaign.queries import Result, fetch
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
+from fast.models.calibration.inference.result import CalibrationResult, measure_convergence
+from fast.models.calibration.inference.settings import CalibrationSettings, read_settings
+from fast.models.calibration.inference.summary import ParameterSummary, summarise_all
+from fast.models.calibration.means.checks import CalibrationChecks, check_calibration
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.predict import N_DRAWS, predict_measured, predict_simulated
+from fast.models.calibration.means.problem import THETA, CalibrationProblem, Standardised
+from fast.models.design.space import PARAMETERS
+from fast.models.errors import UsageError
+from fast.models.records import Theta
+from fast.models.units import unit_of
+from fast.models.validation import closest
+from fast.tasks.calibration.drift import PastCalibration
+from fast.tasks.calibration.means import regather
 
 CALIBRATION = """
 SELECT * EXCLUDE (parents) FROM calibrations WHERE calibration_id = {calibration}"""

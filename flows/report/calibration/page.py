@@ -3,9 +3,9 @@
 from functools import partial
 from pathlib import Path
 
-from flows.report.calibration.data import Evidence, StoredCalibration, write_archive
-from flows.report.calibration.posterior_figures import Markers, pairs_figure
-from flows.report.calibration.sections import (
+from fast.flows.report.calibration.data import Evidence, StoredCalibration, write_archive
+from fast.flows.report.calibration.posterior_figures import Markers, pairs_figure
+from fast.flows.report.calibration.sections import (
     agreement_columns,
     agreement_section,
     chains_section,
@@ -18,12 +18,12 @@ from flows.report.calibration.sections import (
     theta_table,
     warnings_of,
 )
-from flows.report.campaign.content import Content
-from flows.report.folder import Folder, write_page
-from flows.report.html import Markup, Page, columns, moment, paragraph, section
-from lake.store import Lake
-from models.calibration.means.predict import N_DRAWS
-from models.errors import UsageError
+from fast.flows.report.campaign.content import Content
+from fast.flows.report.folder import Folder, write_page
+from fast.flows.report.html import Markup, Page, columns, moment, paragraph, section
+from fast.lake.store import Lake
+from fast.models.calibration.means.predict import N_DRAWS
+from fast.models.errors import UsageError
 
 _N_SECTION_DRAWS = 60  # a campaign's report is written often; its page has all
 

@@ -7,11 +7,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import rankdata, rv_continuous
 
-from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.summary import correlate_ranks, estimate_density, estimate_density_map, find_prior
-from models.calibration.means.problem import THETA
-from tasks.calibration.drift import PastCalibration
+from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.summary import (
+    correlate_ranks,
+    estimate_density,
+    estimate_density_map,
+    find_prior,
+)
+from fast.models.calibration.means.problem import THETA
+from fast.tasks.calibration.drift import PastCalibration
 
 Markers = Mapping[str, Mapping[str, float]]
 

@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.means.predict import Mixture, Scores, score_mixture
-from models.units import spell_name
+from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.means.predict import Mixture, Scores, score_mixture
+from fast.models.units import spell_name
 
 
 @dataclass(frozen=True, eq=False)

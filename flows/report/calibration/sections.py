@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import rv_continuous
 
-from flows.report.calibration.data import StoredCalibration
-from flows.report.calibration.posterior_figures import (
+from fast.flows.report.calibration.data import StoredCalibration
+from fast.flows.report.calibration.posterior_figures import (
     LABELS,
     Markers,
     chains_figure,
@@ -15,7 +15,7 @@ from flows.report.calibration.posterior_figures import (
     pairs_figure,
     theta_history_figure,
 )
-from flows.report.calibration.prediction_figures import (
+from fast.flows.report.calibration.prediction_figures import (
     DISCREPANCY_COLOUR,
     SIMULATOR_COLOUR,
     Panel,
@@ -26,13 +26,13 @@ from flows.report.calibration.prediction_figures import (
     panel_figure,
     sensitivity_figure,
 )
-from flows.report.folder import Folder
-from flows.report.html import Markup, columns, number, paragraph, section, table, text, tiles
-from models.calibration.inference.result import ESS_LIMIT, K_HAT_LIMIT, R_HAT_LIMIT
-from models.calibration.inference.settings import ThetaPriors
-from models.calibration.inference.summary import ParameterSummary, correlate_ranks, find_prior
-from models.calibration.means.problem import THETA
-from models.design.space import PARAMETERS
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Markup, columns, number, paragraph, section, table, text, tiles
+from fast.models.calibration.inference.result import ESS_LIMIT, K_HAT_LIMIT, R_HAT_LIMIT
+from fast.models.calibration.inference.settings import ThetaPriors
+from fast.models.calibration.inference.summary import ParameterSummary, correlate_ranks, find_prior
+from fast.models.calibration.means.problem import THETA
+from fast.models.design.space import PARAMETERS
 
 DIGITS = {"young_modulus_mpa": 2, "friction": 3, "poisson_ratio": 3}
 SHOWN = (*THETA, "rho", "sd_e_n", "noise_sd_n", "tool_sd", "object_sd", "cell_sd")  # as far as a calibration has them

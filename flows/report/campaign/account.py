@@ -4,12 +4,12 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from flows.report.campaign import queries
-from flows.report.campaign.content import NOT_MEASURED, Content
-from flows.report.campaign.facts import Tool
-from flows.report.campaign.queries import Result
-from flows.report.folder import Folder
-from flows.report.html import (
+from fast.flows.report.campaign import queries
+from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.facts import Tool
+from fast.flows.report.campaign.queries import Result
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import (
     DASH,
     Column,
     Markup,
@@ -23,9 +23,9 @@ from flows.report.html import (
     table,
     text,
 )
-from flows.report.lineage import lineage_text
-from lake.query.lineage import find_lineage
-from lake.tables.requests import PLACEMENT
+from fast.flows.report.lineage import lineage_text
+from fast.lake.query.lineage import find_lineage
+from fast.lake.tables.requests import PLACEMENT
 
 PAPER = {"grasp_s": "15", "grasps_per_hour": "240, the most", "measured": "8,532", "simulated": "50,608"}  # Results
 

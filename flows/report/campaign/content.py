@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from flows.report.campaign import queries
-from flows.report.campaign.facts import (
+from fast.flows.report.campaign import queries
+from fast.flows.report.campaign.facts import (
     Tool,
     choose_versions,
     find_best_tool,
@@ -14,15 +14,15 @@ from flows.report.campaign.facts import (
     find_last_batch,
     read_tools,
 )
-from flows.report.campaign.queries import Result, fetch
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow, design_of_columns
-from lake.tables.imported import is_imported
-from models.design.space import DesignSpace, space_of
-from models.errors import UsageError
-from models.records import Design
-from models.validation import closest, load_record
-from tasks.campaign.settings import DesignSettings
+from fast.flows.report.campaign.queries import Result, fetch
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow, design_of_columns
+from fast.lake.tables.imported import is_imported
+from fast.models.design.space import DesignSpace, space_of
+from fast.models.errors import UsageError
+from fast.models.records import Design
+from fast.models.validation import closest, load_record
+from fast.tasks.campaign.settings import DesignSettings
 
 NOT_MEASURED = (
     "No tool of this campaign has been measured on any object yet; this part fills itself with the first batch."

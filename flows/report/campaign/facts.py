@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from models.ids import tool_label
+from fast.models.ids import tool_label
 
 CONFIDENCE = 0.95
 

@@ -8,17 +8,17 @@ from matplotlib.figure import Figure
 from shapely.geometry import box
 from shapely.plotting import plot_polygon
 
-from flows.report.campaign.content import NOT_MEASURED, Content
-from flows.report.campaign.facts import Tool
-from flows.report.folder import Folder
-from flows.report.html import Markup, columns, number, paragraph, picture, section, table, text
-from flows.report.mesh_picture import Body, render
-from flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
-from models.design.finger import finger_bodies
-from models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM
-from models.design.space import BEST_PUBLISHED, DesignSpace
-from models.records import Design, FinRay
-from models.units import spell_name
+from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.facts import Tool
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Markup, columns, number, paragraph, picture, section, table, text
+from fast.flows.report.mesh_picture import Body, render
+from fast.flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
+from fast.models.design.finger import finger_bodies
+from fast.models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM
+from fast.models.design.space import BEST_PUBLISHED, DesignSpace
+from fast.models.records import Design, FinRay
+from fast.models.units import spell_name
 
 PICTURE_PX = 1100
 PROFILE_SIZE_IN = (2.9, 5.0)

@@ -12,11 +12,11 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from flows.report.grasp_frames import Frame, Instant, largest_force_n
-from flows.report.style import BRANCH_LINE, COMPLIANT, FAINT, INK, MUTED, OBJECT, RIGID, SIMULATED, new_figure
-from models.objects.distance import distance
-from models.objects.primitives import bounds
-from models.records import Branches, GraspSimulation
+from fast.flows.report.grasp_frames import Frame, Instant, largest_force_n
+from fast.flows.report.style import BRANCH_LINE, COMPLIANT, FAINT, INK, MUTED, OBJECT, RIGID, SIMULATED, new_figure
+from fast.models.objects.distance import distance
+from fast.models.objects.primitives import bounds
+from fast.models.records import Branches, GraspSimulation
 
 FORCE_COLOURS = "plasma_r"
 ARROW_MM = 22.0  # length of the largest arrow

@@ -1,9 +1,9 @@
 """How the campaign's simulator changed: what each night added, and what that did to error and ranking."""
 
-from flows.report.campaign.content import Content
-from flows.report.folder import Folder
-from flows.report.html import Markup, count, number, paragraph, section, table
-from tasks.campaign.night_story import Night, read_nights, read_verdicts
+from fast.flows.report.campaign.content import Content
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Markup, count, number, paragraph, section, table
+from fast.tasks.campaign.night_story import Night, read_nights, read_verdicts
 
 TITLE = "How the simulator changed"
 _HEADINGS = (

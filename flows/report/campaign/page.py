@@ -5,23 +5,23 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from flows.report.calibration.page import calibration_section
-from flows.report.campaign.account import write_cost, write_paper, write_provenance, write_tools
-from flows.report.campaign.content import Content
-from flows.report.campaign.finger import write_best
-from flows.report.campaign.nights import write_nights
-from flows.report.campaign.quality import headline, write_baselines, write_progress
-from flows.report.campaign.shapes import write_shapes
-from flows.report.campaign.simulation import write_agreement, write_moments
-from flows.report.campaign.surrogate import write_surrogate
-from flows.report.campaign.traces import write_traces
-from flows.report.campaign.work import write_work
-from flows.report.folder import Folder, write_page
-from flows.report.html import Page, moment
-from lake.store import Lake
-from models.errors import UsageError
-from tasks.traces.anomalies import update_anomalies
-from tasks.traces.features import update_features
+from fast.flows.report.calibration.page import calibration_section
+from fast.flows.report.campaign.account import write_cost, write_paper, write_provenance, write_tools
+from fast.flows.report.campaign.content import Content
+from fast.flows.report.campaign.finger import write_best
+from fast.flows.report.campaign.nights import write_nights
+from fast.flows.report.campaign.quality import headline, write_baselines, write_progress
+from fast.flows.report.campaign.shapes import write_shapes
+from fast.flows.report.campaign.simulation import write_agreement, write_moments
+from fast.flows.report.campaign.surrogate import write_surrogate
+from fast.flows.report.campaign.traces import write_traces
+from fast.flows.report.campaign.work import write_work
+from fast.flows.report.folder import Folder, write_page
+from fast.flows.report.html import Page, moment
+from fast.lake.store import Lake
+from fast.models.errors import UsageError
+from fast.tasks.traces.anomalies import update_anomalies
+from fast.tasks.traces.features import update_features
 
 _LOG = logging.getLogger(__name__)
 

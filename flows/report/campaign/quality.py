@@ -9,18 +9,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flows.report.campaign import queries
-from flows.report.campaign.content import NOT_MEASURED, Content
-from flows.report.campaign.facts import Tool, average_quality_n, count_objects_won, read_tools
-from flows.report.campaign.queries import Result, fetch
-from flows.report.folder import Folder
-from flows.report.html import Markup, columns, count, number, paragraph, section, table, tiles
-from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, new_axes
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow
+from fast.flows.report.campaign import queries
+from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.facts import Tool, average_quality_n, count_objects_won, read_tools
+from fast.flows.report.campaign.queries import Result, fetch
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Markup, columns, count, number, paragraph, section, table, tiles
+from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, new_axes
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow
 
 if TYPE_CHECKING:
-    from flows.scientist.campaign_runs import StrategyRun
+    from fast.flows.scientist.campaign_runs import StrategyRun
 
 BOX_FROM_N = 5
 MARKS = {"random": (FIRST, "o"), "guided": (BEST, "D"), "imported": (MUTED, "s")}  # colour and marker by kind of design
@@ -210,7 +210,7 @@ class Approach:
     @property
     def as_run(self) -> "StrategyRun":
         """What `fast compare` draws and sums up."""
-        from flows.scientist.campaign_runs import StrategyRun
+        from fast.flows.scientist.campaign_runs import StrategyRun
 
         batches: dict[int, list[float]] = {}
         for tool in self.complete:
@@ -236,7 +236,7 @@ def write_baselines(content: Content, folder: Folder) -> Markup:
     others = [a for a in others if a.n_batches == max(b.n_batches for b in others if b.name == a.name)]
     if not others:
         return section("baselines", _TITLE, paragraph(_NO_OTHERS))
-    from flows.scientist.campaign_table import campaign_rows, campaigns_figure
+    from fast.flows.scientist.campaign_table import campaign_rows, campaigns_figure
 
     runs = [approach.as_run for approach in (own, *others)]
     figure = folder.figure("approaches", campaigns_figure(runs, own.name), "Best tool and last batch by approach")

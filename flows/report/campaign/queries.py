@@ -11,7 +11,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from lake.store import Lake
+from fast.lake.store import Lake
 
 TRACE_STEP_MM = 0.5
 MEANWHILE_S = 5.0  # a simulation this close to a grasp ran while the bench measured

@@ -7,15 +7,15 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from flows.report.campaign import queries
-from flows.report.campaign.content import NOT_MEASURED, Content
-from flows.report.campaign.facts import Tool
-from flows.report.campaign.queries import Result
-from flows.report.campaign.traces import NO_TRACES, Curve, Window, gather_curves, panel_grid, write_panel
-from flows.report.folder import Folder
-from flows.report.html import Column, Markup, columns, number, paragraph, record_table, section
-from flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
-from models.ids import tool_label
+from fast.flows.report.campaign import queries
+from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.facts import Tool
+from fast.flows.report.campaign.queries import Result
+from fast.flows.report.campaign.traces import NO_TRACES, Curve, Window, gather_curves, panel_grid, write_panel
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Column, Markup, columns, number, paragraph, record_table, section
+from fast.flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
+from fast.models.ids import tool_label
 
 AT_MOST = 4  # objects of a group that are drawn
 WIDTH_IN, HEIGHT_IN = 1.95, 2.7

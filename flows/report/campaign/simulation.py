@@ -7,17 +7,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flows.report.campaign.content import Content
-from flows.report.campaign.facts import Agreement, Tool, average_objects, measure_agreement
-from flows.report.campaign.grasp import Stage, draw_instant
-from flows.report.folder import Folder
-from flows.report.grasp_frames import five_instants, simulate_again
-from flows.report.html import Markup, columns, number, paragraph, section, text
-from flows.report.style import BEST, BRANCH_LINE, FIRST, SIMULATED, WIDTH_IN, new_axes
-from lake.tables.campaign import GraspRow
-from models.errors import UsageError
-from models.objects.catalogue import RigidObject, get_object
-from models.records import GraspSetup
+from fast.flows.report.campaign.content import Content
+from fast.flows.report.campaign.facts import Agreement, Tool, average_objects, measure_agreement
+from fast.flows.report.campaign.grasp import Stage, draw_instant
+from fast.flows.report.folder import Folder
+from fast.flows.report.grasp_frames import five_instants, simulate_again
+from fast.flows.report.html import Markup, columns, number, paragraph, section, text
+from fast.flows.report.style import BEST, BRANCH_LINE, FIRST, SIMULATED, WIDTH_IN, new_axes
+from fast.lake.tables.campaign import GraspRow
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.records import GraspSetup
 
 DENSE_PAIRS = 400
 

@@ -5,13 +5,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from flows.report.campaign import queries
-from flows.report.campaign.content import Content
-from flows.report.folder import Folder
-from flows.report.html import Column, Markup, columns, paragraph, record_table, section
-from flows.report.style import BEST, SIMULATED, WIDTH_IN, new_axes
-from models.scientist.surrogate.health import SurrogateHealth
-from models.units import spell_name
+from fast.flows.report.campaign import queries
+from fast.flows.report.campaign.content import Content
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Column, Markup, columns, paragraph, record_table, section
+from fast.flows.report.style import BEST, SIMULATED, WIDTH_IN, new_axes
+from fast.models.scientist.surrogate.health import SurrogateHealth
+from fast.models.units import spell_name
 
 _COLUMNS: dict[str, Column] = {
     "batch": lambda row: f"B{row['batch']:02d}",

@@ -14,14 +14,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from flows.report.campaign import queries
-from flows.report.campaign.content import NOT_MEASURED, Content
-from flows.report.campaign.facts import Tool
-from flows.report.folder import Folder
-from flows.report.html import Markup, paragraph, section, text
-from flows.report.mesh_picture import object_picture
-from flows.report.style import BEST, BRANCH_LINE, FIRST, MUTED, SIMULATED, new_figure
-from models.errors import UsageError
+from fast.flows.report.campaign import queries
+from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.facts import Tool
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Markup, paragraph, section, text
+from fast.flows.report.mesh_picture import object_picture
+from fast.flows.report.style import BEST, BRANCH_LINE, FIRST, MUTED, SIMULATED, new_figure
+from fast.models.errors import UsageError
 
 _LOG = logging.getLogger(__name__)
 NO_TRACES = "These grasps have no lift in their traces, so there is nothing to draw."

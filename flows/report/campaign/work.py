@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flows.report.campaign.content import NOT_MEASURED, Content
-from flows.report.folder import Folder
-from flows.report.html import Markup, columns, count, number, paragraph, section, table
-from flows.report.style import BEST, FIRST, MUTED, WIDTH_IN, new_axes
-from models.traces.quality import Interval, difference_of_tools, mean_of_tools
+from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Markup, columns, count, number, paragraph, section, table
+from fast.flows.report.style import BEST, FIRST, MUTED, WIDTH_IN, new_axes
+from fast.models.traces.quality import Interval, difference_of_tools, mean_of_tools
 
 TITLE = "Grasp work by object"
 N_EXTREMES = 6

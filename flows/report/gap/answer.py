@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from models.gap.evaluation.evaluate import FEWEST_HELD_OUT, Evaluation
-from models.gap.evaluation.power import VisibleSize
-from models.gap.findings import Decision, Findings, Gap, RoundFindings
-from models.gap.naming.rank_effects import Separability
-from models.gap.where.cells import UnsureCell
-from models.gap.where.locate import Where
-from models.gap.where.residuals import Residuals
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.evaluation.evaluate import FEWEST_HELD_OUT, Evaluation
+from fast.models.gap.evaluation.power import VisibleSize
+from fast.models.gap.findings import Decision, Findings, Gap, RoundFindings
+from fast.models.gap.naming.rank_effects import Separability
+from fast.models.gap.where.cells import UnsureCell
+from fast.models.gap.where.locate import Where
+from fast.models.gap.where.residuals import Residuals
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 OLD = "Only the answer of this search is kept; run it again with another seed to see what it rests on."
 

@@ -8,15 +8,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
-from flows.report.gap.answer import describe_effect, shorten_tool
-from flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
-from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
-from models.gap.findings import Candidate, Decision, LawCurve, Rest
-from models.gap.naming.rank_effects import LEAST_NATS, Separability
-from models.gap.where.residuals import AT, PHASES, Residuals
-from models.gap.where.variance_components import SOURCES, PhaseComponents
-from models.objects.catalogue import get_object
-from models.traces.step_features import STEP_MM
+from fast.flows.report.gap.answer import describe_effect, shorten_tool
+from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
+from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
+from fast.models.gap.findings import Candidate, Decision, LawCurve, Rest
+from fast.models.gap.naming.rank_effects import LEAST_NATS, Separability
+from fast.models.gap.where.residuals import AT, PHASES, Residuals
+from fast.models.gap.where.variance_components import SOURCES, PhaseComponents
+from fast.models.objects.catalogue import get_object
+from fast.models.traces.step_features import STEP_MM
 
 MEASURED, SIM_BEFORE, SIM_AFTER = INK, FIRST, BEST
 _SOURCE_COLOURS = dict(

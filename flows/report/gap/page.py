@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.report.folder import Folder, write_page
-from flows.report.gap.answer import (
+from fast.flows.report.folder import Folder, write_page
+from fast.flows.report.gap.answer import (
     OLD,
     GapPage,
     describe_answer,
@@ -24,7 +24,7 @@ from flows.report.gap.answer import (
     shorten_answer,
     shorten_tool,
 )
-from flows.report.gap.figures import (
+from fast.flows.report.gap.figures import (
     choose_cells,
     draw_classes,
     draw_components,
@@ -37,8 +37,8 @@ from flows.report.gap.figures import (
     draw_trace,
     name_cell,
 )
-from flows.report.gap.question import write_next
-from flows.report.html import (
+from fast.flows.report.gap.question import write_next
+from fast.flows.report.html import (
     Column,
     Markup,
     Page,
@@ -52,15 +52,15 @@ from flows.report.html import (
     text,
     tiles,
 )
-from models.gap.evaluation.evaluate import Evaluation
-from models.gap.findings import Decision, Findings, RoundFindings
-from models.gap.naming.rank_effects import Separability
-from models.gap.where.cells import find_heaviest_cells
-from models.gap.where.locate import describe_silence
-from models.gap.where.permutation_tests import Q
-from models.gap.where.residuals import PHASES
-from models.simulation.effects.catalogue import CATALOGUE
-from models.units import spell_name
+from fast.models.gap.evaluation.evaluate import Evaluation
+from fast.models.gap.findings import Decision, Findings, RoundFindings
+from fast.models.gap.naming.rank_effects import Separability
+from fast.models.gap.where.cells import find_heaviest_cells
+from fast.models.gap.where.locate import describe_silence
+from fast.models.gap.where.permutation_tests import Q
+from fast.models.gap.where.residuals import PHASES
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import spell_name
 
 PAGE, FINDINGS = "report.html", "findings.json"
 _MOST_UNSURE = 5

@@ -5,14 +5,14 @@ from html import escape
 import numpy as np
 from matplotlib.figure import Figure
 
-from flows.report.folder import Folder
-from flows.report.gap.answer import GapPage, describe_effect, describe_probability, shorten_tool
-from flows.report.html import Markup, number, paragraph, section, table
-from flows.report.style import BEST, FIRST, INK, SIMULATED, WIDTH_IN, new_axes
-from models.gap.ask.outcomes import MEANS
-from models.gap.findings import UNKNOWN, Asked, NextExperiment, RankedDesigns
-from models.objects.catalogue import get_object
-from models.traces.step_features import STEP_MM
+from fast.flows.report.folder import Folder
+from fast.flows.report.gap.answer import GapPage, describe_effect, describe_probability, shorten_tool
+from fast.flows.report.html import Markup, number, paragraph, section, table
+from fast.flows.report.style import BEST, FIRST, INK, SIMULATED, WIDTH_IN, new_axes
+from fast.models.gap.ask.outcomes import MEANS
+from fast.models.gap.findings import UNKNOWN, Asked, NextExperiment, RankedDesigns
+from fast.models.objects.catalogue import get_object
+from fast.models.traces.step_features import STEP_MM
 
 _HOW_PERSON = "Answer with {}, or in the form that <code>fast serve</code> shows; the next search takes it."
 _HOW_GRASPS = "A campaign with <code>gap.active</code> makes them by itself. Without the gantry: {} writes the plan."

@@ -9,9 +9,9 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from hardware.grbl.messages import Vector
-from hardware.grbl.profile import GrblProfile
-from hardware.virtual.grbl.motion import Leg
+from fast.hardware.grbl.messages import Vector
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.virtual.grbl.motion import Leg
 
 FAR_SWITCH_MM = 4.0  # far limit switch beyond the soft limit
 END_STOP_MM = 3.0  # hard stop beyond each switch

@@ -8,8 +8,8 @@ import math
 from collections import deque
 from collections.abc import Callable
 
-from hardware.grbl.codec import encode_message
-from hardware.grbl.messages import (
+from fast.hardware.grbl.codec import encode_message
+from fast.hardware.grbl.messages import (
     Alarm,
     Feedback,
     Message,
@@ -18,13 +18,13 @@ from hardware.grbl.messages import (
     StatusReport,
     Vector,
 )
-from hardware.grbl.profile import GrblProfile
-from hardware.virtual.grbl.carriage import Carriage
-from hardware.virtual.grbl.eeprom import Eeprom
-from hardware.virtual.grbl.gcode import Modal
-from hardware.virtual.grbl.homing import Wait
-from hardware.virtual.grbl.planner import PLANNER_BLOCKS, SECONDS_PER_MINUTE, Planner
-from hardware.virtual.grbl.reports import RX_BYTES, ReportCadence
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.virtual.grbl.carriage import Carriage
+from fast.hardware.virtual.grbl.eeprom import Eeprom
+from fast.hardware.virtual.grbl.gcode import Modal
+from fast.hardware.virtual.grbl.homing import Wait
+from fast.hardware.virtual.grbl.planner import PLANNER_BLOCKS, SECONDS_PER_MINUTE, Planner
+from fast.hardware.virtual.grbl.reports import RX_BYTES, ReportCadence
 
 LINE_BYTES = 256
 UART_BYTES = 2  # what the UART itself keeps while interrupts are off

@@ -3,7 +3,7 @@
 import re
 import struct
 
-from hardware.virtual.grbl.gcode import GcodeError
+from fast.hardware.virtual.grbl.gcode import GcodeError
 
 BYTE_WRITE_S = 0.0034  # interrupts are off meanwhile: bytes that arrive are lost
 STARTUP_LINES = 2

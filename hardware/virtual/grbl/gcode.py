@@ -8,7 +8,7 @@ Arcs, probing, G10, G28, G30, G43.1, G93 and M0 are answered `error:20`, althoug
 import re
 from dataclasses import dataclass, replace
 
-from hardware.grbl.messages import Vector
+from fast.hardware.grbl.messages import Vector
 
 MM_PER_INCH = 25.4
 AXES = "XYZ"

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Callable, Generator, Sequence
 
-from hardware.virtual.grbl.carriage import Carriage
-from hardware.virtual.grbl.motion import constant
-from hardware.virtual.grbl.planner import SECONDS_PER_MINUTE, Planner
+from fast.hardware.virtual.grbl.carriage import Carriage
+from fast.hardware.virtual.grbl.motion import constant
+from fast.hardware.virtual.grbl.planner import SECONDS_PER_MINUTE, Planner
 
 PASSES = ((2,), (0, 1))
 SEARCH_TRAVELS = 1.5

@@ -11,13 +11,13 @@ and do nothing, their override bytes are ignored; `$RST=` and writing `$I=` are 
 
 from collections.abc import Generator, Sequence
 
-from hardware.grbl.messages import Banner, ErrorReply, Feedback, Message, Ok, StartupLine, StartupRan, Vector
-from hardware.virtual.grbl.controller import Alarmed, GrblController, Restart
-from hardware.virtual.grbl.eeprom import split_assignment
-from hardware.virtual.grbl.gcode import Dwell, End, GcodeError, Move, parse_jog, parse_line
-from hardware.virtual.grbl.homing import Condition, HomingCycle, HomingFailed, Wait
-from hardware.virtual.grbl.planner import SECONDS_PER_MINUTE, Block
-from hardware.virtual.grbl.reports import VERSION, build_messages, modal_text, offset_messages, setting_messages
+from fast.hardware.grbl.messages import Banner, ErrorReply, Feedback, Message, Ok, StartupLine, StartupRan, Vector
+from fast.hardware.virtual.grbl.controller import Alarmed, GrblController, Restart
+from fast.hardware.virtual.grbl.eeprom import split_assignment
+from fast.hardware.virtual.grbl.gcode import Dwell, End, GcodeError, Move, parse_jog, parse_line
+from fast.hardware.virtual.grbl.homing import Condition, HomingCycle, HomingFailed, Wait
+from fast.hardware.virtual.grbl.planner import SECONDS_PER_MINUTE, Block
+from fast.hardware.virtual.grbl.reports import VERSION, build_messages, modal_text, offset_messages, setting_messages
 
 LINE_BYTES = 256
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-from hardware.grbl.messages import Vector
+from fast.hardware.grbl.messages import Vector
 
 MAX_STEP = 1e-12  # speeds and lengths below this are rounding noise
 

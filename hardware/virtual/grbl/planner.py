@@ -4,10 +4,10 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from hardware.grbl.messages import Vector
-from hardware.grbl.profile import limit_along
-from hardware.virtual.grbl.carriage import Carriage
-from hardware.virtual.grbl.motion import Leg, Phase, stopping, trapezoid
+from fast.hardware.grbl.messages import Vector
+from fast.hardware.grbl.profile import limit_along
+from fast.hardware.virtual.grbl.carriage import Carriage
+from fast.hardware.virtual.grbl.motion import Leg, Phase, stopping, trapezoid
 
 PLANNER_BLOCKS = 35
 ROUNDING_MM = 1e-9

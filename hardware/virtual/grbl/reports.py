@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from hardware.grbl.codec import format_vector
-from hardware.grbl.messages import Feedback, Message, Setting, StatusReport, Vector
-from hardware.virtual.grbl.gcode import Modal
-from hardware.virtual.grbl.planner import PLANNER_BLOCKS
+from fast.hardware.grbl.codec import format_vector
+from fast.hardware.grbl.messages import Feedback, Message, Setting, StatusReport, Vector
+from fast.hardware.virtual.grbl.gcode import Modal
+from fast.hardware.virtual.grbl.planner import PLANNER_BLOCKS
 
 VERSION = "1.1g"
 BUILD = "1.1g.20180813.Mega:"

@@ -17,12 +17,12 @@ import threading
 import tty
 from collections.abc import Callable
 
-from hardware.clock import Clock
-from hardware.grbl.messages import Vector
-from hardware.grbl.profile import GrblProfile
-from hardware.grbl.workspace import Workspace
-from hardware.virtual.grbl.machine import GrblMachine
-from models.errors import UsageError
+from fast.hardware.clock import Clock
+from fast.hardware.grbl.messages import Vector
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.grbl.workspace import Workspace
+from fast.hardware.virtual.grbl.machine import GrblMachine
+from fast.models.errors import UsageError
 
 logger = logging.getLogger(__name__)
 

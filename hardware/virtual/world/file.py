@@ -5,11 +5,11 @@ from typing import Any
 
 from pydantic import Field, field_validator, model_validator
 
-from hardware.virtual.world.hidden import check_hidden
-from models.errors import ConfigError
-from models.ids import content_id
-from models.records import EffectValue, Record, Theta
-from models.validation import load_record, parse_toml
+from fast.hardware.virtual.world.hidden import check_hidden
+from fast.models.errors import ConfigError
+from fast.models.ids import content_id
+from fast.models.records import EffectValue, Record, Theta
+from fast.models.validation import load_record, parse_toml
 
 # Keys that the first world files did not have: without them, a lake would take an old file for another world.
 _LATER_KEYS = (

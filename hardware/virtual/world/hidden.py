@@ -13,12 +13,12 @@ from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 from shapely.ops import unary_union
 
-from models.errors import ConfigError
-from models.objects.catalogue import RigidObject
-from models.records import Design, EffectValue, Trace
-from models.simulation.effects.base import Effect
-from models.units import force_n_from_kg
-from models.validation import closest
+from fast.models.errors import ConfigError
+from fast.models.objects.catalogue import RigidObject
+from fast.models.records import Design, EffectValue, Trace
+from fast.models.simulation.effects.base import Effect
+from fast.models.units import force_n_from_kg
+from fast.models.validation import closest
 
 CELL_CAPACITY_N = force_n_from_kg(20.0)  # the paper's 20 kg load cell
 

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from pydantic import SerializeAsAny
 
-from hardware.virtual.world.file import World
-from hardware.virtual.world.hidden import TIMED, build_hidden
-from models.errors import MeshingFailed, SimulationFailed
-from models.ids import content_id, seed_from
-from models.records import (
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.hidden import TIMED, build_hidden
+from fast.models.errors import MeshingFailed, SimulationFailed
+from fast.models.ids import content_id, seed_from
+from fast.models.records import (
     Design,
     EffectValue,
     GraspSetup,
@@ -32,9 +32,9 @@ from models.records import (
 )
 
 if TYPE_CHECKING:
-    from models.objects.catalogue import RigidObject
-    from models.simulation.effects.base import Effect
-    from models.simulation.output.recording import Recorder
+    from fast.models.objects.catalogue import RigidObject
+    from fast.models.simulation.effects.base import Effect
+    from fast.models.simulation.output.recording import Recorder
 
 # Below these a grasp is taken as symmetric: one finger is solved instead of two, or half of it instead of all. At the
 # limit the peak of two designs changes by at most 1.5 % on a turned cube, 0.4 % on sphere, tube and hourglass.
@@ -112,9 +112,9 @@ def simulate_watched(
     Raises:
         SimulationFailed: the solver found no solution, or no mesh (reason `mesh_...`).
     """
-    from models.objects.catalogue import get_object
-    from models.simulation.contact.law import ContactLaw
-    from models.simulation.grasp import Numerics, simulate_grasp  # heavy: compiles on first use
+    from fast.models.objects.catalogue import get_object
+    from fast.models.simulation.contact.law import ContactLaw
+    from fast.models.simulation.grasp import Numerics, simulate_grasp  # heavy: compiles on first use
 
     # The truth must share neither the simulator's mesh nor its regularisation of contact. Softer than 4 N/mm3 it would
     # differ by an artefact: rims sink in and hook (`models.simulation.contact.law.ContactLaw`).
@@ -143,7 +143,7 @@ def solve_elsewhere(physics: Physics, obj: "RigidObject", request: PhysicsReques
     Raises:
         SimulationFailed: as the physics.
     """
-    from models.objects.catalogue import register
+    from fast.models.objects.catalogue import register
 
     register(obj)
     return physics(request)

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from hardware.virtual.world.physics import PhysicsRequest
-from models.ids import canonical_json, content_id
-from models.records import GraspSimulation, Trace
-from models.solver_code import solver_id, source_id
+from fast.hardware.virtual.world.physics import PhysicsRequest
+from fast.models.ids import canonical_json, content_id
+from fast.models.records import GraspSimulation, Trace
+from fast.models.solver_code import solver_id, source_id
 
 logger = logging.getLogger(__name__)
 

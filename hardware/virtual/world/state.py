@@ -11,15 +11,15 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from hardware.cell.layout import N_SLOTS, BenchLayout
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import World
-from hardware.virtual.world.hidden import find_lag
-from hardware.virtual.world.physics import GraspCurve, PhysicsRequest, SensorNoise, build_request, grasp_curve
-from models.errors import SimulationFailed, UsageError
-from models.records import EffectValue, GraspSetup, GraspSimulation
-from models.units import force_n_from_kg
-from models.validation import closest
+from fast.hardware.cell.layout import N_SLOTS, BenchLayout
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.hidden import find_lag
+from fast.hardware.virtual.world.physics import GraspCurve, PhysicsRequest, SensorNoise, build_request, grasp_curve
+from fast.models.errors import SimulationFailed, UsageError
+from fast.models.records import EffectValue, GraspSetup, GraspSimulation
+from fast.models.units import force_n_from_kg
+from fast.models.validation import closest
 
 logger = logging.getLogger(__name__)
 

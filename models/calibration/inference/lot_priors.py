@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from models.calibration.inference.settings import ThetaPriors
-from models.errors import UsageError
-from models.material import MaterialLot, MaterialMeasurement
+from fast.models.calibration.inference.settings import ThetaPriors
+from fast.models.errors import UsageError
+from fast.models.material import MaterialLot, MaterialMeasurement
 
 TAIL = 0.05  # of the friction prior on either side of what was measured
 _Z = 1.6448536269514722  # standard deviations of a normal distribution with this tail

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from models.blas import one_blas_thread
-from models.calibration.inference.optimise import LogDensity
-from models.calibration.inference.settings import CalibrationSettings
+from fast.models.blas import one_blas_thread
+from fast.models.calibration.inference.optimise import LogDensity
+from fast.models.calibration.inference.settings import CalibrationSettings
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version once a day

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from models.errors import FastError
+from fast.models.errors import FastError
 
 LogDensity = Callable[[np.ndarray], tuple[float, np.ndarray]]
 _WALL = 1e10  # finite, so that the line search goes on where the covariance is numerically singular

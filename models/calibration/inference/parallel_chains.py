@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.calibration.inference.optimise import LogDensity
-from models.calibration.inference.settings import CalibrationSettings
-from models.errors import FastError, UsageError
+from fast.models.calibration.inference.optimise import LogDensity
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.errors import FastError, UsageError
 
 if TYPE_CHECKING:
-    from models.calibration.inference.nuts import Chain
+    from fast.models.calibration.inference.nuts import Chain
 
 Progress = Callable[[str], None]
 _REPORT_S = 5.0
@@ -108,7 +108,7 @@ _Job = tuple[np.ndarray, np.ndarray | None, CalibrationSettings, int]
 
 
 def _run(log_density: LogDensity, job: _Job, tell: Callable[[int, int], None]) -> "Chain":
-    from models.calibration.inference.nuts import run_chain
+    from fast.models.calibration.inference.nuts import run_chain
 
     return run_chain(log_density, *job, tell)
 

@@ -9,8 +9,8 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
-from models.blas import one_blas_thread
-from models.errors import FastError
+from fast.models.blas import one_blas_thread
+from fast.models.errors import FastError
 
 Shared = TypeVar("Shared")
 Job = TypeVar("Job")

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
-from models.calibration.means.problem import THETA, CalibrationProblem
-from models.errors import UsageError
+from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
+from fast.models.calibration.means.problem import THETA, CalibrationProblem
+from fast.models.errors import UsageError
 
 R_HAT_LIMIT, ESS_LIMIT, K_HAT_LIMIT = 1.01, 1000.0, 0.7
 WEIGHTED = "factorised"  # the method whose draws are as good as their importance weights

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from models.records import Record
+from fast.models.records import Record
 
 _LN_PA_PER_MPA = math.log(1e6)
 # Method of a result: theta and the effects that gap discovery named, inferred together.

@@ -7,11 +7,11 @@ import numpy as np
 from scipy import stats
 from scipy.ndimage import gaussian_filter
 
-from models.calibration.inference.result import K_HAT_LIMIT, WEIGHTED, CalibrationResult
-from models.calibration.inference.settings import ThetaPriors
-from models.calibration.means.parameters import LENGTHSCALE, NOISE_SD, NUGGET, RHO_MEAN, RHO_SD, SD_E, SD_H
-from models.calibration.means.problem import THETA
-from models.records import Record, Theta
+from fast.models.calibration.inference.result import K_HAT_LIMIT, WEIGHTED, CalibrationResult
+from fast.models.calibration.inference.settings import ThetaPriors
+from fast.models.calibration.means.parameters import LENGTHSCALE, NOISE_SD, NUGGET, RHO_MEAN, RHO_SD, SD_E, SD_H
+from fast.models.calibration.means.problem import THETA
+from fast.models.records import Record, Theta
 
 R_HAT_REFUSED, ESS_REFUSED = 1.05, 100.0  # beyond these the draws say nothing that a simulator may be built on
 ESS_WEIGHTED = 280.0  # a tenth of the draws that are weighted at most, unless they are drawn again for longer

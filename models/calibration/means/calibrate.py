@@ -2,12 +2,12 @@
 
 import dataclasses
 
-from models.calibration.inference.parallel_chains import Progress
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.inference.summary import check_convergence, has_good_weights
-from models.calibration.means.joint import calibrate_joint
-from models.calibration.means.problem import CalibrationProblem, drop_repeats
+from fast.models.calibration.inference.parallel_chains import Progress
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.inference.summary import check_convergence, has_good_weights
+from fast.models.calibration.means.joint import calibrate_joint
+from fast.models.calibration.means.problem import CalibrationProblem, drop_repeats
 
 JOINT_LIMIT = 600  # simulations and designs that full joint NUTS samples in minutes
 LONGER = 3  # times the draws, where the first were too few
@@ -24,7 +24,7 @@ def calibrate(
     What was tried in vain, and rows left out, are among `warnings`.
 
     Example:
-        >>> from models.calibration.means.synthetic import make_up_problem
+        >>> from fast.models.calibration.means.synthetic import make_up_problem
         >>> settings = CalibrationSettings(method="joint", chains=2, draws=50, tune=50, workers=1)
         >>> calibrate(make_up_problem(30, 10, seed=0), settings).of("friction").shape
         (2, 50)
@@ -67,6 +67,6 @@ def _by(
 ) -> CalibrationResult:
     if method == "joint":
         return calibrate_joint(problem, settings, progress)
-    from models.calibration.means.factorised import calibrate_factorised
+    from fast.models.calibration.means.factorised import calibrate_factorised
 
     return calibrate_factorised(problem, settings, progress, length)

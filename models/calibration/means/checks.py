@@ -19,13 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.means.emulator import Emulator
-from models.calibration.means.parameters import Phi
-from models.calibration.means.predict import N_DRAWS, DrawnModel, Mixture, condition_models
-from models.calibration.means.problem import CalibrationProblem, Standardised
-from models.calibration.means.reweight import smooth_weights
-from models.ids import seed_from
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.means.emulator import Emulator
+from fast.models.calibration.means.parameters import Phi
+from fast.models.calibration.means.predict import N_DRAWS, DrawnModel, Mixture, condition_models
+from fast.models.calibration.means.problem import CalibrationProblem, Standardised
+from fast.models.calibration.means.reweight import smooth_weights
+from fast.models.ids import seed_from
 
 BLOCK = 5  # one design of each five is held out
 MIN_BLOCKS = 2  # with fewer designs than these blocks hold, all are needed to learn from

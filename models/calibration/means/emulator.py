@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from models.calibration.inference.optimise import climb, climb_scaled, find_laplace_covariance
-from models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, Parameters, Phi
-from models.calibration.means.problem import Standardised, unit_theta
-from models.errors import FastError
-from models.gaussian_process.density import half_weights, lengthscale_gradient, log_normal
-from models.gaussian_process.matern import matern52, matern52_with_slope
+from fast.models.calibration.inference.optimise import climb, climb_scaled, find_laplace_covariance
+from fast.models.calibration.means.parameters import LENGTHSCALE, NUGGET, SD_H, Parameters, Phi
+from fast.models.calibration.means.problem import Standardised, unit_theta
+from fast.models.errors import FastError
+from fast.models.gaussian_process.density import half_weights, lengthscale_gradient, log_normal
+from fast.models.gaussian_process.matern import matern52, matern52_with_slope
 
 SUBSET_SIZE = 350  # simulations of the first search
 SEARCH_ITERATIONS, POLISH_ITERATIONS = 60, 40

@@ -15,21 +15,27 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.stats import gamma, norm
 
-from models.blas import one_blas_thread
-from models.calibration.inference.optimise import Optimum, climb, climb_scaled, draw_starts, find_laplace_covariance
-from models.calibration.inference.parallel_chains import Progress, Samples, sample
-from models.calibration.inference.result import K_HAT_LIMIT, WEIGHTED, CalibrationResult, make_result
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import psi_density
-from models.calibration.means.emulator import TOLERANCE, Emulator, factorise, find_mode
-from models.calibration.means.joint import JointDensity, guess_starts
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.problem import CalibrationProblem, Standardised
-from models.calibration.means.psi_density import Measurements
-from models.calibration.means.reweight import Weighted, approximate_phi, find_effective_size, resample, weigh
-from models.calibration.means.ridge import RidgeDensity, temper_ridge
-from models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate_surrogate
-from models.errors import FastError
+from fast.models.blas import one_blas_thread
+from fast.models.calibration.inference.optimise import (
+    Optimum,
+    climb,
+    climb_scaled,
+    draw_starts,
+    find_laplace_covariance,
+)
+from fast.models.calibration.inference.parallel_chains import Progress, Samples, sample
+from fast.models.calibration.inference.result import K_HAT_LIMIT, WEIGHTED, CalibrationResult, make_result
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means import psi_density
+from fast.models.calibration.means.emulator import TOLERANCE, Emulator, factorise, find_mode
+from fast.models.calibration.means.joint import JointDensity, guess_starts
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.problem import CalibrationProblem, Standardised
+from fast.models.calibration.means.psi_density import Measurements
+from fast.models.calibration.means.reweight import Weighted, approximate_phi, find_effective_size, resample, weigh
+from fast.models.calibration.means.ridge import RidgeDensity, temper_ridge
+from fast.models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate_surrogate
+from fast.models.errors import FastError
 
 N_WEIGHTED = 2800  # draws that are weighted exactly, at most
 MOST_DRAWS, MOST_TUNE = 1400, 600  # per chain: of more draws, more would be left out of the weighting

@@ -7,10 +7,10 @@ import numpy as np
 from pydantic import Field
 from scipy.stats import qmc
 
-from models.calibration.means.problem import THETA, THETA_LOWER, THETA_UPPER, friction_at
-from models.design.space import N_RIB_LEVELS, PARAMETERS, RIB_COUNT_COLUMN, from_unit
-from models.ids import content_id
-from models.records import Design, Record, Theta
+from fast.models.calibration.means.problem import THETA, THETA_LOWER, THETA_UPPER, friction_at
+from fast.models.design.space import N_RIB_LEVELS, PARAMETERS, RIB_COUNT_COLUMN, from_unit
+from fast.models.ids import content_id
+from fast.models.records import Design, Record, Theta
 
 _POISSON_LIMIT = 0.4995  # the elements take nothing nearer to 0.5
 _DIGITS = 6  # significant digits of theta, so that its id survives being written and read

@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.blas import one_blas_thread
-from models.calibration.inference.optimise import climb, draw_starts, find_laplace_covariance
-from models.calibration.inference.parallel_chains import Progress, Samples, sample
-from models.calibration.inference.result import CalibrationResult, make_result
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.parameters import (
+from fast.models.blas import one_blas_thread
+from fast.models.calibration.inference.optimise import climb, draw_starts, find_laplace_covariance
+from fast.models.calibration.inference.parallel_chains import Progress, Samples, sample
+from fast.models.calibration.inference.result import CalibrationResult, make_result
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.parameters import (
     LENGTHSCALE,
     N_DESIGN,
     NOISE_SD,
@@ -39,9 +39,9 @@ from models.calibration.means.parameters import (
     Phi,
     Psi,
 )
-from models.calibration.means.problem import CalibrationProblem, Standardised, unit_theta, unit_theta_slopes
-from models.gaussian_process.density import Factored, half_weights, lengthscale_gradient, log_normal
-from models.gaussian_process.matern import MaternWithSlope, matern52_with_slope
+from fast.models.calibration.means.problem import CalibrationProblem, Standardised, unit_theta, unit_theta_slopes
+from fast.models.gaussian_process.density import Factored, half_weights, lengthscale_gradient, log_normal
+from fast.models.gaussian_process.matern import MaternWithSlope, matern52_with_slope
 
 _START_MODULI_MPA = (5.0, 10.0, 30.0)
 

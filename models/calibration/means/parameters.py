@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit, logit
 
-from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
-from models.calibration.means.problem import Standardised
-from models.design.space import PARAMETERS
+from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
+from fast.models.calibration.means.problem import Standardised
+from fast.models.design.space import PARAMETERS
 
 N_DESIGN = len(PARAMETERS)
 RHO_MEAN, RHO_SD = 1.0, 0.1

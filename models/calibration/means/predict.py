@@ -18,13 +18,13 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.special import ndtr
 
-from models.blas import one_blas_thread
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.means.emulator import Emulator, find_root, sum_squares
-from models.calibration.means.parameters import N_DESIGN, Phi, Psi
-from models.calibration.means.problem import CalibrationProblem, Standardised
-from models.gaussian_process.matern import matern52
-from models.records import Record
+from fast.models.blas import one_blas_thread
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.means.emulator import Emulator, find_root, sum_squares
+from fast.models.calibration.means.parameters import N_DESIGN, Phi, Psi
+from fast.models.calibration.means.problem import CalibrationProblem, Standardised
+from fast.models.gaussian_process.matern import matern52
+from fast.models.records import Record
 
 N_DRAWS = 200  # enough for a 5 % quantile to 1.5 %; each costs a Cholesky factor of the simulations
 _BISECTIONS = 60

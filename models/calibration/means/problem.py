@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from models.calibration.means.trend import FRICTION_OFFSET, ForceTrend
-from models.design.space import PARAMETERS
-from models.errors import UsageError
+from fast.models.calibration.means.trend import FRICTION_OFFSET, ForceTrend
+from fast.models.design.space import PARAMETERS
+from fast.models.errors import UsageError
 
 THETA = ("young_modulus_mpa", "friction", "poisson_ratio")
 # Ranges of the paper's Latin hypercube; they scale the simulator's inputs, and bound no posterior.

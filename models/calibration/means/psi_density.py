@@ -16,10 +16,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
-from models.calibration.means.emulator import Emulator
-from models.calibration.means.parameters import Parameters, Psi
-from models.calibration.means.problem import Standardised, unit_theta, unit_theta_slopes
-from models.gaussian_process.matern import matern52, matern52_cross_with_slope
+from fast.models.calibration.means.emulator import Emulator
+from fast.models.calibration.means.parameters import Parameters, Psi
+from fast.models.calibration.means.problem import Standardised, unit_theta, unit_theta_slopes
+from fast.models.gaussian_process.matern import matern52, matern52_cross_with_slope
 
 
 @dataclass(frozen=True, eq=False)

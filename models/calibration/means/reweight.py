@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.inference.optimise import invert_hessian
-from models.calibration.inference.processes import spread
-from models.calibration.means import psi_density
-from models.calibration.means.emulator import factorise
-from models.calibration.means.joint import JointDensity
-from models.calibration.means.psi_density import Measurements
-from models.calibration.means.ridge import RidgeDensity
+from fast.models.calibration.inference.optimise import invert_hessian
+from fast.models.calibration.inference.processes import spread
+from fast.models.calibration.means import psi_density
+from fast.models.calibration.means.emulator import factorise
+from fast.models.calibration.means.joint import JointDensity
+from fast.models.calibration.means.psi_density import Measurements
+from fast.models.calibration.means.ridge import RidgeDensity
 
 PSI_PER_PHI = 2  # neighbours of a chain that share a phi: a factor costs as much as five likelihoods
 _STEP = 0.02  # of the central differences, in logarithms: a fifth of a typical posterior standard deviation

@@ -16,8 +16,8 @@ from itertools import combinations
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from models.calibration.inference.optimise import LogDensity, climb
-from models.calibration.means.theta_surrogate import ThetaSurrogate
+from fast.models.calibration.inference.optimise import LogDensity, climb
+from fast.models.calibration.means.theta_surrogate import ThetaSurrogate
 
 _N_GRID = 40
 _COUNTS = 7.0  # nats below the highest summit at which another one still matters

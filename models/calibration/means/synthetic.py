@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from models.calibration.means.problem import THETA_LOWER, THETA_UPPER, CalibrationProblem, friction_at
-from models.design.space import LOWER, PARAMETERS, UPPER, snap
+from fast.models.calibration.means.problem import THETA_LOWER, THETA_UPPER, CalibrationProblem, friction_at
+from fast.models.design.space import LOWER, PARAMETERS, UPPER, snap
 
 _N_FIRST = 30  # measured designs that fill the space; the others gather around a good design
 _GOOD = np.array([31.0, 33.0, 97.0, 25.0, 2.6, 2.9, 2.8, 5.0, 4.0])

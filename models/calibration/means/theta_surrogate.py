@@ -13,9 +13,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.linalg import eigh, solve_triangular
 
-from models.calibration.means import psi_density
-from models.calibration.means.emulator import Emulator
-from models.calibration.means.psi_density import Measurements
+from fast.models.calibration.means import psi_density
+from fast.models.calibration.means.emulator import Emulator
+from fast.models.calibration.means.psi_density import Measurements
 
 MARGIN = 0.15  # of the box's width, on either side: the room t is bent into
 TOLERANCE = 0.001  # root mean square over the grid of the whitened norm of what is dropped of V

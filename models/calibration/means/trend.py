@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.design.space import PARAMETERS
+from fast.models.design.space import PARAMETERS
 
 FRICTION_OFFSET = 0.3  # friction at which ln(friction + offset) turns from a line into a logarithm
 _RIDGE = 1e-3  # share of the mean weight: coefficients that the simulations do not determine stay near zero

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.traces.step_features import CENTRES_MM
+from fast.models.traces.step_features import CENTRES_MM
 
 NEAR_MM = 10.0  # lift over which errors of the simulator are alike: a contact moves so far along the wall
 OWN_SHARE = 0.1

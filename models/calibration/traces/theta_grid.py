@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.errors import UsageError
+from fast.models.errors import UsageError
 
 GRID_MODULUS_MPA = 10.0  # of the simulations to make; others count too, since forces are proportional to it
 

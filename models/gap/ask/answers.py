@@ -6,14 +6,14 @@ from functools import cached_property
 
 import numpy as np
 
-from models.gap.ask.forecast import MOST_NATS, Forecast, weigh
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.person import find_measurement, forecast_readings
-from models.gap.ask.predict import Moved, Pair, forecast_pairs
-from models.gap.ask.settings import Setting
-from models.gap.bank.surrogate import features_of_steps
-from models.gap.grasps import Grasps
-from models.records import Record
+from fast.models.gap.ask.forecast import MOST_NATS, Forecast, weigh
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.ask.person import find_measurement, forecast_readings
+from fast.models.gap.ask.predict import Moved, Pair, forecast_pairs
+from fast.models.gap.ask.settings import Setting
+from fast.models.gap.bank.surrogate import features_of_steps
+from fast.models.gap.grasps import Grasps
+from fast.models.records import Record
 
 
 class Reading(Record):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.ask.forecast import Forecast, Nats, compute_nats
+from fast.models.gap.ask.forecast import Forecast, Nats, compute_nats
 
 ENOUGH_NATS = 3.0  # odds of 20 to 1
 POSSIBLE = 0.03  # a hypothesis below is not what an experiment is made for

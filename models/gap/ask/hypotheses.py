@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.gap.findings import NONE, UNKNOWN
-from models.gap.fit.fit import Fit, axes_of
-from models.gap.fit.law_freedom import free_law
-from models.gap.naming.name import NamingResult
-from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.findings import NONE, UNKNOWN
+from fast.models.gap.fit.fit import Fit, axes_of
+from fast.models.gap.fit.law_freedom import free_law
+from fast.models.gap.naming.name import NamingResult
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 SURE = 0.9  # a name of this probability is not asked about
 LEAST_UNKNOWN = 0.05  # whatever the catalogue explains, something else may do so too

@@ -5,11 +5,11 @@ from itertools import combinations
 
 import numpy as np
 
-from models.gap.ask.forecast import Forecast
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.bank.surrogate import FEATURES
-from models.gap.findings import UNKNOWN, Outcome
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.ask.forecast import Forecast
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.bank.surrogate import FEATURES
+from fast.models.gap.findings import UNKNOWN, Outcome
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 MEANS = "What it would mean: "  # stands in a question before its outcomes
 _CLEAR_SD = 3.0

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.ask.forecast import Forecast
-from models.gap.findings import UNKNOWN
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.ask.forecast import Forecast
+from fast.models.gap.findings import UNKNOWN
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 
 @dataclass(frozen=True)

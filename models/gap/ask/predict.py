@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.calibration.traces.response_surface import error_correlation
-from models.gap.ask.forecast import Forecast
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.settings import Setting
-from models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
-from models.gap.fit.law_freedom import LAW_SD
-from models.gap.fit.whitened_features import FLOOR_SHARE, OWN_SHARE, estimate_repeat_noise, find_amplitude
-from models.gap.grasps import Grasps, number_distinct
-from models.gap.naming.patterns import list_changes
-from models.records import EffectValue, GraspContext
+from fast.models.calibration.traces.response_surface import error_correlation
+from fast.models.gap.ask.forecast import Forecast
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.ask.settings import Setting
+from fast.models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
+from fast.models.gap.fit.law_freedom import LAW_SD
+from fast.models.gap.fit.whitened_features import FLOOR_SHARE, OWN_SHARE, estimate_repeat_noise, find_amplitude
+from fast.models.gap.grasps import Grasps, number_distinct
+from fast.models.gap.naming.patterns import list_changes
+from fast.models.records import EffectValue, GraspContext
 
 N_DRAWS = 16
 _TIMING_SHARE = 0.3  # of the simulator's error: at another speed it simulates the same closing

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.gap.ask.choose import Costs
-from models.gap.ask.forecast import Forecast
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.predict import Moved, Pair, forecast_pairs, make_grasps
-from models.gap.ask.settings import Setting
-from models.gap.bank.surrogate import FEATURES, Surrogate
-from models.gap.fit.fit import axes_of
-from models.records import GraspContext
+from fast.models.gap.ask.choose import Costs
+from fast.models.gap.ask.forecast import Forecast
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.ask.predict import Moved, Pair, forecast_pairs, make_grasps
+from fast.models.gap.ask.settings import Setting
+from fast.models.gap.bank.surrogate import FEATURES, Surrogate
+from fast.models.gap.fit.fit import axes_of
+from fast.models.records import GraspContext
 
 N_DRAWS = 96  # well above the number of parameters: fewer would seem to know each other
 N_BEST = 10  # designs whose order counts

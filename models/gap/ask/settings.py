@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from models.records import GraspSetup, Placement
+from fast.models.records import GraspSetup, Placement
 
 
 @dataclass(frozen=True)

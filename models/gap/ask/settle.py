@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.gap.ask.answers import Answers, believe, merge_forms
-from models.gap.ask.choose import ENOUGH_NATS
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.findings import NONE, UNKNOWN, Asked, Decision, NextExperiment
-from models.gap.naming.decide import answer_effect, answer_set, answer_unknown
-from models.gap.naming.name import NamingResult
-from models.gap.naming.second_look import SecondLook, look_at
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.ask.answers import Answers, believe, merge_forms
+from fast.models.gap.ask.choose import ENOUGH_NATS
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.findings import NONE, UNKNOWN, Asked, Decision, NextExperiment
+from fast.models.gap.naming.decide import answer_effect, answer_set, answer_unknown
+from fast.models.gap.naming.name import NamingResult
+from fast.models.gap.naming.second_look import SecondLook, look_at
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 
 def settle(naming: NamingResult, believed: Sequence[Hypothesis]) -> NamingResult:

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.calibration.traces.response_surface import LEAST_AMPLITUDE
-from models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
-from models.gap.grasps import Grasps, Target
-from models.records import Design, EffectValue, FinRay, GraspSetup, MeshSettings, SimulatorVersion, Theta
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.calibration.traces.response_surface import LEAST_AMPLITUDE
+from fast.models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
+from fast.models.gap.grasps import Grasps, Target
+from fast.models.records import Design, EffectValue, FinRay, GraspSetup, MeshSettings, SimulatorVersion, Theta
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
 

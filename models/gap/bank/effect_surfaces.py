@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.bank.bank import EffectRuns
-from models.simulation.effects.catalogue import CATALOGUE
-from models.units import unit_of
+from fast.models.gap.bank.bank import EffectRuns
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import unit_of
 
 # What a quantity of this unit is in a finger k times as stiff, for the same shape of all forces: a power of k.
 _POWER_OF_MODULUS = {"N": -1, "MPa": -1, "mm/N": 1}

@@ -13,12 +13,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from models.records import GraspSetup, Trace
-from models.simulation.effects.actuation import LiftStartError
-from models.simulation.effects.base import Effect
-from models.simulation.effects.contact import ObjectPostCompliance
-from models.simulation.effects.material import StressRelaxation
-from models.simulation.effects.sensor import (
+from fast.models.records import GraspSetup, Trace
+from fast.models.simulation.effects.actuation import LiftStartError
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.contact import ObjectPostCompliance
+from fast.models.simulation.effects.material import StressRelaxation
+from fast.models.simulation.effects.sensor import (
     SHIFT_SPEED_MM_PER_S,
     LiftMisalignment,
     LoadCellDrift,
@@ -26,7 +26,7 @@ from models.simulation.effects.sensor import (
     LoadCellOffset,
     ToolWeight,
 )
-from models.traces.step_features import N_STEPS, STEP_MM, step_means
+from fast.models.traces.step_features import N_STEPS, STEP_MM, step_means
 
 N_LEAD = 12
 _N_FINE, _PARTS = 3, 5  # steps that are read in parts

@@ -10,18 +10,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.calibration.traces.response_surface import ResponseSurfaces, n_terms
-from models.errors import UsageError
-from models.gap.bank.bank import Bank, EffectRuns
-from models.gap.bank.effect_surfaces import EffectSurface, friction_factor_of_reference
-from models.gap.bank.sensor_effects import N_LEAD, acts_on_traces, apply_sensor_effect, make_lead_map
-from models.gap.grasps import Grasps
-from models.records import EffectValue, Theta
-from models.simulation.effects.actuation import FORCE_LIMITED_CLOSING, find_air_share
-from models.simulation.effects.base import Effect
-from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from models.traces import step_features
-from models.traces.step_features import FORCE_BINS, N_STEPS, START_BINS, STEP_MM
+from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import Bank, EffectRuns
+from fast.models.gap.bank.effect_surfaces import EffectSurface, friction_factor_of_reference
+from fast.models.gap.bank.sensor_effects import N_LEAD, acts_on_traces, apply_sensor_effect, make_lead_map
+from fast.models.gap.grasps import Grasps
+from fast.models.records import EffectValue, Theta
+from fast.models.simulation.effects.actuation import FORCE_LIMITED_CLOSING, find_air_share
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.models.traces import step_features
+from fast.models.traces.step_features import FORCE_BINS, N_STEPS, START_BINS, STEP_MM
 
 FEATURES = (*START_BINS, *step_features.FEATURES)
 N_BINS = len(START_BINS) + len(FORCE_BINS)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from models.gap.evaluation.held_out import HeldOut, Prediction
-from models.gap.where.residuals import Residuals, amplitudes
-from models.gap.where.strata import object_shape
-from models.traces.step_features import STEP_MM
+from fast.models.gap.evaluation.held_out import HeldOut, Prediction
+from fast.models.gap.where.residuals import Residuals, amplitudes
+from fast.models.gap.where.strata import object_shape
+from fast.models.traces.step_features import STEP_MM
 
 GAUSSIAN_PROCESS, BLACK_BOX = "GP discrepancy", "black-box residual"
 _N_COMPONENTS = 5

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from models.gap.findings import Confound
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.findings import Confound
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 HARDLY_VISIBLE = 0.1  # of a signature left once theta and tools are fitted again
 _OF = {

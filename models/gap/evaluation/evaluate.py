@@ -7,11 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.evaluation.baselines import predict_baselines
-from models.gap.evaluation.held_out import BLOCKS, HeldOut, Metrics, Prediction, compute_class_errors, compute_metrics
-from models.gap.findings import Gap
-from models.gap.where.residuals import Residuals
-from models.objects.catalogue import get_object
+from fast.models.gap.evaluation.baselines import predict_baselines
+from fast.models.gap.evaluation.held_out import (
+    BLOCKS,
+    HeldOut,
+    Metrics,
+    Prediction,
+    compute_class_errors,
+    compute_metrics,
+)
+from fast.models.gap.findings import Gap
+from fast.models.gap.where.residuals import Residuals
+from fast.models.objects.catalogue import get_object
 
 BEFORE, AFTER = "theta recalibrated", "with the named effect"
 WORSE, WORSE_N = 1.05, 0.01  # an effect that makes a class of objects worse by more than both is reported

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, spearmanr
 
-from models.errors import UsageError
-from models.gap.data import GapData
-from models.gap.where.residuals import peaks
-from models.records import Design, Record, Theta
-from models.traces.step_features import STEP_MM
+from fast.models.errors import UsageError
+from fast.models.gap.data import GapData
+from fast.models.gap.where.residuals import peaks
+from fast.models.records import Design, Record, Theta
+from fast.models.traces.step_features import STEP_MM
 
 BLOCKS = ("all held out", "new designs", "new objects", "both new")
 _N_MM_PER_J = 1e3

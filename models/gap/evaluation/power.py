@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from models.gap.fit.fit import Fit, axes_of
-from models.gap.naming.rank_effects import DEFLATION, LEAST_NATS, EffectRanking
-from models.gap.naming.thresholds import Thresholds
-from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
-from models.units import spell_name, unit_of
+from fast.models.gap.fit.fit import Fit, axes_of
+from fast.models.gap.naming.rank_effects import DEFLATION, LEAST_NATS, EffectRanking
+from fast.models.gap.naming.thresholds import Thresholds
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import spell_name, unit_of
 
 TOOL_SD, CELL_SD = 0.04, 0.02  # of a print and of a placement, relative; what other labs see
 LEVEL = 0.005  # of one factor, so that all factors of all phases together hold 5 %

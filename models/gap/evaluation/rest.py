@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from models.gap.findings import Rest
-from models.gap.where.residuals import AT, PHASES, Residuals, smooth
-from models.gap.where.strata import make_object_table
-from models.gap.where.variance_components import jackknife
-from models.traces.step_features import N_STEPS, STEP_MM
+from fast.models.gap.findings import Rest
+from fast.models.gap.where.residuals import AT, PHASES, Residuals, smooth
+from fast.models.gap.where.strata import make_object_table
+from fast.models.gap.where.variance_components import jackknife
+from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 LEAST_N = 0.05  # less is not told
 LEVEL = 0.01  # of the permutation test of each thing that force may go with: five of them share 5 %

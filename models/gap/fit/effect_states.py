@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.bank.surrogate import FEATURES, N_BINS
-from models.gap.fit.fit import Fit
-from models.traces.step_features import CENTRES_MM, PEAK
+from fast.models.gap.bank.surrogate import FEATURES, N_BINS
+from fast.models.gap.fit.fit import Fit
+from fast.models.traces.step_features import CENTRES_MM, PEAK
 
 _LIFT_AT_PEAK, _PEAK, _TAIL = (FEATURES.index(name) for name in ("lift_at_peak_mm", PEAK, "tail_n_mm"))
 _HOUR_S = 3600.0

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.gap.fit.whitened_features import WhitenedFeatures
-from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.fit.whitened_features import WhitenedFeatures
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 HELD = 1e6  # the precision of a coordinate that is at its bound
 # Features of a cell and cells of a tool are no independent witnesses, though whitened: this share of them counts.

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.findings import LawCurve, ParameterEstimate
-from models.gap.fit.effect_states import QUANTITIES, STATES, EffectState
-from models.gap.fit.fit import Axis, Fit, axes_of
-from models.gap.fit.whitened_features import IS_LIFT
+from fast.models.gap.findings import LawCurve, ParameterEstimate
+from fast.models.gap.fit.effect_states import QUANTITIES, STATES, EffectState
+from fast.models.gap.fit.fit import Axis, Fit, axes_of
+from fast.models.gap.fit.whitened_features import IS_LIFT
 
 LAW_SD = 0.3  # of h: how far the bench's law is from the catalogue's, relative to the effect
 LENGTH_SHARE = 1.0 / 3.0  # of the range of states

@@ -18,16 +18,16 @@ from itertools import combinations
 import numpy as np
 from scipy.special import expit
 
-from models.calibration.inference.optimise import approximate_at_mode
-from models.calibration.inference.parallel_chains import sample
-from models.calibration.inference.result import CalibrationResult, measure_convergence
-from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
-from models.calibration.means.problem import THETA
-from models.gap.fit.fit import DEFLATION, HELD, Axis, Fit, axes_of
-from models.gap.fit.law_freedom import free_law
-from models.gap.fit.whitened_features import IS_LIFT, compute_root_weights
-from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.calibration.inference.optimise import approximate_at_mode
+from fast.models.calibration.inference.parallel_chains import sample
+from fast.models.calibration.inference.result import CalibrationResult, measure_convergence
+from fast.models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
+from fast.models.calibration.means.problem import THETA
+from fast.models.gap.fit.fit import DEFLATION, HELD, Axis, Fit, axes_of
+from fast.models.gap.fit.law_freedom import free_law
+from fast.models.gap.fit.whitened_features import IS_LIFT, compute_root_weights
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 R_HAT_LIMIT = 1.01
 _REACH_SD = 1.5  # of the points that carry the surface

@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.gap.bank.surrogate import Surrogate
-from models.gap.fit.fit import HELD, Fit, axes_of
-from models.gap.fit.whitened_features import (
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.fit.fit import HELD, Fit, axes_of
+from fast.models.gap.fit.whitened_features import (
     IS_LIFT,
     WhitenedFeatures,
     apply_robust_loss,
     compute_root_weights,
     whiten_features,
 )
-from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 TOOL_SD = 0.04  # of the modulus from print to print
 _SHIFT_SD = np.array([1.0, 0.5, 0.15])  # weak priors about the bank's centre: ln E, friction, Poisson ratio

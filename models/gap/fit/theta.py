@@ -9,18 +9,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.problem import THETA
-from models.calibration.traces.response_surface import ResponseSurfaces, n_terms
-from models.calibration.traces.theta_grid import ThetaGrid
-from models.errors import UsageError
-from models.gap.bank.bank import CENTRE, DEEPER_MM, NUMERICAL_MESHES, WIDER_MM, Bank
-from models.gap.bank.surrogate import Surrogate
-from models.gap.fit.fit import Fit
-from models.gap.fit.posterior import sample_posterior
-from models.gap.fit.recalibrate import recalibrate
-from models.gap.grasps import Cells
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.problem import THETA
+from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
+from fast.models.calibration.traces.theta_grid import ThetaGrid
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import CENTRE, DEEPER_MM, NUMERICAL_MESHES, WIDER_MM, Bank
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.posterior import sample_posterior
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.gap.grasps import Cells
 
 METHOD = "trace"
 MIN_TOOLS = 3

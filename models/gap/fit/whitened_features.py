@@ -14,20 +14,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.calibration.traces.response_surface import (
+from fast.models.calibration.traces.response_surface import (
     LEAST_AMPLITUDE,
     ResponseSurfaces,
     are_lifts,
     error_correlation,
     units_of,
 )
-from models.gap.bank.bank import DEEPER_MM, Bank
-from models.gap.bank.sensor_effects import N_LEAD
-from models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
-from models.gap.grasps import Grasps
-from models.simulation.effects.sensor import SHIFT_SPEED_MM_PER_S, LiftMisalignment
-from models.traces.step_features import BIN_EDGES_MM, LIFT_MM, STEP_MM
-from models.traces.step_noise import feature_noise
+from fast.models.gap.bank.bank import DEEPER_MM, Bank
+from fast.models.gap.bank.sensor_effects import N_LEAD
+from fast.models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
+from fast.models.gap.grasps import Grasps
+from fast.models.simulation.effects.sensor import SHIFT_SPEED_MM_PER_S, LiftMisalignment
+from fast.models.traces.step_features import BIN_EDGES_MM, LIFT_MM, STEP_MM
+from fast.models.traces.step_noise import feature_noise
 
 # Errors of a cell, with the weights (and the tails) that make 24 null worlds likeliest.
 FLOOR_SHARE = 0.0066  # of the cell's largest force, common to neighbouring bins

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.bank.surrogate import N_BINS
-from models.gap.fit.fit import Fit
-from models.gap.fit.recalibrate import Fitter, estimate_theta
-from models.gap.fit.whitened_features import apply_robust_loss
-from models.gap.naming.rank_effects import EffectRanking, compute_left_out_errors
-from models.records import EffectValue
+from fast.models.gap.bank.surrogate import N_BINS
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.recalibrate import Fitter, estimate_theta
+from fast.models.gap.fit.whitened_features import apply_robust_loss
+from fast.models.gap.naming.rank_effects import EffectRanking, compute_left_out_errors
+from fast.models.records import EffectValue
 
 N_TOP = 6
 N_DRAWS = 400

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from models.gap.findings import Decision
-from models.gap.fit.fit import Fit
-from models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
-from models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead
-from models.gap.naming.families import WORDS, find_families
-from models.gap.naming.patterns import Pattern
-from models.gap.naming.second_look import SecondLook
-from models.gap.naming.thresholds import Thresholds
-from models.simulation.effects.catalogue import CATALOGUE, list_confusable
+from fast.models.gap.findings import Decision
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
+from fast.models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead
+from fast.models.gap.naming.families import WORDS, find_families
+from fast.models.gap.naming.patterns import Pattern
+from fast.models.gap.naming.second_look import SecondLook
+from fast.models.gap.naming.thresholds import Thresholds
+from fast.models.simulation.effects.catalogue import CATALOGUE, list_confusable
 
 _LARGEST_SET = 3
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart

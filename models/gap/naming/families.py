@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.fit.fit import DEFLATION, Axis, Fit, axes_of
-from models.gap.fit.law_freedom import LAW_SD, LawFreedom
-from models.gap.naming.candidates import FittedCandidate
-from models.gap.naming.rank_effects import LEAST_NATS, list_secants
-from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
-from models.simulation.effects.sensor import SHIFT_SPEED_MM_PER_S
+from fast.models.gap.fit.fit import DEFLATION, Axis, Fit, axes_of
+from fast.models.gap.fit.law_freedom import LAW_SD, LawFreedom
+from fast.models.gap.naming.candidates import FittedCandidate
+from fast.models.gap.naming.rank_effects import LEAST_NATS, list_secants
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.effects.sensor import SHIFT_SPEED_MM_PER_S
 
 _DELAY, _ZERO = "delay between lift and force", "constant force of the load cell"
 _SLIDING, _PRESSURE = "friction that varies with sliding", "friction or adhesion that varies with pressure"

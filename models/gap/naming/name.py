@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.data import GapData
-from models.gap.findings import Candidate, Decision
-from models.gap.fit.fit import Fit
-from models.gap.fit.recalibrate import Fitter, recalibrate
-from models.gap.naming.candidates import (
+from fast.models.gap.data import GapData
+from fast.models.gap.findings import Candidate, Decision
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.recalibrate import Fitter, recalibrate
+from fast.models.gap.naming.candidates import (
     Score,
     compute_gain_nats,
     compute_r2,
@@ -18,13 +18,13 @@ from models.gap.naming.candidates import (
     score_fit,
     top_candidates,
 )
-from models.gap.naming.decide import CandidateSet, Judgement, decide
-from models.gap.naming.patterns import rank_patterns
-from models.gap.naming.rank_effects import EffectRanking, Separability, compute_separability, rank_effects
-from models.gap.naming.second_look import SecondLook, look_again
-from models.gap.naming.thresholds import Thresholds
-from models.records import EffectValue
-from models.simulation.effects.catalogue import list_confusable
+from fast.models.gap.naming.decide import CandidateSet, Judgement, decide
+from fast.models.gap.naming.patterns import rank_patterns
+from fast.models.gap.naming.rank_effects import EffectRanking, Separability, compute_separability, rank_effects
+from fast.models.gap.naming.second_look import SecondLook, look_again
+from fast.models.gap.naming.thresholds import Thresholds
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import list_confusable
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from models.gap.bank.surrogate import features_of_steps
-from models.gap.fit.fit import Fit
-from models.gap.grasps import Grasps
-from models.gap.where.strata import object_shape
-from models.traces.step_features import N_STEPS, STEP_MM
+from fast.models.gap.bank.surrogate import features_of_steps
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.grasps import Grasps
+from fast.models.gap.where.strata import object_shape
+from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 KNOTS_MM = (0.0, 1.5, 5.0, 12.0, 25.0, 45.0)  # of the lift, where a pattern has a coefficient; straight between
 SIZES = (0.003, 0.01, 0.03, 0.1)  # standard deviations of coefficients that are tried, of the force

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.bank.bank import AMPLITUDES
-from models.gap.fit.fit import DEFLATION as DEFLATION  # for `decide`
-from models.gap.fit.fit import Fit
-from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.bank.bank import AMPLITUDES
+from fast.models.gap.fit.fit import DEFLATION as DEFLATION  # for `decide`
+from fast.models.gap.fit.fit import Fit
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 LEAST_NATS = 3.0  # below, two effects are confusable
 LARGEST_SHARE = 2.0  # of a secant's amplitude, when it is scaled to the residual

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import digamma
 
-from models.gap.fit.fit import Fit
-from models.gap.fit.recalibrate import Fitter, recalibrate
-from models.gap.fit.whitened_features import FREEDOM, apply_robust_loss
-from models.gap.naming.candidates import (
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.recalibrate import Fitter, recalibrate
+from fast.models.gap.fit.whitened_features import FREEDOM, apply_robust_loss
+from fast.models.gap.naming.candidates import (
     FittedCandidate,
     Score,
     compute_r2,
@@ -24,8 +24,8 @@ from models.gap.naming.candidates import (
     score_fit,
     top_candidates,
 )
-from models.gap.naming.patterns import Pattern, rank_patterns
-from models.gap.naming.rank_effects import EffectRanking, rank_effects
+from fast.models.gap.naming.patterns import Pattern, rank_patterns
+from fast.models.gap.naming.rank_effects import EffectRanking, rank_effects
 
 DESCRIPTION = ("explained", "pattern left", "share left", "lead", "over a pattern", "pair")
 N_FURTHER = 3

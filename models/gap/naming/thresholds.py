@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from models.records import Record
+from fast.models.records import Record
 
 LEAST_OVER_LINE = 0.3  # below it, how little is predicted says nothing more
 

@@ -5,9 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from models.gap.bank.bank import Bank
-from models.gap.where.residuals import Residuals, peaks
-from models.objects.catalogue import get_object
+from fast.models.gap.bank.bank import Bank
+from fast.models.gap.where.residuals import Residuals, peaks
+from fast.models.objects.catalogue import get_object
 
 UNSURE_SHARE = 0.1  # of the peak: meshes of an independent solver differ by that in one cell of ten
 N_HEAVIEST = 5

@@ -8,15 +8,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.findings import WhereFinding
-from models.gap.where.permutation_tests import BY_OBJECT, EVERYWHERE, ORDER, REPEAT, Hypothesis, TestTree, run_tests
-from models.gap.where.residuals import AT, PHASES, WORDS, Residuals
-from models.gap.where.strata import FAMILY, OBJECT_FEATURES
-from models.gap.where.theta_trends import ThetaTrend, fit_theta_trends
-from models.gap.where.tree import Leaf, grow_honest_tree
-from models.gap.where.variance_components import PhaseComponents, estimate_variance_components, jackknife
-from models.objects.catalogue import get_object
-from models.units import spell_name
+from fast.models.gap.findings import WhereFinding
+from fast.models.gap.where.permutation_tests import (
+    BY_OBJECT,
+    EVERYWHERE,
+    ORDER,
+    REPEAT,
+    Hypothesis,
+    TestTree,
+    run_tests,
+)
+from fast.models.gap.where.residuals import AT, PHASES, WORDS, Residuals
+from fast.models.gap.where.strata import FAMILY, OBJECT_FEATURES
+from fast.models.gap.where.theta_trends import ThetaTrend, fit_theta_trends
+from fast.models.gap.where.tree import Leaf, grow_honest_tree
+from fast.models.gap.where.variance_components import PhaseComponents, estimate_variance_components, jackknife
+from fast.models.objects.catalogue import get_object
+from fast.models.units import spell_name
 
 # Of the peak, beyond what other meshes of the bank change: meshes and contact laws that the bank does not know make
 # gaps of 2 % here and there in null worlds (docs/explanation/gap-discovery-limits.md).

@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from models.gap.where.residuals import PHASES, Residuals
-from models.gap.where.strata import FAMILY, OBJECT_FEATURES
-from models.gap.where.variance_components import LEAST_OWN
+from fast.models.gap.where.residuals import PHASES, Residuals
+from fast.models.gap.where.strata import FAMILY, OBJECT_FEATURES
+from fast.models.gap.where.variance_components import LEAST_OWN
 
 N_DRAWS = 1999
 Q = 0.05

@@ -9,11 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from models.errors import UsageError
-from models.gap.bank.surrogate import Surrogate
-from models.gap.where.strata import list_tool_features, make_object_table, make_tool_table, number_families
-from models.records import Design
-from models.traces.step_features import DIP_MM, NEAR_PEAK, STEP_MM
+from fast.models.errors import UsageError
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.where.strata import list_tool_features, make_object_table, make_tool_table, number_families
+from fast.models.records import Design
+from fast.models.traces.step_features import DIP_MM, NEAR_PEAK, STEP_MM
 
 PHASES = ("dip", "rise", "peak", "slip", "tail")
 WORDS = {

@@ -9,10 +9,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from models.objects.catalogue import get_object
-from models.objects.distance import distance
-from models.records import Design
-from models.units import spell_name, unit_of
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.distance import distance
+from fast.models.records import Design
+from fast.models.units import spell_name, unit_of
 
 N_HEIGHTS = 12
 FAMILY = "object shape"

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.gap.where.residuals import Residuals
-from models.gap.where.variance_components import jackknife
+from fast.models.gap.where.residuals import Residuals
+from fast.models.gap.where.variance_components import jackknife
 
 LEVEL = 0.99  # of trends that are called clues: about a dozen are looked at
 LEAST_CHANGE = 0.03

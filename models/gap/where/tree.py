@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.gap.where.residuals import PHASES, Residuals
-from models.gap.where.strata import FAMILIES, FAMILY, OBJECT_FEATURES, describe_condition, describe_stratum
+from fast.models.gap.where.residuals import PHASES, Residuals
+from fast.models.gap.where.strata import FAMILIES, FAMILY, OBJECT_FEATURES, describe_condition, describe_stratum
 
 DEPTH = 3
 MIN_DESIGNS, MIN_OBJECTS = 3, 4

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from models.gap.where.residuals import PHASES, Residuals
+from fast.models.gap.where.residuals import PHASES, Residuals
 
 LEAST_OWN = 0.3  # of the spread of repeat or order: if tool and object know more, nothing can be said of it
 SOURCES = ("common", "tool", "object", "tool x object", "repeat", "order", "noise")

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from models.design.space import FIN_RAYS, DesignSpace
-from models.scientist.surrogate.observations import REAL, ObservationSet
+from fast.models.design.space import FIN_RAYS, DesignSpace
+from fast.models.scientist.surrogate.observations import REAL, ObservationSet
 
 DUPLICATE_DISTANCE = 1e-4  # unit-cube length below which two designs print as the same finger
 _CLIMB_SCALES = (0.2, 0.12, 0.08, 0.05, 0.03, 0.02)  # unit-cube lengths, one step each

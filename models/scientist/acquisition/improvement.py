@@ -9,11 +9,11 @@ still ordered.
 import numpy as np
 from scipy.special import logsumexp
 
-from models.errors import UsageError
-from models.scientist.acquisition.candidates import Spacing
-from models.scientist.acquisition.paths import real_paths
-from models.scientist.surrogate.observations import REAL
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.errors import UsageError
+from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.paths import real_paths
+from fast.models.scientist.surrogate.observations import REAL
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 N_PATHS = 256
 _SMOOTHING = 0.01  # of the spread of the best outcome over the paths

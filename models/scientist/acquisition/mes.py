@@ -11,9 +11,9 @@ f* comes from joint posterior paths over the candidates, not from a Gumbel fit, 
 import numpy as np
 from scipy.special import log_ndtr
 
-from models.scientist.acquisition.candidates import Spacing
-from models.scientist.acquisition.paths import PromisedPosterior
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.paths import PromisedPosterior
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 N_PATHS = 64
 _LOG_SQRT_2_PI = 0.5 * np.log(2.0 * np.pi)

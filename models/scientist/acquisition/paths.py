@@ -9,9 +9,9 @@ the parallel algorithm of Takeno et al. 2020 (Section 4.2) with one draw of the 
 import numpy as np
 from scipy.linalg import cholesky
 
-from models.errors import FastError
-from models.scientist.surrogate.observations import REAL
-from models.scientist.surrogate.posterior import Surrogate, observation_variance, prior_covariance, prior_variance
+from fast.models.errors import FastError
+from fast.models.scientist.surrogate.observations import REAL
+from fast.models.scientist.surrogate.posterior import Surrogate, observation_variance, prior_covariance, prior_variance
 
 _JITTERS = (1e-9, 1e-7, 1e-5)  # relative to the largest posterior variance, tried in order
 

@@ -9,14 +9,14 @@ from botorch.exceptions import UnsupportedError
 from botorch.models.model import Model
 from torch import Tensor
 
-from models.errors import UsageError
-from models.own_code import call_own, is_own
-from models.scientist.acquisition.candidates import Spacing
-from models.scientist.bridge.entropy import MaxValueEntropy
-from models.scientist.bridge.model import SurrogateModel
-from models.scientist.bridge.own_model import OwnSurrogate, own_draws
-from models.scientist.surrogate.observations import REAL
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.errors import UsageError
+from fast.models.own_code import call_own, is_own
+from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.bridge.entropy import MaxValueEntropy
+from fast.models.scientist.bridge.model import SurrogateModel
+from fast.models.scientist.bridge.own_model import OwnSurrogate, own_draws
+from fast.models.scientist.surrogate.observations import REAL
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 _ROWS_AT_ONCE = 256  # candidates that a rule is asked about together; bounds the memory
 

@@ -13,9 +13,9 @@ from botorch.models.model import Model
 from botorch.utils.transforms import t_batch_mode_transform
 from torch import Tensor
 
-from models.scientist.acquisition.mes import N_PATHS
-from models.scientist.acquisition.paths import draw_deviations
-from models.scientist.surrogate.observations import REAL
+from fast.models.scientist.acquisition.mes import N_PATHS
+from fast.models.scientist.acquisition.paths import draw_deviations
+from fast.models.scientist.surrogate.observations import REAL
 
 _MAX_CORRELATION_2 = 1.0 - 1e-12
 

@@ -9,9 +9,9 @@ so that every derivative is a weighted sum of derivatives of the Matern covarian
 import numpy as np
 from scipy.linalg import cho_solve
 
-from models.gaussian_process.matern import matern52_cross_with_slope
-from models.scientist.surrogate.observations import REAL
-from models.scientist.surrogate.posterior import Surrogate, prior_covariance
+from fast.models.gaussian_process.matern import matern52_cross_with_slope
+from fast.models.scientist.surrogate.observations import REAL
+from fast.models.scientist.surrogate.posterior import Surrogate, prior_covariance
 
 
 def pull_back(

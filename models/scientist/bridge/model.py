@@ -15,11 +15,11 @@ from gpytorch.distributions import MultivariateNormal
 from linear_operator import to_linear_operator
 from torch import Tensor
 
-from models.blas import one_blas_thread
-from models.errors import UsageError
-from models.scientist.bridge.gradient import pull_back
-from models.scientist.surrogate.observations import REAL, SIM
-from models.scientist.surrogate.posterior import Surrogate, observation_variance
+from fast.models.blas import one_blas_thread
+from fast.models.errors import UsageError
+from fast.models.scientist.bridge.gradient import pull_back
+from fast.models.scientist.surrogate.observations import REAL, SIM
+from fast.models.scientist.surrogate.posterior import Surrogate, observation_variance
 
 _SETS_AT_ONCE = 256  # sets of points whose covariances are computed together; bounds the memory
 
@@ -34,8 +34,8 @@ class SurrogateModel(Model, FantasizeMixin):
         extra_noise: Variance of each outcome, `batch_shape x p`, N^2.
 
     Example:
-        >>> from models.scientist.surrogate.fit import fit_surrogate
-        >>> from models.scientist.surrogate.observations import ObservationSet
+        >>> from fast.models.scientist.surrogate.fit import fit_surrogate
+        >>> from fast.models.scientist.surrogate.observations import ObservationSet
         >>> x, s = np.linspace(0.0, 1.0, 90).reshape(10, 9), np.repeat([0, 1], 5)
         >>> surrogate = fit_surrogate(ObservationSet(x, s, x[:, 0] + s, np.zeros(10)))
         >>> SurrogateModel(surrogate).posterior(torch.ones(4, 2, 10)).mean.shape

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.errors import UsageError
-from models.own_code import call_own
-from models.scientist.surrogate.observations import ObservationSet
+from fast.models.errors import UsageError
+from fast.models.own_code import call_own
+from fast.models.scientist.surrogate.observations import ObservationSet
 
 if TYPE_CHECKING:
     from botorch.models.model import Model

@@ -5,12 +5,12 @@ import logging
 import numpy as np
 from scipy.optimize import minimize
 
-from models.blas import one_blas_thread
-from models.errors import FastError, UsageError
-from models.scientist.surrogate.likelihood import log_posterior
-from models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
-from models.scientist.surrogate.parameters import Standardisation, SurrogateParameters, Vector, bounds, prior_mode
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.blas import one_blas_thread
+from fast.models.errors import FastError, UsageError
+from fast.models.scientist.surrogate.likelihood import log_posterior
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.parameters import Standardisation, SurrogateParameters, Vector, bounds, prior_mode
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 SUBSET_SIZE = 250  # cold starts search on this many observations, then polish on all
 SEARCH_ITERATIONS = 60

@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.stats import binom
 
-from models.records import Record
-from models.scientist.surrogate.fit import fit_surrogate
-from models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM
-from models.scientist.surrogate.posterior import LeaveOneOut, Surrogate
+from fast.models.records import Record
+from fast.models.scientist.surrogate.fit import fit_surrogate
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM
+from fast.models.scientist.surrogate.posterior import LeaveOneOut, Surrogate
 
 Z_90 = 1.6448536269514722  # half width of the central 90 % of a standard normal
 LEAST_GAIN = 0.15  # of the leave-one-out error: simulations of something else reach 0.1 by chance at 40 tools

@@ -6,7 +6,7 @@ sample variance over the designs, and goes into the variance of the mean over ob
 
 import numpy as np
 
-from models.errors import UsageError
+from fast.models.errors import UsageError
 
 
 def mean_over_objects(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

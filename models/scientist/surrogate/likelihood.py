@@ -8,10 +8,10 @@ One Cholesky factor and one triangular inverse per call; the rest is O(n^2 d).
 
 import numpy as np
 
-from models.gaussian_process.density import half_weights, lengthscale_gradient, log_normal
-from models.gaussian_process.matern import MaternWithSlope, matern52_with_slope
-from models.scientist.surrogate.observations import REAL, ObservationSet
-from models.scientist.surrogate.parameters import Vector, log_prior
+from fast.models.gaussian_process.density import half_weights, lengthscale_gradient, log_normal
+from fast.models.gaussian_process.matern import MaternWithSlope, matern52_with_slope
+from fast.models.scientist.surrogate.observations import REAL, ObservationSet
+from fast.models.scientist.surrogate.parameters import Vector, log_prior
 
 
 def log_posterior(vector: Vector, data: ObservationSet) -> tuple[float, np.ndarray]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.errors import UsageError
+from fast.models.errors import UsageError
 
 SIM, REAL = 0, 1
 MIN_OBSERVATIONS = 3  # that a surrogate is fitted to

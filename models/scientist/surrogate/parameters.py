@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydantic import Field
 
-from models.records import Record
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.records import Record
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 
 FLAT_SCALE_N = 1.0  # stands in for the standard deviation of data that do not vary
 

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from models.blas import one_blas_thread
-from models.errors import FastError
-from models.gaussian_process.matern import matern52
-from models.scientist.surrogate.observations import REAL, ObservationSet
-from models.scientist.surrogate.parameters import SurrogateParameters
+from fast.models.blas import one_blas_thread
+from fast.models.errors import FastError
+from fast.models.gaussian_process.matern import matern52
+from fast.models.scientist.surrogate.observations import REAL, ObservationSet
+from fast.models.scientist.surrogate.parameters import SurrogateParameters
 
 _JITTERS = (0.0, 1e-10, 1e-8, 1e-6)  # relative to the largest prior variance, tried in order
 

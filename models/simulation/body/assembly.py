@@ -8,8 +8,8 @@ from typing import Self
 import numba as nb
 import numpy as np
 
-from models.errors import MeshingFailed, UsageError
-from models.simulation.body.elasticity import (
+from fast.models.errors import MeshingFailed, UsageError
+from fast.models.simulation.body.elasticity import (
     LAW_CODE,
     VECTOR,
     MaterialLaw,
@@ -17,9 +17,9 @@ from models.simulation.body.elasticity import (
     element_stiffness,
     lame_constants,
 )
-from models.simulation.body.shape_functions import quadrature_of, shape_of
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
-from models.simulation.solver.cholesky import BlockPattern, block_pattern
+from fast.models.simulation.body.shape_functions import quadrature_of, shape_of
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.simulation.solver.cholesky import BlockPattern, block_pattern
 
 CLAMPED = -1
 

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from models.objects.distance import choose_rows, chosen_distance
-from models.simulation.contact.friction import return_mapping
-from models.simulation.contact.points import ContactPoints
+from fast.models.objects.distance import choose_rows, chosen_distance
+from fast.models.simulation.contact.friction import return_mapping
+from fast.models.simulation.contact.points import ContactPoints
 
 ADHESION_RAMP = 0.1  # share of the smoothing depth, where the pressure is a hundredth of that at the full depth
 _MARGIN_MM = 1e-9  # far above rounding: a point left out is outside for certain

@@ -13,15 +13,15 @@ from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from models.objects.catalogue import RigidObject
-from models.objects.distance import distance, distance_and_normal
-from models.objects.primitives import mirrored
-from models.records import Placement
-from models.simulation.body.assembly import ElasticBody, block_map
-from models.simulation.contact import kernel as contact_kernel
-from models.simulation.contact.kernel import FrictionState, Law, NearPoints, Sightings, Touching
-from models.simulation.contact.points import ContactPoints, PointSpacing, contact_points
-from models.simulation.placement import place
+from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.distance import distance, distance_and_normal
+from fast.models.objects.primitives import mirrored
+from fast.models.records import Placement
+from fast.models.simulation.body.assembly import ElasticBody, block_map
+from fast.models.simulation.contact import kernel as contact_kernel
+from fast.models.simulation.contact.kernel import FrictionState, Law, NearPoints, Sightings, Touching
+from fast.models.simulation.contact.points import ContactPoints, PointSpacing, contact_points
+from fast.models.simulation.placement import place
 
 __all__ = [
     "NO_STOP",

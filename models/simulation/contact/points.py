@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.simulation.body.shape_functions import face_shape
+from fast.models.simulation.body.shape_functions import face_shape
 
 KEPT_SUBDIVISIONS = 64  # of about ten of a finger
 PATCH_CELLS = 4  # points along one side of a patch: few enough to be near together, many enough to skip at once

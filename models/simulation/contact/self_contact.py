@@ -12,11 +12,11 @@ from typing import Self
 
 import numpy as np
 
-from models.simulation.body.assembly import ElasticBody, block_map
-from models.simulation.body.shape_functions import face_shape
-from models.simulation.contact import self_kernel
-from models.simulation.contact.law import ContactLaw
-from models.simulation.contact.self_kernel import Lines, Strips
+from fast.models.simulation.body.assembly import ElasticBody, block_map
+from fast.models.simulation.body.shape_functions import face_shape
+from fast.models.simulation.contact import self_kernel
+from fast.models.simulation.contact.law import ContactLaw
+from fast.models.simulation.contact.self_kernel import Lines, Strips
 
 SEGMENT_MM = 1.0  # an edge of 8 mm bent to a radius of 20 mm is at most 0.006 mm from its segments
 COUPLED_MM = 2.0  # faces nearer than this may come to press on each other within a few steps

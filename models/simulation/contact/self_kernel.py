@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from models.simulation.contact.kernel import Law, penalty
+from fast.models.simulation.contact.kernel import Law, penalty
 
 REACH_MM = 0.5  # segments further apart are not looked at: what is deeper is a failure, and faces at a corner are near
 FACING = -0.5  # cosine between the normals of two segments, below which they can touch: 60 deg about opposite

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.records import Design, GraspContext, GraspSetup, Trace
-from models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, speed_mm_per_s
+from fast.models.records import Design, GraspContext, GraspSetup, Trace
+from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, speed_mm_per_s
 
 USUAL_PRESSURE_PSI = 30.0  # the paper's supply pressure, at which `max_force_n` is the force of a jaw
 UNLIMITED_N = 1e6  # stands for infinity, which no config file can hold

@@ -9,8 +9,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from shapely.geometry import Polygon
 
-from models.objects.catalogue import RigidObject
-from models.records import Design, EffectValue, GraspContext, GraspSetup, Record, Theta, Trace
+from fast.models.objects.catalogue import RigidObject
+from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Record, Theta, Trace
 
 # In the order in which the layers act: a relaxing force is relaxed before the load cell adds its offset.
 LAYERS = ("geometry", "material", "contact", "actuation", "time", "sensor")

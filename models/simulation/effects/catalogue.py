@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from models.errors import ConfigError
-from models.records import EffectValue
-from models.simulation.effects import actuation, contact, geometry, material, sensor
-from models.simulation.effects.base import LAYERS, Effect, EffectSpec, ParameterSpec
-from models.units import unit_of
-from models.validation import closest
+from fast.models.errors import ConfigError
+from fast.models.records import EffectValue
+from fast.models.simulation.effects import actuation, contact, geometry, material, sensor
+from fast.models.simulation.effects.base import LAYERS, Effect, EffectSpec, ParameterSpec
+from fast.models.units import unit_of
+from fast.models.validation import closest
 
 # Layer by layer, as `LAYERS`; effects on the time axis come last of the actuation and first of the sensor.
 CATALOGUE: Mapping[str, EffectSpec] = {

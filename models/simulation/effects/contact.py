@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.objects.catalogue import RigidObject
-from models.records import Design, GraspContext, GraspSetup, Trace
-from models.simulation.effects.base import Effect, EffectSpec, amplitude, relifted, shape, speed_mm_per_s
+from fast.models.objects.catalogue import RigidObject
+from fast.models.records import Design, GraspContext, GraspSetup, Trace
+from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, relifted, shape, speed_mm_per_s
 
 LEAST_SHARE = 0.05  # of the reference pressure: below it the power law would grow without bound
 LEAST_RADIUS_MM = 0.5  # twice the spacing of contact points (models.simulation.contact.points)

@@ -7,9 +7,9 @@ import shapely
 from shapely import affinity
 from shapely.geometry import Polygon, box
 
-from models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
-from models.records import Design
-from models.simulation.effects.base import Effect, EffectSpec, amplitude
+from fast.models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
+from fast.models.records import Design
+from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude
 
 _FADE_MM = 2.0  # over which the bow fades out beside a rib, and towards base and tip
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.design.profile import is_in_rib, take_fin_ray
-from models.records import Design, GraspContext, GraspSetup, Theta, Trace
-from models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, with_modulus
+from fast.models.design.profile import is_in_rib, take_fin_ray
+from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
+from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, with_modulus
 
 
 @dataclass(frozen=True)

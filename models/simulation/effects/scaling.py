@@ -1,7 +1,7 @@
 """When results of one simulator version are those of another: forces are in proportion to Young's modulus."""
 
-from models.records import EffectValue, SimulatorVersion
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 
 def scales_with_modulus(version: SimulatorVersion) -> bool:
@@ -24,7 +24,7 @@ def force_ratio(old: SimulatorVersion, new: SimulatorVersion) -> float | None:
     """What forces (and work) of `old` are multiplied with to be exactly those of `new`; None when nothing does it.
 
     Example:
-        >>> from models.records import Theta
+        >>> from fast.models.records import Theta
         >>> stiff = SimulatorVersion(theta=Theta(young_modulus_mpa=23.0))
         >>> force_ratio(SimulatorVersion(theta=Theta(young_modulus_mpa=11.5)), stiff)
         2.0

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.records import Design, GraspContext, GraspSetup, Trace
-from models.simulation.effects.base import Effect, EffectSpec, amplitude
-from models.units import force_n_from_kg
+from fast.models.records import Design, GraspContext, GraspSetup, Trace
+from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude
+from fast.models.units import force_n_from_kg
 
 _HOUR_S = 3600.0
 _LEAST_STEP_S = 0.02

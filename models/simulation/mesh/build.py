@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 from shapely.geometry import Polygon
 
-from models.records import Design, MeshSettings
-from models.simulation.effects.base import Effect
-from models.simulation.mesh.extrude import extrude
-from models.simulation.mesh.planar import PlanarMesh
-from models.simulation.mesh.section import planar_mesh
-from models.simulation.mesh.solid import SolidMesh
+from fast.models.records import Design, MeshSettings
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.mesh.extrude import extrude
+from fast.models.simulation.mesh.planar import PlanarMesh
+from fast.models.simulation.mesh.section import planar_mesh
+from fast.models.simulation.mesh.solid import SolidMesh
 
 TETWILD_TIME_LIMIT_S = 60.0
 IN_SECTION = [0, 2]  # x and z of a node of the solid
@@ -30,7 +30,7 @@ def build_mesh(
     profile = printed_profile(design, settings, effects)
     if settings.mesher == "tetwild":
         # pytetwild is heavy and only needed here.
-        from models.simulation.mesh.tetwild import tetwild_mesh
+        from fast.models.simulation.mesh.tetwild import tetwild_mesh
 
         solid = tetwild_mesh(
             profile, design.width_mm, settings.edge_mm, full_width=full_width, time_limit_s=TETWILD_TIME_LIMIT_S

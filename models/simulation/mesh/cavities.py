@@ -4,8 +4,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from models.simulation.body.shape_functions import ElementKind
-from models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.body.shape_functions import ElementKind
+from fast.models.simulation.mesh.solid import SolidMesh
 
 # Local nodes of the sides along the width: corners a, b, b', a', then the middles of ab, bb', a'b', aa'.
 _SIDES: dict[ElementKind, list[list[int]]] = {

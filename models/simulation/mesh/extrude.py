@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.simulation.mesh.planar import PlanarMesh
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.simulation.mesh.planar import PlanarMesh
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 
 PLANE_TOLERANCE_MM = 1e-6
 

@@ -9,10 +9,10 @@ lengths.
 import numpy as np
 from shapely.geometry import Polygon
 
-from models.errors import MeshingFailed
-from models.simulation.mesh.outline import Outline
-from models.simulation.mesh.partition import partition
-from models.simulation.mesh.planar import PlanarMesh, add_middles, split
+from fast.models.errors import MeshingFailed
+from fast.models.simulation.mesh.outline import Outline
+from fast.models.simulation.mesh.partition import partition
+from fast.models.simulation.mesh.planar import PlanarMesh, add_middles, split
 
 FACE_MM = 0.75  # shorter sides are parts of fillets and are not projected
 REACH_MM = 12.0  # longest chord through the material: ribs and walls are 2-3 mm thick, the tip up to 11 mm

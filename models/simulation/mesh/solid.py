@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from models.simulation.body.shape_functions import N_NODES, ElementKind
+from fast.models.simulation.body.shape_functions import N_NODES, ElementKind
 
 _NODE_SETS = ("base_nodes", "symmetry_nodes", "contact_faces")
 

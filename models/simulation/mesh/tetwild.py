@@ -15,9 +15,9 @@ import numpy as np
 import trimesh
 from shapely.geometry import Polygon
 
-from models.errors import MeshingFailed
-from models.simulation.body.shape_functions import TETRAHEDRON_EDGES
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.errors import MeshingFailed
+from fast.models.simulation.body.shape_functions import TETRAHEDRON_EDGES
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 
 ENVELOPE_MM = 0.02  # fTetWild keeps the surface within this distance
 SNAP_MM = 0.1  # nodes this near to a plane of the body belong to it

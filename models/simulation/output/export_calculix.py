@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.records import Theta
-from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
-from models.simulation.body.shape_functions import ElementKind
-from models.simulation.contact.law import ContactLaw
-from models.simulation.mesh.solid import SolidMesh
+from fast.models.records import Theta
+from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
+from fast.models.simulation.body.shape_functions import ElementKind
+from fast.models.simulation.contact.law import ContactLaw
+from fast.models.simulation.mesh.solid import SolidMesh
 
 SHELL_MM = 0.3  # depth of the object's layer of wedges; below the objects' edge radius of 1 mm, so none is inverted
 REACH_MM = 2.0  # how far beyond the finger the object is kept

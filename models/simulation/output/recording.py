@@ -10,10 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from models.simulation.contact.law import ContactSurface, Obstacle
-from models.simulation.finger import FingerState
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.placement import Side
+from fast.models.simulation.contact.law import ContactSurface, Obstacle
+from fast.models.simulation.finger import FingerState
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.placement import Side
 
 Phase = Literal["closing", "lift"]
 SIDES: tuple[Side, Side] = ("right", "left")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES, ElementKind
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES, ElementKind
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 
 PLANE_TOLERANCE_MM = 1e-6
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.output.recording import Snapshot
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.output.recording import Snapshot
 
 
 def rotation_between(rest: np.ndarray, now: np.ndarray) -> np.ndarray:

@@ -8,9 +8,9 @@ from typing import Literal, Protocol
 import numba as nb
 import numpy as np
 
-from models.errors import SimulationFailed
-from models.simulation.solver.broyden import SecantMemory
-from models.simulation.solver.cholesky import BlockCholesky, BlockPattern, LinearSolver
+from fast.models.errors import SimulationFailed
+from fast.models.simulation.solver.broyden import SecantMemory
+from fast.models.simulation.solver.cholesky import BlockCholesky, BlockPattern, LinearSolver
 
 MAX_SHIFTS = 8
 MAX_LINE_SEARCH = 8

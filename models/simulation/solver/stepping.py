@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.errors import SimulationFailed
-from models.simulation.finger import FingerState, FingerStep
-from models.simulation.solver.newton import NewtonSolver
+from fast.models.errors import SimulationFailed
+from fast.models.simulation.finger import FingerState, FingerStep
+from fast.models.simulation.solver.newton import NewtonSolver
 
 TOUCH_MM = 0.02
 # The peak sits in the first millimetres of lift: 1 mm steps lose 1.5 % of it.

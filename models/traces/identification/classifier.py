@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import UsageError
-from models.objects.catalogue import OBJECTS
-from models.traces.identification.kinds import SIDES, SIDES_OF_OBJECTS
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import OBJECTS
+from fast.models.traces.identification.kinds import SIDES, SIDES_OF_OBJECTS
 
 N_OBJECTS = len(OBJECTS)
 CLASSES: tuple[str, ...] = tuple(dict.fromkeys(obj.object_class for obj in OBJECTS))

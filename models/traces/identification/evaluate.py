@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.errors import UsageError
-from models.traces.identification.classifier import N_OBJECTS, Beliefs, train
-from models.traces.quality import Interval, mean_of_tools
+from fast.models.errors import UsageError
+from fast.models.traces.identification.classifier import N_OBJECTS, Beliefs, train
+from fast.models.traces.quality import Interval, mean_of_tools
 
 N_FOLDS = 6
 N_DRAWS = 200  # of sets of grasps of one object

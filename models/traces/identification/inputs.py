@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.errors import UsageError
-from models.records import Trace
-from models.traces.batch import TraceFeatures, features_of_samples
-from models.traces.names import FEATURES, N_PROFILE, PROFILE_STEP_MM
+from fast.models.errors import UsageError
+from fast.models.records import Trace
+from fast.models.traces.batch import TraceFeatures, features_of_samples
+from fast.models.traces.names import FEATURES, N_PROFILE, PROFILE_STEP_MM
 
 N_CLOSING = 20  # equal spans of time of the closing: the first force tells how wide the object is at the tips
 _SHARES = ("initial_force_n", "closing_lowest_n", "dip_n", "lowest_after_n", "second_prominence_n")

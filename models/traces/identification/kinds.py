@@ -4,7 +4,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from models.objects.catalogue import OBJECTS
+from fast.models.objects.catalogue import OBJECTS
 
 Sides = Literal["flat sides", "curved sides", "tapers inwards", "pronounced geometry"]
 SIDES: tuple[Sides, ...] = get_args(Sides)

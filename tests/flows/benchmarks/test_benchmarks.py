@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.benchmarks import study
-from flows.benchmarks.accuracy import errors_percent, measure_accuracy
-from flows.benchmarks.base import Options
-from flows.benchmarks.grasp import measure_grasp, tier_row
-from flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
-from flows.benchmarks.registry import BENCHMARKS
-from flows.benchmarks.study import cases_of, run_study
-from flows.benchmarks.summary import failures_by_reason
-from flows.cli.benchmarks import BenchChosen
-from models.design.space import numbered_design
-from models.records import TIERS, GraspSetup, MeshSettings, SimulatorVersion
-from models.solver_code import solver_id
+from fast.flows.benchmarks import study
+from fast.flows.benchmarks.accuracy import errors_percent, measure_accuracy
+from fast.flows.benchmarks.base import Options
+from fast.flows.benchmarks.grasp import measure_grasp, tier_row
+from fast.flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
+from fast.flows.benchmarks.registry import BENCHMARKS
+from fast.flows.benchmarks.study import cases_of, run_study
+from fast.flows.benchmarks.summary import failures_by_reason
+from fast.flows.cli.benchmarks import BenchChosen
+from fast.models.design.space import numbered_design
+from fast.models.records import TIERS, GraspSetup, MeshSettings, SimulatorVersion
+from fast.models.solver_code import solver_id
 from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.studies.simulation.robustness import failed_grasps, measure_robustness, memory, parts
 
@@ -120,7 +120,7 @@ def test_a_killed_benchmark_leaves_whole_lines(tmp_path, number):
     command = [
         sys.executable,
         "-m",
-        "flows.cli.main",
+        "fast.flows.cli.main",
         "bench",
         "run",
         "grasp",

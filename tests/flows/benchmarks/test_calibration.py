@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from flows.benchmarks.base import Options
-from flows.benchmarks.calibration import TRUTH
-from flows.benchmarks.registry import BENCHMARKS
-from flows.cli.main import run
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import calibrate as calibrate_module
-from models.calibration.means.problem import CalibrationProblem
+from fast.flows.benchmarks.base import Options
+from fast.flows.benchmarks.calibration import TRUTH
+from fast.flows.benchmarks.registry import BENCHMARKS
+from fast.flows.cli.main import run
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means import calibrate as calibrate_module
+from fast.models.calibration.means.problem import CalibrationProblem
 
 
 @pytest.fixture(autouse=True)

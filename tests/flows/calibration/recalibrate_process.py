@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.server.server import configure_client
-from lake.store import Lake
+from fast.flows.server.server import configure_client
+from fast.lake.store import Lake
 from tests.tasks.calibration.calibration_lake import CONFIG, PROVENANCE, made_up_result, measured_rows
 
 
@@ -22,7 +22,7 @@ def made_up(problem, settings, progress=None):
 
 def main(root: Path, words: list[str], api_url: str) -> None:
     """Do what the words say, in order."""
-    sys.modules["models.calibration.means.calibrate"] = SimpleNamespace(calibrate=made_up)  # type: ignore[assignment]
+    sys.modules["fast.models.calibration.means.calibrate"] = SimpleNamespace(calibrate=made_up)  # type: ignore[assignment]
     configure_client(api_url, root)
     for word in words:
         {"pool": make_pool, "run": run_flow, "measure": measure, "announce": announce}[word](root)
@@ -39,7 +39,7 @@ def make_pool(root: Path) -> None:
 
 def run_flow(root: Path) -> None:
     """Run the deployment's flow as a worker would."""
-    from flows.deployments import recalibrate
+    from fast.flows.deployments import recalibrate
     from tests.flows.undrawn import leave_undrawn
 
     leave_undrawn(pytest.MonkeyPatch())
@@ -59,9 +59,9 @@ def announce(root: Path) -> None:
 
     from prefect.events.worker import EventsWorker
 
-    from flows.campaign.events import announce_measured
-    from tasks.campaign.campaign import Campaign
-    from tasks.campaign.config import CampaignConfig
+    from fast.flows.campaign.events import announce_measured
+    from fast.tasks.campaign.campaign import Campaign
+    from fast.tasks.campaign.config import CampaignConfig
 
     config = CampaignConfig.model_validate(tomllib.loads(CONFIG.format(name="small", tier="production")))
     announce_measured(Campaign(Lake.open(root), config), [1, 2])

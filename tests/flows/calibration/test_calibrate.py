@@ -5,14 +5,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from lake.query.lineage import find_lineage
-from lake.tables.campaign import CalibrationRow, SimulationRow, SimulatorVersionRow
-from models.calibration.inference.lot_priors import make_lot_priors
-from models.calibration.inference.settings import ThetaPriors
-from models.records import SimulatorVersion, Theta
-from tasks.calibration.drift import read_theta_history
-from tasks.campaign.config import read_lot
-from tasks.simulation import plan as work
+from fast.lake.query.lineage import find_lineage
+from fast.lake.tables.campaign import CalibrationRow, SimulationRow, SimulatorVersionRow
+from fast.models.calibration.inference.lot_priors import make_lot_priors
+from fast.models.calibration.inference.settings import ThetaPriors
+from fast.models.records import SimulatorVersion, Theta
+from fast.tasks.calibration.drift import read_theta_history
+from fast.tasks.campaign.config import read_lot
+from fast.tasks.simulation import plan as work
 from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.tasks.calibration.calibration_lake import (
     PROVENANCE,
@@ -48,7 +48,7 @@ def answers(monkeypatch):
                 object.__setattr__(attempt.result, "peak_force_n", peak_n)
             return future
 
-    monkeypatch.setitem(sys.modules, "models.calibration.means.calibrate", SimpleNamespace(calibrate=made_up))
+    monkeypatch.setitem(sys.modules, "fast.models.calibration.means.calibrate", SimpleNamespace(calibrate=made_up))
     monkeypatch.setattr(work, "WorkerPool", Simulator)
     found.simulator = Simulator
     return found

@@ -4,14 +4,14 @@ from typing import Any
 
 import pytest
 
-from lake.tables.campaign import CalibrationRow, SimulationRow
-from lake.tables.catalogue_rows import version_rows
-from models.calibration.inference.lot_priors import make_lot_priors
-from models.calibration.inference.settings import read_settings
-from models.gap.fit import posterior
-from models.records import EffectValue, SimulatorVersion
-from tasks.campaign.config import read_lot
-from tasks.simulation import plan as work
+from fast.lake.tables.campaign import CalibrationRow, SimulationRow
+from fast.lake.tables.catalogue_rows import version_rows
+from fast.models.calibration.inference.lot_priors import make_lot_priors
+from fast.models.calibration.inference.settings import read_settings
+from fast.models.gap.fit import posterior
+from fast.models.records import EffectValue, SimulatorVersion
+from fast.tasks.campaign.config import read_lot
+from fast.tasks.simulation import plan as work
 from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws, simulated_trace, trace_lake
 from tests.tasks.simulation.test_hypercube import Pool

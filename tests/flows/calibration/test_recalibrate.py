@@ -4,8 +4,8 @@ from importlib.metadata import version
 
 import pytest
 
-from flows.server.server import server
-from lake.tables.campaign import CalibrationRow, FlowRunRow
+from fast.flows.server.server import server
+from fast.lake.tables.campaign import CalibrationRow, FlowRunRow
 from tests.flows.server.on_server import asked, python, wait_for
 from tests.tasks.calibration.calibration_lake import calibration_lake
 

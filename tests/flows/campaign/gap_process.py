@@ -10,9 +10,9 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from flows.campaign import launch
-from flows.cli.main import leave
-from flows.progress import ProgressReporter
+from fast.flows.campaign import launch
+from fast.flows.cli.main import leave
+from fast.flows.progress import ProgressReporter
 from tests.flows.campaign.made_up_search import search_made_up
 
 
@@ -34,8 +34,8 @@ def main(config: Path, lake: Path, dies_after: int) -> None:
 
 
 def _patch(dies_after: int) -> None:
-    from flows.campaign import gap_step
-    from tasks.bench import mount
+    from fast.flows.campaign import gap_step
+    from fast.tasks.bench import mount
 
     gap_step.search_and_tell = search_made_up
     measure, numbers = mount.measure_asked, count(1)

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from flows.gap.search import GapOrder, GapOutcome
-from flows.progress import ProgressReporter
-from lake.provenance import current_provenance
-from lake.store import Lake
-from models.gap.findings import (
+from fast.flows.gap.search import GapOrder, GapOutcome
+from fast.flows.progress import ProgressReporter
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.models.gap.findings import (
     Asked,
     AskedGrasps,
     Decision,
@@ -16,11 +16,11 @@ from models.gap.findings import (
     PersonQuestion,
     RoundFindings,
 )
-from models.records import GraspSetup
-from tasks.bench.asked import write_requests
-from tasks.campaign.state import tuples
-from tasks.gap.ask import list_requests
-from tasks.gap.findings import GapRun, find_run, write_run
+from fast.models.records import GraspSetup
+from fast.tasks.bench.asked import write_requests
+from fast.tasks.campaign.state import tuples
+from fast.tasks.gap.ask import list_requests
+from fast.tasks.gap.findings import GapRun, find_run, write_run
 
 FAST = GraspSetup(lift_speed_mm_per_s=20.0)
 N_MADE = "SELECT count(*) FROM grasps WHERE request_id IS NOT NULL AND status = 'ok'"

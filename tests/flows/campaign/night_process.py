@@ -11,17 +11,17 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from flows.campaign import launch
-from flows.cli.main import leave
-from flows.gap.search import GapOrder, GapOutcome
-from flows.progress import ProgressReporter
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow
-from lake.tables.catalogue_rows import version_rows
-from models.gap.findings import Decision, Verdict
-from models.records import SimulatorVersion, Theta
-from tasks.gap.findings import find_newest_run, write_run
+from fast.flows.campaign import launch
+from fast.flows.cli.main import leave
+from fast.flows.gap.search import GapOrder, GapOutcome
+from fast.flows.progress import ProgressReporter
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow
+from fast.lake.tables.catalogue_rows import version_rows
+from fast.models.gap.findings import Decision, Verdict
+from fast.models.records import SimulatorVersion, Theta
+from fast.tasks.gap.findings import find_newest_run, write_run
 from tests.flows.campaign.made_up_search import write_made_up_run
 
 BASE = SimulatorVersion()
@@ -46,8 +46,8 @@ def main(config: Path, lake: Path, dies_at: str) -> None:
 
 
 def _patch(dies_at: str) -> None:
-    from flows.campaign import gap_step
-    from flows.campaign.night import NightLoop
+    from fast.flows.campaign import gap_step
+    from fast.flows.campaign.night import NightLoop
 
     def search(lake: Lake, order: GapOrder, *_: Any) -> GapOutcome:
         known = find_newest_run(lake, order.campaign_id)

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
-from models.errors import FastError
-from tasks.campaign.config import load_config
-from tasks.campaign.state import derive_state
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
+from fast.models.errors import FastError
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.state import derive_state
 
 ROOT = Path(__file__).parents[3]
 CONFIG = """
@@ -57,7 +57,7 @@ def smallest(folder: Path) -> Path:
 
 
 def start(folder: Path, *options: str) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-m", "flows.cli.main", "campaign", "run", str(folder / "tiny.toml")]
+    command = [sys.executable, "-m", "fast.flows.cli.main", "campaign", "run", str(folder / "tiny.toml")]
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
     return subprocess.Popen(
         [*command, "--lake", str(folder / "lake"), *options],
@@ -230,6 +230,6 @@ def end(campaign: "subprocess.Popen[str]") -> None:
 
 
 def fast(folder: Path, *arguments: str) -> None:
-    command = [sys.executable, "-m", "flows.cli.main", *arguments, "--lake", str(folder / "lake")]
+    command = [sys.executable, "-m", "fast.flows.cli.main", *arguments, "--lake", str(folder / "lake")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

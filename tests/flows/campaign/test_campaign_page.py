@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.campaign import page as campaign_page
-from flows.campaign.page import INTERVAL_S, QUIET_S, CampaignPage
-from flows.campaign.progress import MOST_CPU
+from fast.flows.campaign import page as campaign_page
+from fast.flows.campaign.page import INTERVAL_S, QUIET_S, CampaignPage
+from fast.flows.campaign.progress import MOST_CPU
 
 
 class Clock:

@@ -4,11 +4,11 @@ from datetime import datetime
 
 import pytest
 
-from flows.campaign.forecast import Forecast, forecast
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.settings import NightSettings
-from tasks.scientist.propose import propose_initial
+from fast.flows.campaign.forecast import Forecast, forecast
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.settings import NightSettings
+from fast.tasks.scientist.propose import propose_initial
 from tests.tasks.campaign.small_campaign import small_campaign
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 

@@ -4,16 +4,16 @@ from urllib.error import HTTPError
 
 import pytest
 
-from flows.campaign.forms import close_forms, open_form
-from flows.campaign.notify import SILENT
-from flows.campaign.operator_prompts import PrintPrompts, make_print_form
-from flows.progress import ProgressReporter
-from flows.server.server import address_for_others, ask_server
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from tasks.bench.print import PrintConfirmation, confirm_print, ensure_tray
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import load_config
+from fast.flows.campaign.forms import close_forms, open_form
+from fast.flows.campaign.notify import SILENT
+from fast.flows.campaign.operator_prompts import PrintPrompts, make_print_form
+from fast.flows.progress import ProgressReporter
+from fast.flows.server.server import address_for_others, ask_server
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.tasks.bench.print import PrintConfirmation, confirm_print, ensure_tray
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
 from tests.flows.cli.cli_lakes import proposed_lake
 from tests.flows.server.local_server import local_server
 
@@ -93,7 +93,7 @@ def test_without_deployment_or_server_there_is_no_form(lake, pages, monkeypatch)
 
 
 def test_a_server_whose_database_is_busy_is_asked_again(monkeypatch):
-    monkeypatch.setattr("flows.server.server.time.sleep", lambda s: None)
+    monkeypatch.setattr("fast.flows.server.server.time.sleep", lambda s: None)
     answers = [(503, {}), (503, {}), (200, "well"), *[(503, {})] * 5]
     with local_server(lambda request: answers.pop(0)) as (address, seen):
         assert ask_server(address, "/x") == "well"
@@ -115,7 +115,7 @@ def test_a_person_is_asked_and_reminded_and_forms_are_closed(tmp_path, pages, mo
     prompts.remind(1, sheet)
     assert len(said) == 1
     later_s = 5 * 3600
-    monkeypatch.setattr("flows.campaign.operator_prompts.time.monotonic", lambda: prompts._asked_s + later_s)
+    monkeypatch.setattr("fast.flows.campaign.operator_prompts.time.monotonic", lambda: prompts._asked_s + later_s)
     prompts.remind(1, sheet)
     prompts.remind(1, sheet)
     assert [line.partition(";")[0] for line in said[1:]] == ["FAST still needs you: batch quick/B01, for 5 h 0 min"]

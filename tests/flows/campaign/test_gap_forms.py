@@ -8,23 +8,29 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from flows.campaign import gap_forms
-from flows.campaign.gap_forms import make_mount_form, make_reading_form, mount_tools, read_mount_answer, read_number
-from flows.campaign.notify import SILENT
-from flows.campaign.operator_prompts import MountPrompts
-from flows.campaign.operator_prompts import make_mount_form as make_mount_step
-from flows.campaign.operator_prompts import make_reading_form as make_reading_step
-from flows.progress import ProgressReporter
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from models.errors import ConfigError, UsageError
-from models.gap.ask.answers import Reading
-from tasks.bench.mount import plan_rack
-from tasks.bench.mounting import MOUNTED, Mounting, confirm_mounting, read_mounting
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import load_config
-from tasks.gap.readings import KIND, read_readings, write_reading
+from fast.flows.campaign import gap_forms
+from fast.flows.campaign.gap_forms import (
+    make_mount_form,
+    make_reading_form,
+    mount_tools,
+    read_mount_answer,
+    read_number,
+)
+from fast.flows.campaign.notify import SILENT
+from fast.flows.campaign.operator_prompts import MountPrompts
+from fast.flows.campaign.operator_prompts import make_mount_form as make_mount_step
+from fast.flows.campaign.operator_prompts import make_reading_form as make_reading_step
+from fast.flows.progress import ProgressReporter
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.models.errors import ConfigError, UsageError
+from fast.models.gap.ask.answers import Reading
+from fast.tasks.bench.mount import plan_rack
+from fast.tasks.bench.mounting import MOUNTED, Mounting, confirm_mounting, read_mounting
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
+from fast.tasks.gap.readings import KIND, read_readings, write_reading
 from tests.flows.campaign.made_up_search import ask_person, search_made_up
 from tests.flows.cli.cli_lakes import proposed_lake
 

@@ -11,32 +11,32 @@ from typing import Any
 
 import pytest
 
-from flows.benchmarks.fingerprints import fingerprint
-from flows.benchmarks.made_up_batch import Batch, measure_missing
-from flows.campaign import gap_step
-from flows.campaign.forecast import Forecast
-from flows.campaign.gap_step import close_gap
-from flows.campaign.page import format_page
-from flows.campaign.process import with_run_page
-from flows.campaign.progress import Workload
-from flows.campaign.status import describe_state
-from flows.progress import ProgressReporter
-from hardware.bench import open_virtual_bench
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import World
-from lake.leases import exclusive
-from lake.store import Lake
-from lake.tables.campaign import EventRow, GraspRow
-from models.errors import UsageError
-from models.gap.ask.answers import Reading
-from models.records import GraspSetup
-from tasks.bench import mount, mounting
-from tasks.bench.asked import read_open_requests
-from tasks.campaign import prefect_tasks as steps
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.requests import GAP_LEASE, lease_name
-from tasks.campaign.settings import GapSettings
-from tasks.gap.readings import write_reading
+from fast.flows.benchmarks.fingerprints import fingerprint
+from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
+from fast.flows.campaign import gap_step
+from fast.flows.campaign.forecast import Forecast
+from fast.flows.campaign.gap_step import close_gap
+from fast.flows.campaign.page import format_page
+from fast.flows.campaign.process import with_run_page
+from fast.flows.campaign.progress import Workload
+from fast.flows.campaign.status import describe_state
+from fast.flows.progress import ProgressReporter
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import World
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, GraspRow
+from fast.models.errors import UsageError
+from fast.models.gap.ask.answers import Reading
+from fast.models.records import GraspSetup
+from fast.tasks.bench import mount, mounting
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.campaign import prefect_tasks as steps
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.requests import GAP_LEASE, lease_name
+from fast.tasks.campaign.settings import GapSettings
+from fast.tasks.gap.readings import write_reading
 from tests.flows.campaign.made_up_search import ask_person, search_made_up
 from tests.flows.campaign.test_campaign import ROOT
 

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from flows.campaign.status import format_status, read_status
-from flows.report.campaign.page import write_report
-from flows.viewer.campaign import write_recording
-from lake.handoff.export_folder import export_handoff
-from lake.handoff.import_folder import import_handoff
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
-from models.errors import ConfigError
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import load_config
-from tasks.campaign.setup import register
+from fast.flows.campaign.status import format_status, read_status
+from fast.flows.report.campaign.page import write_report
+from fast.flows.viewer.campaign import write_recording
+from fast.lake.handoff.export_folder import export_handoff
+from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
+from fast.models.errors import ConfigError
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.setup import register
 from tests.flows.synthetic_lake import Campaign as Synthetic
 from tests.flows.synthetic_lake import build
 from tests.lake.handoff.handoff_folder import PROVENANCE, good_folder, grasp, read_csv, samples, write_csv

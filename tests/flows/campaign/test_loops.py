@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.campaign import flow as campaign_flow
-from models.errors import DeviceError, LakeError
+from fast.flows.campaign import flow as campaign_flow
+from fast.models.errors import DeviceError, LakeError
 
 
 class ScriptedLoop:

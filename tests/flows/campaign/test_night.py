@@ -6,20 +6,20 @@ from typing import Any
 
 import pytest
 
-from flows.campaign import night as night_module
-from flows.campaign.night import begin_night
-from flows.progress import ProgressReporter
-from lake.store import Lake
-from lake.tables.campaign import EventRow, ProposalRow, SimulationRow
-from models.gap.findings import Decision, Verdict
-from models.records import SimulatorVersion
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.night_story import describe_nights, end_night, read_nights
-from tasks.campaign.settings import NightSettings
-from tasks.campaign.simulator_versions import at_present, list_reruns
-from tasks.campaign.state import NIGHT
-from tasks.gap.findings import write_run
-from tasks.scientist.observe import observe
+from fast.flows.campaign import night as night_module
+from fast.flows.campaign.night import begin_night
+from fast.flows.progress import ProgressReporter
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, ProposalRow, SimulationRow
+from fast.models.gap.findings import Decision, Verdict
+from fast.models.records import SimulatorVersion
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.night_story import describe_nights, end_night, read_nights
+from fast.tasks.campaign.settings import NightSettings
+from fast.tasks.campaign.simulator_versions import at_present, list_reruns
+from fast.tasks.campaign.state import NIGHT
+from fast.tasks.gap.findings import write_run
+from fast.tasks.scientist.observe import observe
 from tests.flows.campaign.made_up_search import write_made_up_run
 from tests.tasks.campaign.small_campaign import small_campaign
 from tests.tasks.campaign.test_versions import BASE, LAGGING, OTHER, STIFFER, all_designs, calibrate, following
@@ -150,7 +150,7 @@ def test_a_night_that_was_killed_goes_on_with_the_same_list(campaign: Campaign, 
 def test_a_kill_between_proposals_and_decision_chooses_the_same(
     campaign: Campaign, clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tasks.campaign import simulator_versions
+    from fast.tasks.campaign import simulator_versions
 
     def die(*words: Any) -> None:
         raise KilledError

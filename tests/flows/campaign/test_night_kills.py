@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import EventRow, ProposalRow, SimulationRow
-from tasks.campaign.state import NIGHT
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, ProposalRow, SimulationRow
+from fast.tasks.campaign.state import NIGHT
 from tests.flows.campaign.night_process import TRUER
 from tests.flows.campaign.test_campaign import ROOT
 

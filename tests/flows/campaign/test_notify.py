@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from flows.campaign.notify import VARIABLE, notifier
+from fast.flows.campaign.notify import VARIABLE, notifier
 from tests.flows.server.local_server import local_server
 
 
@@ -50,7 +50,7 @@ def test_without_an_address_nothing_happens(monkeypatch):
 def test_a_message_that_is_not_taken_is_a_warning_without_the_address(monkeypatch, caplog):
     with (
         local_server(lambda request: (500, {})) as (address, _),
-        caplog.at_level(logging.WARNING, "flows.campaign.notify"),
+        caplog.at_level(logging.WARNING, "fast.flows.campaign.notify"),
     ):
         monkeypatch.setenv(VARIABLE, address.replace("http://", "json://user:secret@"))
         assert not notifier(is_virtual=False).send("done", "all done", "done")

@@ -3,9 +3,9 @@
 import pytest
 from pydantic import ValidationError
 
-from flows.campaign.print_form import make_form, read_answer
-from models.errors import UsageError
-from tasks.bench.print import MeasuredTool
+from fast.flows.campaign.print_form import make_form, read_answer
+from fast.models.errors import UsageError
+from fast.tasks.bench.print import MeasuredTool
 
 
 def answer(slots=(0, 1), **tools):

@@ -2,9 +2,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.campaign import progress
-from flows.campaign.progress import MOST_CPU, CampaignProgress, Workload
-from flows.progress import UNKNOWN, ProgressReporter
+from fast.flows.campaign import progress
+from fast.flows.campaign.progress import MOST_CPU, CampaignProgress, Workload
+from fast.flows.progress import UNKNOWN, ProgressReporter
 
 
 def test_share_of_work_done():

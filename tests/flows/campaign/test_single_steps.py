@@ -2,11 +2,11 @@
 
 import pytest
 
-from flows.campaign.single_steps import measure_one_batch, simulate_missing
-from lake.leases import exclusive
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
-from models.errors import FastError
+from fast.flows.campaign.single_steps import measure_one_batch, simulate_missing
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
+from fast.models.errors import FastError
 from tests.flows.cli.cli_lakes import proposed_lake
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, ProposalRow
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, ProposalRow
 
 ROOT = Path(__file__).parents[3]
 CONFIG = """
@@ -39,7 +39,7 @@ print_poll_s = 0.2
 def run(folder: Path, *words: object) -> "subprocess.Popen[str]":
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
     return subprocess.Popen(
-        [sys.executable, "-m", "flows.cli.main", *map(str, words), "--lake", str(folder / "lake")],
+        [sys.executable, "-m", "fast.flows.cli.main", *map(str, words), "--lake", str(folder / "lake")],
         cwd=ROOT,
         env=environment,
         stdout=subprocess.PIPE,

@@ -9,12 +9,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flows.cli.main import run
-from lake.store import Lake
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import load_config
-from tasks.campaign.setup import register
-from tasks.scientist.propose import propose_initial
+from fast.flows.cli.main import run
+from fast.lake.store import Lake
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.setup import register
+from fast.tasks.scientist.propose import propose_initial
 
 ROOT = Path(__file__).parents[3]
 WORLD = ROOT / "worlds" / "quick.toml"

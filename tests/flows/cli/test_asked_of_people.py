@@ -7,15 +7,15 @@ from typing import Any
 
 import pytest
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import EventRow
-from models.gap.ask.answers import Reading
-from models.records import GraspRequest
-from tasks.bench.asked import write_requests
-from tasks.bench.mounting import MOUNTED, Mounting, read_mounting
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.gap.readings import KIND, read_readings
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from fast.models.gap.ask.answers import Reading
+from fast.models.records import GraspRequest
+from fast.tasks.bench.asked import write_requests
+from fast.tasks.bench.mounting import MOUNTED, Mounting, read_mounting
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.gap.readings import KIND, read_readings
 from tests.flows.campaign.made_up_search import FAST, ask_person, search_made_up
 from tests.flows.cli.cli_lakes import Fast, everything_in, proposed_lake
 
@@ -152,7 +152,7 @@ def test_where_no_question_is_open_no_number_is_kept(fast: Fast, lake: Lake) -> 
 
 def test_an_answer_on_the_command_line_ends_the_form(fast: Fast, lake: Lake, monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[tuple[Any, ...]] = []
-    monkeypatch.setattr("flows.campaign.forms.close_forms", lambda lake, form, why: closed.append((form.tag, why)))
+    monkeypatch.setattr("fast.flows.campaign.forms.close_forms", lambda lake, form, why: closed.append((form.tag, why)))
     search_id = search(lake)
     assert fast("print", "mounted", "quick", "--operator", "ada", "--lake", lake.root).status == 0
     ask_person(lake, "quick")

@@ -2,7 +2,7 @@
 
 from importlib.metadata import distribution, version
 
-from flows.cli.audit import LOCK, changed_files, findings, locked
+from fast.flows.cli.audit import LOCK, changed_files, findings, locked
 
 
 def test_the_lock_pins_every_package_exactly():

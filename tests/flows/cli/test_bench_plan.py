@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import DiagnosticRow, GraspRow
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DiagnosticRow, GraspRow
 from tests.flows.cli.cli_lakes import Fast, proposed_lake
 
 

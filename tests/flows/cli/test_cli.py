@@ -7,12 +7,12 @@ from importlib.metadata import version
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli.common import table_text
-from lake.leases import exclusive
-from lake.store import Lake
-from lake.tables.campaign import EventRow, GraspRow, ToolRow
-from models.design.space import BEST_PUBLISHED
-from tasks.campaign.requests import requested_verb
+from fast.flows.cli.common import table_text
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, GraspRow, ToolRow
+from fast.models.design.space import BEST_PUBLISHED
+from fast.tasks.campaign.requests import requested_verb
 from tests.flows.cli.cli_lakes import WORLD, Fast, proposed_lake
 from tests.flows.synthetic_lake import Campaign, build
 
@@ -136,7 +136,7 @@ def test_view_takes_grasps_designs_and_campaigns(fast, measured, tmp_path):
 
 def test_report_says_where_it_is(fast, measured, tmp_path, monkeypatch):
     """What the report holds is the claim of the tests of reports."""
-    monkeypatch.setattr("flows.report.campaign.page.write_report", lambda lake, name, out, others: write_page(out))
+    monkeypatch.setattr("fast.flows.report.campaign.page.write_report", lambda lake, name, out, others: write_page(out))
     answer = fast("report", "--lake", measured, "--out", tmp_path / "report", "--json")
     assert answer.json == {"campaign": "demo", "report": str(tmp_path / "report" / "index.html")}
 
@@ -191,9 +191,9 @@ def test_doctor_passes_here_and_names_the_fix_elsewhere(fast, tmp_path, monkeypa
     assert not (tmp_path / "none").exists()
     assert "mesher fTetWild" in {check["name"] for check in answer.json}
     (tmp_path / "notes.txt").write_text("not a lake")
-    monkeypatch.setattr("flows.cli.doctor._small_mesh", _broken)
-    monkeypatch.setattr("flows.cli.doctor._small_grasp", lambda: "solved above")
-    monkeypatch.setattr("flows.dependencies.is_installed", lambda name: name != "pymc")
+    monkeypatch.setattr("fast.flows.cli.doctor._small_mesh", _broken)
+    monkeypatch.setattr("fast.flows.cli.doctor._small_grasp", lambda: "solved above")
+    monkeypatch.setattr("fast.flows.dependencies.is_installed", lambda name: name != "pymc")
     answer = fast("doctor", "--lake", tmp_path)
     assert answer.status == 1
     failed = [line for line in answer.out.splitlines() if line.startswith("FAIL")]

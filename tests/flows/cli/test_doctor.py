@@ -5,8 +5,8 @@ import os
 
 import pytest
 
-from flows.cli import doctor
-from flows.server.server import state_folder
+from fast.flows.cli import doctor
+from fast.flows.server.server import state_folder
 
 
 def noted(url):
@@ -21,7 +21,7 @@ def _no_server_named(monkeypatch):
 def test_a_package_of_another_version_fails_with_its_fix(monkeypatch, tmp_path):
     lock = tmp_path / "requirements.lock"
     lock.write_text("prefect==1.0\nnumpy==1.0\n")
-    monkeypatch.setattr("flows.cli.audit.LOCK", lock)
+    monkeypatch.setattr("fast.flows.cli.audit.LOCK", lock)
     check = doctor._versions()
     assert not check.ok
     assert "prefect is 3.8.8, the lock says 1.0; run `make clean setup`. (and 1 more)" in check.note
@@ -31,7 +31,7 @@ def test_the_server_of_a_lake_is_found(monkeypatch, tmp_path):
     assert "none of this lake" in doctor._running(tmp_path)
     state_folder(tmp_path).mkdir(parents=True)
     (tmp_path / ".state" / "server.json").write_text(noted("http://127.0.0.1:4999/api"))
-    monkeypatch.setattr("flows.server.server.is_healthy", lambda url: True)
+    monkeypatch.setattr("fast.flows.server.server.is_healthy", lambda url: True)
     assert doctor._running(tmp_path) == "of this lake: http://127.0.0.1:4999"
     # Only a server of this machine is believed: the file may come from elsewhere with a copied lake.
     (tmp_path / ".state" / "server.json").write_text(noted("http://elsewhere:80/api"))

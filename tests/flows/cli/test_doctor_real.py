@@ -5,10 +5,10 @@ from dataclasses import asdict
 
 import pytest
 
-from flows.cli.virtual import rack
-from hardware.bench import open_virtual_servers
-from hardware.clock import RealClock
-from hardware.virtual.world.file import Sensor, World
+from fast.flows.cli.virtual import rack
+from fast.hardware.bench import open_virtual_servers
+from fast.hardware.clock import RealClock
+from fast.hardware.virtual.world.file import Sensor, World
 from tests.flows.cli.cli_lakes import Fast
 
 

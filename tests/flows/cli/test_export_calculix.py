@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.simulation.calculix import write_calculix
-from models.design.space import BEST_PUBLISHED
-from models.errors import UsageError
-from models.objects.catalogue import get_object
-from models.objects.distance import distance
-from models.records import EffectValue, GraspSetup, MeshSettings, Placement, SimulatorVersion
-from models.simulation.mesh.build import build_mesh
-from models.simulation.output.export_calculix import contact_sides
-from models.simulation.placement import place
+from fast.flows.simulation.calculix import write_calculix
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.distance import distance
+from fast.models.records import EffectValue, GraspSetup, MeshSettings, Placement, SimulatorVersion
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.output.export_calculix import contact_sides
+from fast.models.simulation.placement import place
 
 SPHERE = get_object(1)
 SHORT = GraspSetup(closed_gap_mm=34)  # 3 mm of overlap

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from lake.query.sql import run_sql
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
-from models.traces.names import FEATURES
+from fast.lake.query.sql import run_sql
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
+from fast.models.traces.names import FEATURES
 from tests.flows.cli.cli_lakes import Fast
 from tests.flows.synthetic_lake import build
 
@@ -44,7 +44,7 @@ def test_objects_one_by_one_and_what_went_wrong(fast, lake):
 
 
 def test_a_grasp_is_identified(fast, lake, monkeypatch):
-    monkeypatch.setattr("models.traces.identification.classifier.N_TREES", 20)
+    monkeypatch.setattr("fast.models.traces.identification.classifier.N_TREES", 20)
     grasp = lake.records(GraspRow, status="ok")[0]
     text = fast("features", "--identify", grasp.grasp_id, "--lake", lake.root).out
     assert text.startswith(f"{grasp.grasp_id}, recorded as object {grasp.object_id}; learnt from ")

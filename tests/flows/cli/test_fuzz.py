@@ -15,26 +15,37 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import flows
-from flows.cli.main import app, run
-from hardware.virtual.world.file import load_world
-from models.errors import ConfigError, FastError
-from models.material import MaterialLot
-from models.validation import load_record, parse_toml
-from tasks.campaign.config import load_config
-from tasks.campaign.setup import read_bench
+import fast.flows
+from fast.flows.cli.main import app, run
+from fast.hardware.virtual.world.file import load_world
+from fast.models.errors import ConfigError, FastError
+from fast.models.material import MaterialLot
+from fast.models.validation import load_record, parse_toml
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.setup import read_bench
 from tests.flows.cli.cli_lakes import ROOT, WORLD, leaves, proposed_lake, write_config
 
 # Where work begins: behind these, the arguments have been judged.
 WORK = (
-    "flows.campaign.launch.server", "flows.server.lab.open_lab", "flows.cli.gantry.open_bench",
-    "flows.cli.diagnose.open_bench", "hardware.bench.open_virtual_servers", "models.simulation.grasp.simulate_grasp",
-    "flows.scientist.landscape_study.run_planned", "flows.scientist.campaign_runs.run_campaigns",
-    "flows.gap.search.run_gap", "flows.gap.example.open_example", "flows.calibration.calibrate.run_calibration",
-    "flows.report.campaign.page.write_report", "flows.viewer.campaign.write_recording",
-    "flows.viewer.design.write_design_recording", "flows.viewer.campaign.follow", "flows.cli.doctor._computer",
-    "flows.cli.doctor._bench", "flows.benchmarks.base.circumstances",
-)  # fmt: skip
+    "fast.flows.campaign.launch.server",
+    "fast.flows.server.lab.open_lab",
+    "fast.flows.cli.gantry.open_bench",
+    "fast.flows.cli.diagnose.open_bench",
+    "fast.hardware.bench.open_virtual_servers",
+    "fast.models.simulation.grasp.simulate_grasp",
+    "fast.flows.scientist.landscape_study.run_planned",
+    "fast.flows.scientist.campaign_runs.run_campaigns",
+    "fast.flows.gap.search.run_gap",
+    "fast.flows.gap.example.open_example",
+    "fast.flows.calibration.calibrate.run_calibration",
+    "fast.flows.report.campaign.page.write_report",
+    "fast.flows.viewer.campaign.write_recording",
+    "fast.flows.viewer.design.write_design_recording",
+    "fast.flows.viewer.campaign.follow",
+    "fast.flows.cli.doctor._computer",
+    "fast.flows.cli.doctor._bench",
+    "fast.flows.benchmarks.base.circumstances",
+)
 HOSTILE = (
     "", " ", "-1", "0", "1", "nan", "inf", "1e400", "9" * 5000, "true", "x", "none.toml", ".", "/", "/proc/x", "a\0b",
     "\udcff", "ü" * 300, "x=1", "friction=nan", "0=", "=", "'", "K000", "../../x", "s3://", "%s{0}", "[1", "\n", "--",
@@ -74,7 +85,7 @@ def nothing_works(monkeypatch, tmp_path):
         raise FastError("no work in this test.")
 
     # A module that is imported first while these are replaced would keep the replacement.
-    for module in pkgutil.walk_packages(flows.__path__, "flows."):
+    for module in pkgutil.walk_packages(fast.flows.__path__, "fast.flows."):
         import_module(module.name)
     for place in WORK:
         monkeypatch.setattr(place, refuse)

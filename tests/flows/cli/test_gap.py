@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from lake.store import Lake
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.lake.store import Lake
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.flows.cli.cli_lakes import Fast
 
 

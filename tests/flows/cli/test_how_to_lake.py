@@ -5,8 +5,8 @@ import shlex
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
 from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.flows.synthetic_lake import Campaign, build
 

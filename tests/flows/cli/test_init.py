@@ -2,8 +2,8 @@
 
 import pytest
 
-from flows.cli.main import run
-from tasks.campaign.config import load_config
+from fast.flows.cli.main import run
+from fast.tasks.campaign.config import load_config
 
 
 def test_every_campaign_of_a_new_project_loads(tmp_path):

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flows.report.campaign.queries import FITS, fetch
-from hardware.cell.cell import MeasuredGrasp
-from lake.provenance import Provenance
-from lake.query.lineage import UNKNOWN, Node, find_lineage
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.flows.report.campaign.queries import FITS, fetch
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.lake.provenance import Provenance
+from fast.lake.query.lineage import UNKNOWN, Node, find_lineage
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     TABLE_BY_NAME,
     TABLES,
     DesignRow,
@@ -23,23 +23,23 @@ from lake.tables.campaign import (
     SimulationRow,
     ToolRow,
 )
-from lake.tables.links import LINKS, is_linked, summary_columns
-from lake.tables.requests import setup_columns
-from lake.tables.schema import has_samples
-from models.design.space import BEST_PUBLISHED
-from models.records import GraspSetup, GraspSimulation, Trace
-from tasks.bench.measure import measure_tool
-from tasks.bench.plan import plan_tool
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.requests import append_event
-from tasks.campaign.setup import register
-from tasks.scientist.fit import fit, surrogate_for_simulation
-from tasks.scientist.observe import observe, observed_rows
-from tasks.scientist.propose import propose_initial, propose_simulation, propose_tools
-from tasks.simulation.attempt import Attempt
-from tasks.simulation.simulate import simulate_design
+from fast.lake.tables.links import LINKS, is_linked, summary_columns
+from fast.lake.tables.requests import setup_columns
+from fast.lake.tables.schema import has_samples
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.records import GraspSetup, GraspSimulation, Trace
+from fast.tasks.bench.measure import measure_tool
+from fast.tasks.bench.plan import plan_tool
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.requests import append_event
+from fast.tasks.campaign.setup import register
+from fast.tasks.scientist.fit import fit, surrogate_for_simulation
+from fast.tasks.scientist.observe import observe, observed_rows
+from fast.tasks.scientist.propose import propose_initial, propose_simulation, propose_tools
+from fast.tasks.simulation.attempt import Attempt
+from fast.tasks.simulation.simulate import simulate_design
 from tests.flows.cli.cli_lakes import Fast
 
 CONFIG = {

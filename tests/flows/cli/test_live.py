@@ -8,11 +8,11 @@ import sys
 import pytest
 from rich.console import Console
 
-from flows.cli.campaign import _outcome_text
-from flows.cli.common import DEFAULT_LAKE
-from flows.cli.live import describe_left, is_watched, open_display, open_reporter
-from flows.cli.main import app
-from flows.progress import UNKNOWN, Bar
+from fast.flows.cli.campaign import _outcome_text
+from fast.flows.cli.common import DEFAULT_LAKE
+from fast.flows.cli.live import describe_left, is_watched, open_display, open_reporter
+from fast.flows.cli.main import app
+from fast.flows.progress import UNKNOWN, Bar
 
 GRASPS = Bar("grasps", 3, 4, 90.0)
 SIMULATED = Bar("simulated", 8, 8, 0.0)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli.main import app, run
-from tasks.simulation.pool import WorkerPool
+from fast.flows.cli.main import app, run
+from fast.tasks.simulation.pool import WorkerPool
 from tests.flows.cli.cli_lakes import ROOT, WORLD, leaves, proposed_lake, write_config
 
-FAST = ["-m", "flows.cli.main"]
+FAST = ["-m", "fast.flows.cli.main"]
 HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow", "rerun", "numpy", "pydantic")
 MODELLING = ("torch", "prefect", "pymc", "botorch", "matplotlib", "scipy", "numba", "rerun")
 COMMANDS = [
@@ -53,7 +53,7 @@ MEASURED_STATUS = """
 import json, sys, time
 import cyclopts, duckdb, numpy, pandas, pyarrow.dataset, pydantic
 libraries_s = time.process_time()
-from flows.cli.main import run
+from fast.flows.cli.main import run
 status = run(sys.argv[1:])
 print(json.dumps([status, libraries_s, time.process_time(), sorted(sys.modules)]))
 """
@@ -70,11 +70,11 @@ def test_status_costs_little_more_than_the_libraries_that_read_a_lake(tmp_path):
 DEFAULT_RULE = """
 import sys
 import numpy as np
-import flows.campaign.flow
-from flows.cli.main import run
-from models.scientist.propose import NO_PENDING, propose
-from models.scientist.surrogate.fit import fit_surrogate
-from flows.benchmarks.scientist import made_up_data
+import fast.flows.campaign.flow
+from fast.flows.cli.main import run
+from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.surrogate.fit import fit_surrogate
+from fast.flows.benchmarks.scientist import made_up_data
 assert run(["sql", "SELECT 1", "--lake", sys.argv[1]]) == 0
 assert len(propose(fit_surrogate(made_up_data(5, 5)), 1, 2, NO_PENDING, np.random.default_rng(0))) == 2
 print("torch" in sys.modules)
@@ -87,7 +87,10 @@ def test_neither_queries_nor_campaigns_with_the_default_rule_import_torch(tmp_pa
 
 
 def test_the_command_line_imports_nothing_heavy():
-    names = ["flows.cli", *(f"flows.cli.{path.stem}" for path in sorted((ROOT / "flows" / "cli").glob("[a-z]*.py")))]
+    names = [
+        "fast.flows.cli",
+        *(f"fast.flows.cli.{path.stem}" for path in sorted((ROOT / "flows" / "cli").glob("[a-z]*.py"))),
+    ]
     code = f"import sys, {', '.join(names)}; print([m for m in {HEAVY} if m in sys.modules])"
     done = python(code)
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
@@ -139,7 +142,7 @@ class Blocker:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 sys.meta_path.insert(0, Blocker())
-from flows.cli.main import run
+from fast.flows.cli.main import run
 for package, _, words in json.loads(sys.argv[1]):
     assert package not in sys.modules, f"{package} was imported by another command"
     Blocker.package = package
@@ -191,9 +194,8 @@ def test_ctrl_c_is_one_sentence():
 
 def test_a_reader_that_goes_away_is_no_bug(tmp_path):
     lake = proposed_lake(tmp_path)
-    command = (
-        f"{sys.executable} -m flows.cli.main sql 'SELECT * FROM range(200000)' --format csv --lake {lake} | head -1"
-    )
+    sql = "fast.flows.cli.main sql 'SELECT * FROM range(200000)'"
+    command = f"{sys.executable} -m {sql} --format csv --lake {lake} | head -1"
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.stdout == '"range"\n'
     assert "Traceback" not in done.stderr

@@ -2,18 +2,18 @@
 
 import pytest
 
-from flows.cli import real
-from flows.cli.real import is_rehearsal, what_moves
-from hardware.bench import BenchSettings
-from hardware.tools.mounted import MountedTool
-from models.design.space import BEST_PUBLISHED
+from fast.flows.cli import real
+from fast.flows.cli.real import is_rehearsal, what_moves
+from fast.hardware.bench import BenchSettings
+from fast.hardware.tools.mounted import MountedTool
+from fast.models.design.space import BEST_PUBLISHED
 from tests.flows.cli.cli_lakes import QUICK, Fast, write_config
 
 
 @pytest.fixture
 def fast(capsys, monkeypatch):
     monkeypatch.delenv("CI", raising=False)
-    monkeypatch.setattr("hardware.bench.SerialTransport", lambda port: pytest.fail("a port was opened"))
+    monkeypatch.setattr("fast.hardware.bench.SerialTransport", lambda port: pytest.fail("a port was opened"))
     return Fast(capsys)
 
 
@@ -91,7 +91,7 @@ def test_with_leave_the_bench_is_opened(fast, bench, monkeypatch, how):
     def transport(port):
         raise Opened
 
-    monkeypatch.setattr("hardware.bench.SerialTransport", transport)
+    monkeypatch.setattr("fast.hardware.bench.SerialTransport", transport)
     at_terminal(monkeypatch, "left") if how == "typed" else None
     with pytest.raises(Opened):
         fast("gantry", "home", "--real", bench, *(["--yes-move", "left"] if how == "named" else []))

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from models.design.space import BEST_PUBLISHED
+from fast.models.design.space import BEST_PUBLISHED
 from tests.flows.cli.cli_lakes import QUICK, WORLD, Fast, everything_in, proposed_lake, write_config
 
 NOWHERE = ("/proc/lake", "/proc/version/lake")  # nobody can make a folder there, not even root

@@ -4,13 +4,13 @@ from contextlib import closing
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, SimulationRow
-from models.design.space import numbered_design
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.simulation.pool import WorkerPool
-from tasks.simulation.simulate import simulate_design
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, SimulationRow
+from fast.models.design.space import numbered_design
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.simulation.pool import WorkerPool
+from fast.tasks.simulation.simulate import simulate_design
 from tests.flows.cli.cli_lakes import Fast
 
 CONFIG = {

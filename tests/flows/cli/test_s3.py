@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli import doctor
-from lake.leases import exclusive, is_held
-from lake.maintenance import check
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, ToolRow
+from fast.flows.cli import doctor
+from fast.lake.leases import exclusive, is_held
+from fast.lake.maintenance import check
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, ToolRow
 from tests.flows.campaign.test_campaign import CONFIG as TINY
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake, write_config
 from tests.flows.synthetic_lake import Campaign, build
@@ -124,7 +124,7 @@ def test_a_campaign_killed_and_continued_measures_every_grasp_once(there, tmp_pa
     command = [
         sys.executable,
         "-m",
-        "flows.cli.main",
+        "fast.flows.cli.main",
         "campaign",
         "run",
         str(config),

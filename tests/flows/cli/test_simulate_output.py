@@ -11,17 +11,17 @@ import pytest
 from matplotlib.image import imread
 from rerun.chunk import RrdReader
 
-from flows.cli.main import run
-from flows.cli.simulate import describe_grasp
-from flows.cli.simulate_output import write_outputs
-from flows.report.campaign.grasp import draw_trace
-from flows.report.grasp_frames import GraspFrames, five_instants
-from flows.viewer.simulation import LONGEST_ARROW_MM, choose_arrow_mm_per_n
-from models.design.space import BEST_PUBLISHED
-from models.objects.catalogue import get_object
-from models.records import Branch, Branches, GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
-from models.simulation.grasp import simulate_grasp
-from models.simulation.output.recording import SIDES, GraspRecording
+from fast.flows.cli.main import run
+from fast.flows.cli.simulate import describe_grasp
+from fast.flows.cli.simulate_output import write_outputs
+from fast.flows.report.campaign.grasp import draw_trace
+from fast.flows.report.grasp_frames import GraspFrames, five_instants
+from fast.flows.viewer.simulation import LONGEST_ARROW_MM, choose_arrow_mm_per_n
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Branch, Branches, GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.output.recording import SIDES, GraspRecording
 
 SPHERE, CUBE = get_object(1), get_object(30)
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=10))

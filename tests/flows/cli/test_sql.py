@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from lake.store import Lake
+from fast.lake.store import Lake
 from tests.flows.cli.cli_lakes import Fast
 
 

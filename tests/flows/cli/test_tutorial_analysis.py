@@ -5,7 +5,7 @@ import shlex
 
 import pytest
 
-from lake.store import Lake
+from fast.lake.store import Lake
 from tests.flows.cli.cli_lakes import ROOT, Fast
 from tests.flows.synthetic_lake import Campaign, build
 

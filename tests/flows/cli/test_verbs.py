@@ -6,23 +6,23 @@ from functools import partial
 
 import pytest
 
-from flows.campaign.loops import CampaignRun
-from flows.campaign.process import hear_interrupts
-from flows.cli.virtual import read_fault
-from flows.progress import ProgressReporter
-from hardware.bench import open_virtual_bench
-from hardware.safety.safe_state import EmergencyStopError, Verb
-from hardware.tools.mounted import MountedTool
-from lake.store import Lake
-from lake.tables.campaign import EventRow, GraspRow
-from models.errors import UsageError
-from tasks.bench.measure import measure_batch, measure_tool
-from tasks.bench.plan import order_cells
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.requests import append_event, requested_verb
-from tasks.scientist.propose import propose_initial
+from fast.flows.campaign.loops import CampaignRun
+from fast.flows.campaign.process import hear_interrupts
+from fast.flows.cli.virtual import read_fault
+from fast.flows.progress import ProgressReporter
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.safety.safe_state import EmergencyStopError, Verb
+from fast.hardware.tools.mounted import MountedTool
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, GraspRow
+from fast.models.errors import UsageError
+from fast.tasks.bench.measure import measure_batch, measure_tool
+from fast.tasks.bench.plan import order_cells
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.requests import append_event, requested_verb
+from fast.tasks.scientist.propose import propose_initial
 from tests.hardware.safety.scenario_bench import WORLD, is_pulling, physics, when
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from hardware.wire.log import WireLog
-from hardware.wire.log_files import GANTRY, PLC, WireFiles
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
-from tasks.campaign.campaign import stored_provenance
-from tasks.campaign.requests import bench_log_folder
+from fast.hardware.wire.log import WireLog
+from fast.hardware.wire.log_files import GANTRY, PLC, WireFiles
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
+from fast.tasks.campaign.campaign import stored_provenance
+from fast.tasks.campaign.requests import bench_log_folder
 from tests.flows.cli.cli_lakes import ROOT, WORLD, Fast, proposed_lake
 
 DATA = ROOT / "tests" / "data" / "wire"

@@ -17,9 +17,9 @@ from typing import Any
 
 import pytest
 
-from flows.server.server import configure_client
-from lake.store import Lake
-from tasks.simulation.plan import SimulationPlan
+from fast.flows.server.server import configure_client
+from fast.lake.store import Lake
+from fast.tasks.simulation.plan import SimulationPlan
 
 
 def main(root: Path, words: list[str], api_url: str) -> None:
@@ -50,7 +50,7 @@ def deploy(_: Path) -> None:
 
 def run_flow(root: Path) -> None:
     """Run the deployment's flow as a worker would."""
-    from flows.deployments import close_gap
+    from fast.flows.deployments import close_gap
     from tests.flows.undrawn import leave_undrawn
 
     make_up()
@@ -62,8 +62,8 @@ def run_flow(root: Path) -> None:
 
 def search(root: Path) -> None:
     """Search a lake as `fast gap` does."""
-    from flows.gap.search import GapOrder, run_gap
-    from flows.progress import ProgressReporter
+    from fast.flows.gap.search import GapOrder, run_gap
+    from fast.flows.progress import ProgressReporter
 
     make_up()
     outcome = run_gap(Lake.open(root), GapOrder("demo"), ProgressReporter(lambda _: None, lambda _: None))
@@ -72,9 +72,9 @@ def search(root: Path) -> None:
 
 def make_up() -> None:
     """Made-up answers in the place of finite elements, and normal draws in the place of NUTS."""
-    from flows.gap import search
-    from models.gap.fit import posterior
-    from tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK
+    from fast.flows.gap import search
+    from fast.models.gap.fit import posterior
+    from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK
     from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
     from tests.tasks.gap.gap_lake import plan_rows
 
@@ -113,7 +113,7 @@ def announce(root: Path) -> None:
     """Send the event that a recalibration sends when it found something new."""
     from prefect.events.worker import EventsWorker
 
-    from flows.campaign.events import announce_calibrated
+    from fast.flows.campaign.events import announce_calibrated
 
     announce_calibrated(Lake.open(root), "C0", "calibration C0")
     EventsWorker.drain_all(timeout=20)

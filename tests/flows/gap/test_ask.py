@@ -6,19 +6,19 @@ from typing import Any
 
 import pytest
 
-from flows.gap import search
-from flows.gap.search import GapOrder, GapOutcome, run_gap
-from flows.progress import ProgressReporter
-from lake.store import Lake
-from models.calibration.inference.settings import CalibrationSettings
-from models.errors import UsageError
-from models.gap.ask.answers import Reading
-from models.gap.fit import posterior
-from models.records import EffectValue
-from tasks.bench.asked import read_open_requests
-from tasks.gap.data import read_grasps
-from tasks.gap.readings import read_readings, write_reading
-from tasks.simulation.plan import SimulationPlan
+from fast.flows.gap import search
+from fast.flows.gap.search import GapOrder, GapOutcome, run_gap
+from fast.flows.progress import ProgressReporter
+from fast.lake.store import Lake
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.errors import UsageError
+from fast.models.gap.ask.answers import Reading
+from fast.models.gap.fit import posterior
+from fast.models.records import EffectValue
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.gap.data import read_grasps
+from fast.tasks.gap.readings import read_readings, write_reading
+from fast.tasks.simulation.plan import SimulationPlan
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake, plan_rows
 

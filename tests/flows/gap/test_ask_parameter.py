@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from flows.gap.bench_plan import explain_silence
-from lake.tables.requests import GraspRequestRow
-from models.gap.ask import refine
-from tasks.bench.asked import read_open_requests
-from tasks.gap.data import read_grasps
+from fast.flows.gap.bench_plan import explain_silence
+from fast.lake.tables.requests import GraspRequestRow
+from fast.models.gap.ask import refine
+from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.gap.data import read_grasps
 from tests.flows.gap.test_ask import LAG, go, no_physics  # noqa: F401 - a fixture for every test
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake

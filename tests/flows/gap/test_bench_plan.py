@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.cli.main import run
-from lake.handoff.export_folder import export_handoff
-from lake.handoff.import_folder import import_handoff
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, ToolRow
-from models.errors import UsageError
-from models.records import GraspRequest, GraspSetup, Placement
-from tasks.bench.asked import read_open_requests, write_requests
+from fast.flows.cli.main import run
+from fast.lake.handoff.export_folder import export_handoff
+from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, ToolRow
+from fast.models.errors import UsageError
+from fast.models.records import GraspRequest, GraspSetup, Placement
+from fast.tasks.bench.asked import read_open_requests, write_requests
 from tests.lake.query import query_lake
 
 TOOLS, OBJECT = ("quick/B01T0", "quick/B02T0"), 6

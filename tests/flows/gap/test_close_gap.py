@@ -2,9 +2,9 @@
 
 import pytest
 
-from flows.server.server import server
-from lake.tables.campaign import FlowRunRow
-from models.records import EffectValue
+from fast.flows.server.server import server
+from fast.lake.tables.campaign import FlowRunRow
+from fast.models.records import EffectValue
 from tests.flows.server.local_server import local_server
 from tests.flows.server.on_server import asked, python, wait_for
 from tests.tasks.gap.gap_lake import gap_lake

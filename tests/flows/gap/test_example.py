@@ -5,21 +5,21 @@ from typing import Any
 
 import pytest
 
-from flows.gap import example, search
-from flows.gap.example import open_example
-from flows.gap.folder import write_folder
-from flows.gap.search import GapOrder, run_gap
-from flows.progress import ProgressReporter
-from flows.simulation.progress import n_missing
-from lake.handoff.packed import write_packed
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow, TraceRow
-from models.calibration.inference.settings import CalibrationSettings
-from models.errors import UsageError
-from models.gap.fit import posterior
-from models.gap.grasps import Cells
-from models.records import EffectValue, GraspSetup, SimulatorVersion
-from tasks.gap.bank import plan_bank
+from fast.flows.gap import example, search
+from fast.flows.gap.example import open_example
+from fast.flows.gap.folder import write_folder
+from fast.flows.gap.search import GapOrder, run_gap
+from fast.flows.progress import ProgressReporter
+from fast.flows.simulation.progress import n_missing
+from fast.lake.handoff.packed import write_packed
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow, TraceRow
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.errors import UsageError
+from fast.models.gap.fit import posterior
+from fast.models.gap.grasps import Cells
+from fast.models.records import EffectValue, GraspSetup, SimulatorVersion
+from fast.tasks.gap.bank import plan_bank
 from tests.studies.gap.example import REPEATS, collect_example, measure_example, round_rows
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import gap_lake, plan_rows

@@ -7,31 +7,38 @@ from typing import Any
 
 import pytest
 
-from flows.gap import search
-from flows.gap.folder import write_folder
-from flows.gap.scheduled import markdown
-from flows.gap.search import GapOrder, run_gap, tell_cost
-from flows.progress import ProgressReporter, describe_duration
-from lake.query.lineage import Node, find_lineage
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, EventRow, GapFindingRow, SimulationRow, SimulatorVersionRow, TraceRow
-from lake.tables.row import Row
-from models.calibration.inference.settings import CalibrationSettings
-from models.errors import FastError
-from models.gap.bank.bank import WIDE
-from models.gap.bank.surrogate import Surrogate
-from models.gap.findings import Findings
-from models.gap.fit import posterior
-from models.gap.grasps import Cells
-from models.gap.local_bank import MOST_EFFECTS
-from models.records import EffectValue
-from tasks.calibration.mean_data import TooLittleDataError, read_measured_tools, read_simulated_points
-from tasks.campaign.simulator_versions import newest_calibrated
-from tasks.gap.bank import BANK, plan_bank
-from tasks.gap.cost import choose_largest_bank
-from tasks.gap.data import split_measurements
-from tasks.gap.split import KIND as SPLIT
-from tasks.simulation.plan import SimulationPlan
+from fast.flows.gap import search
+from fast.flows.gap.folder import write_folder
+from fast.flows.gap.scheduled import markdown
+from fast.flows.gap.search import GapOrder, run_gap, tell_cost
+from fast.flows.progress import ProgressReporter, describe_duration
+from fast.lake.query.lineage import Node, find_lineage
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
+    CalibrationRow,
+    EventRow,
+    GapFindingRow,
+    SimulationRow,
+    SimulatorVersionRow,
+    TraceRow,
+)
+from fast.lake.tables.row import Row
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.errors import FastError
+from fast.models.gap.bank.bank import WIDE
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.findings import Findings
+from fast.models.gap.fit import posterior
+from fast.models.gap.grasps import Cells
+from fast.models.gap.local_bank import MOST_EFFECTS
+from fast.models.records import EffectValue
+from fast.tasks.calibration.mean_data import TooLittleDataError, read_measured_tools, read_simulated_points
+from fast.tasks.campaign.simulator_versions import newest_calibrated
+from fast.tasks.gap.bank import BANK, plan_bank
+from fast.tasks.gap.cost import choose_largest_bank
+from fast.tasks.gap.data import split_measurements
+from fast.tasks.gap.split import KIND as SPLIT
+from fast.tasks.simulation.plan import SimulationPlan
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, N_REPEATS, OBJECTS, SETUP, gap_lake, measured_rows, plan_rows
 

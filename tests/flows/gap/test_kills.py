@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
-from models.gap.grasps import Cells
-from models.records import EffectValue
-from tasks.campaign.simulator_versions import newest_calibrated
-from tasks.gap.bank import list_bank_ids
-from tasks.gap.findings import KIND, GapRun
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
+from fast.models.gap.grasps import Cells
+from fast.models.records import EffectValue
+from fast.tasks.campaign.simulator_versions import newest_calibrated
+from fast.tasks.gap.bank import list_bank_ids
+from fast.tasks.gap.findings import KIND, GapRun
 from tests.flows.cli.cli_lakes import ROOT
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake
 

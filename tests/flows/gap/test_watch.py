@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from flows.campaign.notify import KINDS
-from flows.gap.scheduled import FLOW, _notifier
-from flows.server.crashed_runs import OURS
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow, GraspRow
-from lake.tables.row import Row
+from fast.flows.campaign.notify import KINDS
+from fast.flows.gap.scheduled import FLOW, _notifier
+from fast.flows.server.crashed_runs import OURS
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow, GraspRow
+from fast.lake.tables.row import Row
 from tests.tasks.calibration.calibration_lake import CONFIG
 from tests.tasks.calibration.trace_lake import DESIGNS, PROVENANCE, measured_rows
 

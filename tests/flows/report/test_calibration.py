@@ -10,21 +10,21 @@ import numpy as np
 import pyarrow.csv as csv
 import pytest
 
-from flows.report.calibration.data import Evidence, StoredCalibration
-from flows.report.calibration.page import write_calibration_report
-from flows.report.calibration.posterior_figures import chains_figure, pairs_figure
-from flows.report.calibration.prediction_figures import Cloud, Panel, before_after_figure, sensitivity_figure
-from flows.report.campaign.page import write_report
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
-from models.calibration.inference.summary import summarise_theta
-from models.calibration.means.predict import Mixture
-from models.calibration.means.problem import THETA
-from models.calibration.means.synthetic import make_up_problem
-from models.errors import UsageError
-from tasks.calibration.calibrate import infer
-from tasks.calibration.means import gather
+from fast.flows.report.calibration.data import Evidence, StoredCalibration
+from fast.flows.report.calibration.page import write_calibration_report
+from fast.flows.report.calibration.posterior_figures import chains_figure, pairs_figure
+from fast.flows.report.calibration.prediction_figures import Cloud, Panel, before_after_figure, sensitivity_figure
+from fast.flows.report.campaign.page import write_report
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
+from fast.models.calibration.inference.summary import summarise_theta
+from fast.models.calibration.means.predict import Mixture
+from fast.models.calibration.means.problem import THETA
+from fast.models.calibration.means.synthetic import make_up_problem
+from fast.models.errors import UsageError
+from fast.tasks.calibration.calibrate import infer
+from fast.tasks.calibration.means import gather
 from tests.flows.cli.cli_lakes import Fast
 from tests.flows.synthetic_lake import Campaign, build
 from tests.models.calibration.calibration_draws import made_up_result
@@ -165,7 +165,7 @@ def test_without_its_data_a_calibration_still_shows_theta(lake, tmp_path, capsys
 
 
 def test_data_of_a_calibration_are_found_again_when_the_lake_has_grown(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "models.calibration.means.calibrate", SimpleNamespace(calibrate=lake_draws))
+    monkeypatch.setitem(sys.modules, "fast.models.calibration.means.calibrate", SimpleNamespace(calibrate=lake_draws))
     lake = calibration_lake(tmp_path / "lake", n_tools=15, n_points=30)
     data = gather(lake, None, None, seed=3)
     row, _ = infer(lake, data, SETTINGS.model_copy(update={"seed": 3}))

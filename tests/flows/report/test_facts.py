@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from flows.report.campaign.facts import (
+from fast.flows.report.campaign.facts import (
     Tool,
     average_objects,
     choose_versions,

@@ -1,7 +1,7 @@
 """What the best finger's page says of its parameters and of the tools that come after it."""
 
-from flows.report.campaign.finger import describe_bounds, describe_twins
-from models.design.space import BEST_PUBLISHED, FIN_RAYS
+from fast.flows.report.campaign.finger import describe_bounds, describe_twins
+from fast.models.design.space import BEST_PUBLISHED, FIN_RAYS
 
 
 def test_parameters_at_the_ends_of_their_ranges_are_named():

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from markupsafe import Markup
 
-from flows.report.folder import Folder, write_page
-from flows.report.html import Page
-from models.errors import FastError
+from fast.flows.report.folder import Folder, write_page
+from fast.flows.report.html import Page
+from fast.models.errors import FastError
 
 PAGE = Page(title="T", kicker="K", footer="F", nav={})
 

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flows.gap.answering import describe_command
-from flows.gap.search import write_answer
-from flows.report.gap import answer
-from flows.report.gap.answer import INDEPENDENT, GapPage, ThetaRow
-from flows.report.gap.page import write_findings, write_gap_report
-from flows.viewer.gap import write_gap_recording
-from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
-from models.gap.evaluation.held_out import HeldOut, add_scatter
-from models.gap.findings import (
+from fast.flows.gap.answering import describe_command
+from fast.flows.gap.search import write_answer
+from fast.flows.report.gap import answer
+from fast.flows.report.gap.answer import INDEPENDENT, GapPage, ThetaRow
+from fast.flows.report.gap.page import write_findings, write_gap_report
+from fast.flows.viewer.gap import write_gap_recording
+from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
+from fast.models.gap.evaluation.held_out import HeldOut, add_scatter
+from fast.models.gap.findings import (
     Asked,
     AskedGrasps,
     Candidate,
@@ -34,10 +34,10 @@ from models.gap.findings import (
     Rest,
     RoundFindings,
 )
-from models.gap.naming.rank_effects import Separability
-from models.gap.where.locate import locate
-from models.gap.where.residuals import Residuals
-from models.records import EffectValue, GraspSetup
+from fast.models.gap.naming.rank_effects import Separability
+from fast.models.gap.where.locate import locate
+from fast.models.gap.where.residuals import Residuals
+from fast.models.records import EffectValue, GraspSetup
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from flows.report.mesh_picture import Body, render
+from fast.flows.report.mesh_picture import Body, render
 
 
 def test_sphere_covers_its_disc_and_is_lit_from_above():

@@ -8,14 +8,14 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
-from flows.report.campaign import shapes as shapes_module
-from flows.report.campaign.account import describe_throughput, write_paper
-from flows.report.campaign.content import Content
-from flows.report.campaign.page import add_features
-from flows.report.campaign.quality import draw_quality, headline, write_baselines, write_progress
-from flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools, write_early_loss, write_shapes
-from flows.report.campaign.simulation import describe_branches, draw_agreement, write_moments
-from flows.report.campaign.traces import (
+from fast.flows.report.campaign import shapes as shapes_module
+from fast.flows.report.campaign.account import describe_throughput, write_paper
+from fast.flows.report.campaign.content import Content
+from fast.flows.report.campaign.page import add_features
+from fast.flows.report.campaign.quality import draw_quality, headline, write_baselines, write_progress
+from fast.flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools, write_early_loss, write_shapes
+from fast.flows.report.campaign.simulation import describe_branches, draw_agreement, write_moments
+from fast.flows.report.campaign.traces import (
     BatchPanels,
     Curve,
     Window,
@@ -23,12 +23,12 @@ from flows.report.campaign.traces import (
     gather_curves,
     write_traces,
 )
-from flows.report.campaign.work import compare_work
-from flows.report.folder import Folder
-from flows.report.style import figure_style
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, SimTraceRow, SimulationBranchRow, SimulationRow
+from fast.flows.report.campaign.work import compare_work
+from fast.flows.report.folder import Folder
+from fast.flows.report.style import figure_style
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, SimTraceRow, SimulationBranchRow, SimulationRow
 from tests.flows.synthetic_lake import Campaign, build
 
 PROVENANCE = Provenance(code_version="0.1.0", code_dirty=False, config_hash="c0ffee123456", seed=3, parents=())
@@ -155,7 +155,7 @@ def test_closure_and_pull_up_are_drawn_at_five_instants(content, folder):
 
 
 def test_a_grasp_that_the_simulator_does_not_get_through_is_said(content, folder, monkeypatch):
-    monkeypatch.setattr("flows.report.campaign.simulation.simulate_again", lambda *_: None)
+    monkeypatch.setattr("fast.flows.report.campaign.simulation.simulate_again", lambda *_: None)
     assert "The simulator has no such grasp to draw" in write_moments(content, folder)
 
 

@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.report.campaign.content import Content
-from flows.report.campaign.page import write_report
-from flows.report.campaign.quality import draw_quality
-from flows.report.campaign.simulation import draw_agreement
-from lake.provenance import Provenance
-from lake.query.sql import csv_bytes, run_sql
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow, EventRow, GraspRow
-from models.errors import UsageError
-from tasks.campaign.night_story import Night
+from fast.flows.report.campaign.content import Content
+from fast.flows.report.campaign.page import write_report
+from fast.flows.report.campaign.quality import draw_quality
+from fast.flows.report.campaign.simulation import draw_agreement
+from fast.lake.provenance import Provenance
+from fast.lake.query.sql import csv_bytes, run_sql
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow, EventRow, GraspRow
+from fast.models.errors import UsageError
+from fast.tasks.campaign.night_story import Night
 from tests.flows.synthetic_lake import Campaign, build
 
 SECTIONS = (

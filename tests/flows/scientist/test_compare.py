@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flows.scientist import landscape_study
-from flows.scientist.landscape import NOISE_SD_N, PRINT_SD, emulator_error, landscape_of, read_landscape
-from flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA, TRUE
-from flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
-from flows.scientist.landscape_study import NAMED_SHARE, plan_runs, read_runs, run_planned, with_discovery
-from flows.scientist.landscape_table import landscape_rows, paired_rows, runs_figure, sign_flip_p, summary_rows
-from flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED, REFERENCE
-from models.design.space import random_unit
-from models.errors import UsageError
+from fast.flows.scientist import landscape_study
+from fast.flows.scientist.landscape import NOISE_SD_N, PRINT_SD, emulator_error, landscape_of, read_landscape
+from fast.flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA, TRUE
+from fast.flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
+from fast.flows.scientist.landscape_study import NAMED_SHARE, plan_runs, read_runs, run_planned, with_discovery
+from fast.flows.scientist.landscape_table import landscape_rows, paired_rows, runs_figure, sign_flip_p, summary_rows
+from fast.flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED, REFERENCE
+from fast.models.design.space import random_unit
+from fast.models.errors import UsageError
 from tests.flows.cli.cli_lakes import Fast
 from tests.flows.scientist.landscapes import believed_n, made_up_bank, true_n, write_bank
 

@@ -7,23 +7,23 @@ from itertools import count
 import numpy as np
 import pytest
 
-from flows.benchmarks.fingerprints import fingerprint
-from flows.campaign.status import read_status
-from flows.scientist import campaign_runs as campaigns
-from flows.scientist.campaign_runs import PlannedCampaign, StrategyRun, run_campaigns, toml_of
-from flows.scientist.campaign_table import campaign_rows, campaigns_figure, paired_campaign_rows
-from flows.scientist.strategies import REFERENCE, STRATEGIES
-from hardware.virtual.world.file import Scatter, World
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, FitRow, GraspRow, ProposalRow, SimulationRow
-from models.design.space import to_unit
-from models.records import EffectValue
-from models.scientist.surrogate.observations import SIM
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.scientist.fit import fitted_before
-from tasks.scientist.observe import observe
-from tasks.scientist.simulation_only import as_target
+from fast.flows.benchmarks.fingerprints import fingerprint
+from fast.flows.campaign.status import read_status
+from fast.flows.scientist import campaign_runs as campaigns
+from fast.flows.scientist.campaign_runs import PlannedCampaign, StrategyRun, run_campaigns, toml_of
+from fast.flows.scientist.campaign_table import campaign_rows, campaigns_figure, paired_campaign_rows
+from fast.flows.scientist.strategies import REFERENCE, STRATEGIES
+from fast.hardware.virtual.world.file import Scatter, World
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, FitRow, GraspRow, ProposalRow, SimulationRow
+from fast.models.design.space import to_unit
+from fast.models.records import EffectValue
+from fast.models.scientist.surrogate.observations import SIM
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.scientist.fit import fitted_before
+from fast.tasks.scientist.observe import observe
+from fast.tasks.scientist.simulation_only import as_target
 from tests.flows.cli.cli_lakes import Fast, write_config
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 

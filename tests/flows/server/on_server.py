@@ -7,7 +7,7 @@ import sys
 import time
 import urllib.request
 
-from flows.server.server import state_folder
+from fast.flows.server.server import state_folder
 from tests.flows.cli.cli_lakes import ROOT
 
 

@@ -6,10 +6,10 @@ import socket
 
 import pytest
 
-from flows.server import child_process
-from flows.server.child_process import ChildProcess
-from flows.server.server import ANY_PORT, LOOPBACK, _listen
-from models.errors import FastError
+from fast.flows.server import child_process
+from fast.flows.server.child_process import ChildProcess
+from fast.flows.server.server import ANY_PORT, LOOPBACK, _listen
+from fast.models.errors import FastError
 
 LIMIT_S = 60.0
 

@@ -9,8 +9,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from flows.server import crashed_runs
-from flows.server.crashed_runs import (
+from fast.flows.server import crashed_runs
+from fast.flows.server.crashed_runs import (
     CONTINUES,
     MOST_PER_HOUR,
     ORPHAN_LIMIT_S,
@@ -18,7 +18,7 @@ from flows.server.crashed_runs import (
     end_crashed_runs,
     explain_death,
 )
-from flows.server.run_process import RunningProcess, is_process_alive
+from fast.flows.server.run_process import RunningProcess, is_process_alive
 
 NOW = datetime.now(UTC)
 OWN = RunningProcess.own()

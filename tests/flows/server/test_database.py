@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.server import database
-from flows.server.database import NAME, OTHER_DATABASE, keep_empty_database, take_empty_database
+from fast.flows.server import database
+from fast.flows.server.database import NAME, OTHER_DATABASE, keep_empty_database, take_empty_database
 
 
 @pytest.fixture

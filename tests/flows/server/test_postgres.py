@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from flows.server.server import ask_server, server, state_folder
-from lake.store import Lake
+from fast.flows.server.server import ask_server, server, state_folder
+from fast.lake.store import Lake
 from tests.flows.campaign.test_campaign import CONFIG, ROOT, assert_complete
 from tests.flows.server import postgres_server
 
@@ -60,7 +60,7 @@ def test_a_campaign_runs_on_it(tmp_path, database):
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")} | {VARIABLE: database}
     words = ["campaign", "run", str(tmp_path / "tiny.toml"), "--lake", str(tmp_path / "lake"), "--auto-print"]
     done = subprocess.run(
-        [sys.executable, "-m", "flows.cli.main", *words],
+        [sys.executable, "-m", "fast.flows.cli.main", *words],
         cwd=ROOT, env=environment, capture_output=True, text=True, timeout=3300,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr

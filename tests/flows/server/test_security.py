@@ -10,19 +10,19 @@ import socket
 import httpx
 import pytest
 
-from flows.cli.real import is_rehearsal
-from flows.server.lab import LabPlan, open_lab
-from flows.server.server import ANY_PORT, ask_server
-from flows.server.server_process import add_outputs
-from flows.server.worker_process import POOL
-from hardware.bench import BenchSettings, open_real_bench
-from hardware.cell.layout import BenchLayout
-from hardware.clock import ScaledClock
-from hardware.virtual.bench import VirtualBench
-from hardware.virtual.world.file import World
-from lake.leases import exclusive
-from lake.store import Lake
-from models.errors import FastError
+from fast.flows.cli.real import is_rehearsal
+from fast.flows.server.lab import LabPlan, open_lab
+from fast.flows.server.server import ANY_PORT, ask_server
+from fast.flows.server.server_process import add_outputs
+from fast.flows.server.worker_process import POOL
+from fast.hardware.bench import BenchSettings, open_real_bench
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.clock import ScaledClock
+from fast.hardware.virtual.bench import VirtualBench
+from fast.hardware.virtual.world.file import World
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.models.errors import FastError
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
 from tests.flows.server.on_server import wait_for
 from tests.studies.platform.sockets import family, is_loopback, listening

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.server import server as prefect_server
-from flows.server.server import find_server
+from fast.flows.server import server as prefect_server
+from fast.flows.server.server import find_server
 from tests.flows.server.test_crashed_runs import GONE, OWN
 
 

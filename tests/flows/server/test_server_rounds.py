@@ -7,8 +7,8 @@ from datetime import timedelta
 import docket
 from prefect.settings.models.root import Settings
 
-from flows.server.server import ROUNDS
-from flows.server.server_process import QUEUE_PACES, WORKER_PACES, slow_queue
+from fast.flows.server.server import ROUNDS
+from fast.flows.server.server_process import QUEUE_PACES, WORKER_PACES, slow_queue
 
 
 def test_prefect_knows_every_round_and_had_it_more_often(monkeypatch):

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from flows.progress import UNKNOWN, ProgressReporter
-from flows.simulation import progress
-from flows.simulation.progress import simulate_missing
-from lake.store import Lake
-from models.design.space import numbered_design
-from models.records import GraspSetup, MeshSettings, SimulatorVersion
-from tasks.simulation.plan import PointDone, SimulationPlan
+from fast.flows.progress import UNKNOWN, ProgressReporter
+from fast.flows.simulation import progress
+from fast.flows.simulation.progress import simulate_missing
+from fast.lake.store import Lake
+from fast.models.design.space import numbered_design
+from fast.models.records import GraspSetup, MeshSettings, SimulatorVersion
+from fast.tasks.simulation.plan import PointDone, SimulationPlan
 
 QUICK, SLOW = SimulatorVersion(), SimulatorVersion(mesh=MeshSettings(refine=1))
 DESIGNS = [numbered_design(number) for number in range(4)]

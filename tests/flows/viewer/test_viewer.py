@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from flows.report.campaign.content import Content
-from flows.viewer.bench import place_bench_eye
-from flows.viewer.campaign import choose_full_force_n, choose_tools, find_objects, follow, write_recording
-from flows.viewer.design import find_edges, write_design_recording
-from flows.viewer.grasp import Clock, write_grasp_recording
-from flows.viewer.scene import build_fingers, move_fingers
-from hardware.cell.layout import BenchLayout
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, GraspRow
-from models.design.space import BEST_PUBLISHED
-from models.errors import UsageError
-from models.records import GraspSetup, MeshSettings, SimulatorVersion, Trace
-from models.simulation.mesh.build import build_mesh
+from fast.flows.report.campaign.content import Content
+from fast.flows.viewer.bench import place_bench_eye
+from fast.flows.viewer.campaign import choose_full_force_n, choose_tools, find_objects, follow, write_recording
+from fast.flows.viewer.design import find_edges, write_design_recording
+from fast.flows.viewer.grasp import Clock, write_grasp_recording
+from fast.flows.viewer.scene import build_fingers, move_fingers
+from fast.hardware.cell.layout import BenchLayout
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, GraspRow
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import UsageError
+from fast.models.records import GraspSetup, MeshSettings, SimulatorVersion, Trace
+from fast.models.simulation.mesh.build import build_mesh
 from tests.flows.synthetic_lake import Campaign, build
 
 
@@ -109,7 +109,7 @@ def test_grasp_shows_measured_and_simulated_force_and_moving_fingers(lake, tmp_p
 
 def test_grasp_shows_the_fingers_that_the_simulator_deforms(lake, tmp_path, monkeypatch):
     coarse = SimulatorVersion(mesh=MeshSettings(edge_mm=10))
-    monkeypatch.setattr("flows.report.grasp_frames.find_newest_version", lambda *_: coarse)
+    monkeypatch.setattr("fast.flows.report.grasp_frames.find_newest_version", lambda *_: coarse)
     grasp = next(g for g in lake.records(GraspRow) if g.status == "ok" and g.object_id == 1)
     rows = rows_by_entity(write_grasp_recording(lake, grasp.grasp_id, tmp_path / "grasp.rrd"))
     assert rows["/cell/fingers/left/surface"] == rows["/cell/fingers/right/contact_force"] + 1 > 10  # one is at rest
@@ -154,7 +154,7 @@ def test_design_shows_parts_mesh_and_the_tray_of_its_batch(lake, tmp_path):
 
 def test_labels_of_another_lab_that_cannot_be_marks_are_no_hindrance(lake, tmp_path, monkeypatch):
     design_id = lake.records(GraspRow)[0].design_id
-    monkeypatch.setattr("flows.viewer.design.tool_label", lambda batch, slot: f"rig {slot}")
+    monkeypatch.setattr("fast.flows.viewer.design.tool_label", lambda batch, slot: f"rig {slot}")
     assert_verified(write_design_recording(lake, design_id, tmp_path / "design.rrd"))
     unprinted = BEST_PUBLISHED.model_copy(update={"rib_angle_deg": 1.0})
     lake.append([DesignRow.of(unprinted)], current_provenance("", 0))

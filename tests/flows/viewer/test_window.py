@@ -9,9 +9,9 @@ import psutil
 import pytest
 import rerun as rr
 
-from flows.viewer import window
-from flows.viewer.window import check_viewer, find_port, open_viewer
-from models.errors import FastError
+from fast.flows.viewer import window
+from fast.flows.viewer.window import check_viewer, find_port, open_viewer
+from fast.models.errors import FastError
 from tests.flows.cli.cli_lakes import Fast, everything_in, proposed_lake
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.objects.catalogue import get_object
-from models.records import GraspSimulation, Trace
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSimulation, Trace
 
 
 def holds_to_the_top(request):

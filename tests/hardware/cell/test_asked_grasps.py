@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.bench import open_virtual_bench
-from hardware.cell.cycle_time import plan_time
-from hardware.cell.limits import BenchLimits
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import World
-from models.design.space import BEST_PUBLISHED
-from models.errors import UsageError
-from models.records import EffectValue, GraspRequest, GraspSetup, Placement, Trace
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.cell.cycle_time import plan_time
+from fast.hardware.cell.limits import BenchLimits
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import World
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import UsageError
+from fast.models.records import EffectValue, GraspRequest, GraspSetup, Placement, Trace
 from tests.hardware.cell.grasp_stub import holds_to_the_top
 
 TOOL = MountedTool("a/B01T0", BEST_PUBLISHED)

@@ -3,14 +3,14 @@ import threading
 import numpy as np
 import pytest
 
-from hardware.bench import BenchSettings, MountedTool, open_real_bench, open_virtual_bench, open_virtual_servers
-from hardware.cell.layout import BenchLayout
-from hardware.clock import VirtualClock
-from hardware.virtual.world.file import Scatter, Sensor, World
-from hardware.virtual.world.physics import PhysicsCache, build_request
-from models.errors import DeviceError, InterlockError, LakeError, SimulationFailed, UsageError
-from models.records import FinRay, GraspSetup, GraspSimulation, Trace
-from models.traces import peak_force_n
+from fast.hardware.bench import BenchSettings, MountedTool, open_real_bench, open_virtual_bench, open_virtual_servers
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.clock import VirtualClock
+from fast.hardware.virtual.world.file import Scatter, Sensor, World
+from fast.hardware.virtual.world.physics import PhysicsCache, build_request
+from fast.models.errors import DeviceError, InterlockError, LakeError, SimulationFailed, UsageError
+from fast.models.records import FinRay, GraspSetup, GraspSimulation, Trace
+from fast.models.traces import peak_force_n
 
 DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,

@@ -2,13 +2,13 @@
 
 import pytest
 
-from hardware.bench import open_virtual_bench
-from hardware.cell.cycle_time import PAPER_GRASP_S, plan_time, remaining_s, total_parts
-from hardware.cell.diagnostics import DiagnosticRun
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import Sensor, World
-from models.design.space import BEST_PUBLISHED
-from models.records import GraspSetup
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.cell.cycle_time import PAPER_GRASP_S, plan_time, remaining_s, total_parts
+from fast.hardware.cell.diagnostics import DiagnosticRun
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.records import GraspSetup
 from tests.hardware.cell.grasp_stub import holds_to_the_top
 
 WORLD = World(seed=7, sensor=Sensor(noise_sd_n=0.12))
@@ -47,7 +47,7 @@ def test_the_model_agrees_with_the_bench_s_clock():
 
 def test_a_grasp_takes_no_longer_than_the_paper_s_over_all_objects():
     """By the model, which the bench's clock confirms over a third of the objects."""
-    from tasks.campaign.settings import ObjectPlan
+    from fast.tasks.campaign.settings import ObjectPlan
 
     assert modelled_s({0: ObjectPlan().cells(3)}) / 108 <= PAPER_GRASP_S
     third = {0: ObjectPlan(ids=tuple(range(0, 36, 3))).cells(1)}

@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hardware.bench import open_virtual_bench
-from hardware.cell.diagnostics import NO_OBJECT, DiagnosticPlan, DiagnosticRun
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import Sensor, World
-from hardware.virtual.world.state import at_pressure
-from models.design.space import BEST_PUBLISHED
-from models.errors import UsageError
-from models.records import EffectValue, GraspSetup
-from models.units import force_n_from_kg
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.cell.diagnostics import NO_OBJECT, DiagnosticPlan, DiagnosticRun
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.hardware.virtual.world.state import at_pressure
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import UsageError
+from fast.models.records import EffectValue, GraspSetup
+from fast.models.units import force_n_from_kg
 from tests.hardware.cell.grasp_stub import holds_to_the_top
 
 WORLD = World(seed=7, sensor=Sensor(noise_sd_n=0.12))

@@ -4,18 +4,18 @@ import statistics
 
 import pytest
 
-from hardware.cell.force_sensor import FULL_SCALE_N, ForceSensor, OverloadError, SensorFaultError
-from hardware.cell.layout import BenchLayout
-from hardware.clock import VirtualClock
-from hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, Reading, Scale, Status
-from hardware.laumas.driver import LaumasTransmitter
-from hardware.virtual.laumas import DigitalFilter, VirtualLaumas
-from hardware.virtual.world.file import Sensor, World
-from hardware.virtual.world.state import HEAD_MASS_KG, WorldState
-from hardware.wire.modbus import tcp_link
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError
-from models.units import force_n_from_kg
+from fast.hardware.cell.force_sensor import FULL_SCALE_N, ForceSensor, OverloadError, SensorFaultError
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.clock import VirtualClock
+from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, Reading, Scale, Status
+from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.virtual.laumas import DigitalFilter, VirtualLaumas
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState
+from fast.hardware.wire.modbus import tcp_link
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError
+from fast.models.units import force_n_from_kg
 
 HEAD_N = force_n_from_kg(HEAD_MASS_KG)
 
@@ -110,7 +110,7 @@ def test_a_slow_filter_is_warned_of(make, caplog, setting, words):
 
 
 def test_an_instrument_without_identity_is_warned_of(make, caplog, monkeypatch):
-    monkeypatch.setattr("hardware.virtual.laumas.IDENTITY", (0, 0, 0, 0, 0))
+    monkeypatch.setattr("fast.hardware.virtual.laumas.IDENTITY", (0, 0, 0, 0, 0))
     with caplog.at_level("WARNING"):
         make()
     assert "shows no firmware, type or serial number" in caplog.text

@@ -6,15 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.cell.gantry import Gantry
-from hardware.clock import ScaledClock, VirtualClock
-from hardware.grbl.link import GrblLink
-from hardware.grbl.profile import GrblProfile
-from hardware.grbl.workspace import WORKSPACE_SIZE_MM, Workspace
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.virtual.memory_wires import MemoryTransport
-from hardware.wire.serial import SerialTransport
-from models.errors import InterlockError
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.clock import ScaledClock, VirtualClock
+from fast.hardware.grbl.link import GrblLink
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.grbl.workspace import WORKSPACE_SIZE_MM, Workspace
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.virtual.memory_wires import MemoryTransport
+from fast.hardware.wire.serial import SerialTransport
+from fast.models.errors import InterlockError
 
 SPEED_UP = 5.0  # of the clock that runs by itself
 

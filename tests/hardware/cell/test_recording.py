@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hardware.bench import open_virtual_bench
-from hardware.cell.force_sensor import Baseline, ForceReading
-from hardware.cell.recorder import GraspRecorder
-from models.units import force_n_from_kg
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.cell.force_sensor import Baseline, ForceReading
+from fast.hardware.cell.recorder import GraspRecorder
+from fast.models.units import force_n_from_kg
 from tests.hardware.safety.scenario_bench import SETUP, TOOLS, WORLD, is_pulling, physics, when
 
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from hardware.cell.separation import find_separation, is_free
-from models.records import Trace
+from fast.hardware.cell.separation import find_separation, is_free
+from fast.models.records import Trace
 
 RATE_HZ, SPEED = 80.0, 5.0
 WINDOW = int(4.0 / SPEED * RATE_HZ)

@@ -5,17 +5,17 @@ import threading
 
 import pytest
 
-from hardware.bench import BenchSettings, open_virtual_servers
-from hardware.checkup.bench import check_bench, check_tool_masses
-from hardware.checkup.findings import Findings
-from hardware.checkup.ports import check_address, check_serial_port, holders
-from hardware.click import tags
-from hardware.clock import VirtualClock
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import Sensor, World
-from hardware.wire.log_files import list_logs
-from hardware.wire.serial import LinkLostError
-from models.design.space import BEST_PUBLISHED
+from fast.hardware.bench import BenchSettings, open_virtual_servers
+from fast.hardware.checkup.bench import check_bench, check_tool_masses
+from fast.hardware.checkup.findings import Findings
+from fast.hardware.checkup.ports import check_address, check_serial_port, holders
+from fast.hardware.click import tags
+from fast.hardware.clock import VirtualClock
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.hardware.wire.log_files import list_logs
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.design.space import BEST_PUBLISHED
 
 TOOLS = {slot: MountedTool(f"B00T{slot}", BEST_PUBLISHED) for slot in (0, 3)}
 MASSES = {slot: round(tool.expected_mass_kg, 3) for slot, tool in TOOLS.items()}

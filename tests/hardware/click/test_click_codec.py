@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.click.codec import BANKS, address_at, pack_value, parse_address, unpack_value
-from models.errors import UsageError
+from fast.hardware.click.codec import BANKS, address_at, pack_value, parse_address, unpack_value
+from fast.models.errors import UsageError
 
 
 @pytest.mark.parametrize(

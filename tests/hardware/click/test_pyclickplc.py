@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from hardware.click.driver import ClickPlc
-from hardware.clock import VirtualClock
-from hardware.wire.modbus import tcp_link
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import VirtualClock
+from fast.hardware.wire.modbus import tcp_link
 
 PYTHON = os.environ.get("FAST_PYCLICKPLC_PYTHON")
 pytestmark = pytest.mark.skipif(

@@ -13,11 +13,11 @@ import threading
 import time
 from pathlib import Path
 
-from hardware.cell.gantry import Gantry
-from hardware.grbl.profile import GrblProfile
-from hardware.grbl.session import GrblSession
-from hardware.grbl.workspace import WORKSPACE_SIZE_MM
-from hardware.wire.serial import SerialTransport
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.grbl.session import GrblSession
+from fast.hardware.grbl.workspace import WORKSPACE_SIZE_MM
+from fast.hardware.wire.serial import SerialTransport
 from tests.hardware.grbl.faulty_line import FaultyLine, call_after
 
 SOURCE = Path(__file__).parent / "board" / "board.c"

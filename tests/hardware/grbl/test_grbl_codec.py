@@ -2,9 +2,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hardware.grbl.codec import LineDecoder, decode_line, encode_line, encode_message
-from hardware.grbl.codes import ALARMS, alarm_meaning, error_text
-from hardware.grbl.messages import (
+from fast.hardware.grbl.codec import LineDecoder, decode_line, encode_line, encode_message
+from fast.hardware.grbl.codes import ALARMS, alarm_meaning, error_text
+from fast.hardware.grbl.messages import (
     Alarm,
     Banner,
     ErrorReply,
@@ -16,7 +16,7 @@ from hardware.grbl.messages import (
     StatusReport,
     Unknown,
 )
-from models.errors import UsageError
+from fast.models.errors import UsageError
 
 # Lines as real controllers send them, and grblHAL's dialect.
 KNOWN_LINES = [

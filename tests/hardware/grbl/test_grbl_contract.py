@@ -13,13 +13,13 @@ import time
 
 import pytest
 
-from hardware.cell.gantry import Gantry
-from hardware.clock import RealClock, ScaledClock
-from hardware.grbl.errors import GrblAlarmError, GrblReplyError, MoveAbortedError
-from hardware.grbl.profile import GrblProfile
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.wire.serial import SerialTransport
-from models.errors import InterlockError
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.clock import RealClock, ScaledClock
+from fast.hardware.grbl.errors import GrblAlarmError, GrblReplyError, MoveAbortedError
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.wire.serial import SerialTransport
+from fast.models.errors import InterlockError
 from tests.hardware.grbl.firmware_board import FirmwareRig, find_reason_to_skip
 
 PORT = os.environ.get("FAST_GRBL_PORT")

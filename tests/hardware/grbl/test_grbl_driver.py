@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from hardware.clock import ScaledClock, VirtualClock
-from hardware.grbl.driver import GrblDriver
-from hardware.grbl.errors import (
+from fast.hardware.clock import ScaledClock, VirtualClock
+from fast.hardware.grbl.driver import GrblDriver
+from fast.hardware.grbl.errors import (
     ControllerResetError,
     GrblAlarmError,
     GrblReplyError,
@@ -17,12 +17,12 @@ from hardware.grbl.errors import (
     SilentControllerError,
     WrongPlaceError,
 )
-from hardware.grbl.messages import RealTime
-from hardware.grbl.profile import GrblProfile
-from hardware.virtual.grbl.planner import HOLD_LATENCY_S
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.wire.serial import LinkLostError, SerialTransport
-from models.errors import ConfigError, DeviceError, InterlockError, UsageError
+from fast.hardware.grbl.messages import RealTime
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.virtual.grbl.planner import HOLD_LATENCY_S
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.wire.serial import LinkLostError, SerialTransport
+from fast.models.errors import ConfigError, DeviceError, InterlockError, UsageError
 
 FAR_MM = (-803.0, -703.0, -63.0)
 

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hardware.clock import VirtualClock
-from hardware.grbl.driver import GrblDriver
-from hardware.grbl.link import GrblLink
-from hardware.grbl.profile import GrblProfile
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.wire.serial import SerialTransport, WireLog
-from models.errors import DeviceError, InterlockError
+from fast.hardware.clock import VirtualClock
+from fast.hardware.grbl.driver import GrblDriver
+from fast.hardware.grbl.link import GrblLink
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.wire.serial import SerialTransport, WireLog
+from fast.models.errors import DeviceError, InterlockError
 
 REAL_LINES = [
     b"ok\r\n", b"error:9\r\n", b"ALARM:1\r\n", b"\r\nGrbl 1.1g ['$' for help]\r\n", b"[MSG:Check Limits]\r\n",

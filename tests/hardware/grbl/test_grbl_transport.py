@@ -6,7 +6,7 @@ import tty
 
 import pytest
 
-from hardware.wire.serial import LinkLostError, SerialTransport
+from fast.hardware.wire.serial import LinkLostError, SerialTransport
 
 
 @pytest.fixture

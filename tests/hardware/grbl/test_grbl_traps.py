@@ -4,21 +4,21 @@ import time
 
 import pytest
 
-from hardware.cell.gantry import Gantry
-from hardware.clock import ScaledClock, VirtualClock
-from hardware.grbl.driver import GrblDriver
-from hardware.grbl.errors import (
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.clock import ScaledClock, VirtualClock
+from fast.hardware.grbl.driver import GrblDriver
+from fast.hardware.grbl.errors import (
     ControllerResetError,
     GrblAlarmError,
     GrblReplyError,
     MoveTimeoutError,
     ProfileMismatchError,
 )
-from hardware.grbl.messages import Alarm, ErrorReply, Feedback, Ok, RealTime
-from hardware.grbl.profile import GrblProfile
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.wire.serial import SerialTransport
-from models.errors import DeviceError, InterlockError
+from fast.hardware.grbl.messages import Alarm, ErrorReply, Feedback, Ok, RealTime
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.wire.serial import SerialTransport
+from fast.models.errors import DeviceError, InterlockError
 
 NEAR_HOME_MM = (1380.0, 1400.0, 170.0)
 FAR_MM = (-803.0, -703.0, -63.0)

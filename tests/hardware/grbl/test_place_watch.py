@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from hardware.grbl.codec import decode_line
-from hardware.grbl.errors import LostAlarmError, MoveTimeoutError, WrongPlaceError
-from hardware.grbl.messages import StatusReport
-from hardware.grbl.place_watch import JUMP_MM, SPEED_SLACK, PlaceWatch, Way
+from fast.hardware.grbl.codec import decode_line
+from fast.hardware.grbl.errors import LostAlarmError, MoveTimeoutError, WrongPlaceError
+from fast.hardware.grbl.messages import StatusReport
+from fast.hardware.grbl.place_watch import JUMP_MM, SPEED_SLACK, PlaceWatch, Way
 
 START_MM, END_MM = (-100.0, -100.0, -50.0), (-100.0, -100.0, -30.0)
 SPEED = 5.0

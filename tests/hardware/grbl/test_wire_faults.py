@@ -2,11 +2,11 @@
 
 import pytest
 
-from hardware.cell.gantry import Gantry
-from hardware.clock import VirtualClock
-from hardware.grbl.stand_still import STOPPED
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.virtual.memory_wires import MemoryTransport
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.clock import VirtualClock
+from fast.hardware.grbl.stand_still import STOPPED
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.virtual.memory_wires import MemoryTransport
 from tests.hardware.grbl.faulty_line import FaultyLine, HandsOnVirtual, call_after
 from tests.hardware.grbl.wire_faults import CASES, PAGE, SAME_MM, row_beginning, run_case
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hardware.grbl.errors import (
+from fast.hardware.grbl.errors import (
     ControllerResetError,
     GrblAlarmError,
     GrblReplyError,
@@ -17,8 +17,8 @@ from hardware.grbl.errors import (
     SilentControllerError,
     WrongPlaceError,
 )
-from hardware.grbl.stand_still import STOPPED
-from models.errors import DeviceError, InterlockError
+from fast.hardware.grbl.stand_still import STOPPED
+from fast.models.errors import DeviceError, InterlockError
 
 START_MM = (1450.0, 1450.0, 150.0)
 TARGET_MM = (1390.0, 1410.0, 150.0)

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.laumas.codec import (
+from fast.hardware.laumas.codec import (
     DIVISIONS,
     Scale,
     Status,
@@ -12,7 +12,7 @@ from hardware.laumas.codec import (
     encode_scale,
     magnitude,
 )
-from models.errors import DeviceError
+from fast.models.errors import DeviceError
 
 KILOGRAM = Scale(0.001, "kg")
 

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from hardware.bench import BenchSettings
-from hardware.cell.force_sensor import ForceSensor, SensorFaultError
-from hardware.cell.layout import BenchLayout
-from hardware.clock import RealClock, ScaledClock
-from hardware.laumas.codec import Scale
-from hardware.laumas.continuous import ContinuousTransmitter
-from hardware.laumas.strings import (
+from fast.hardware.bench import BenchSettings
+from fast.hardware.cell.force_sensor import ForceSensor, SensorFaultError
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.clock import RealClock, ScaledClock
+from fast.hardware.laumas.codec import Scale
+from fast.hardware.laumas.continuous import ContinuousTransmitter
+from fast.hardware.laumas.strings import (
     StringReader,
     WeightString,
     encode_checked,
@@ -21,12 +21,12 @@ from hardware.laumas.strings import (
     least_baud_rate,
     parse_line,
 )
-from hardware.virtual.laumas import StringServerThread, VirtualLaumas
-from hardware.virtual.world.file import Sensor, World
-from hardware.virtual.world.state import HEAD_MASS_KG, WorldState
-from hardware.wire.serial import LinkLostError, SerialTransport
-from models.errors import DeviceError
-from models.units import force_n_from_kg
+from fast.hardware.virtual.laumas import StringServerThread, VirtualLaumas
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState
+from fast.hardware.wire.serial import LinkLostError, SerialTransport
+from fast.models.errors import DeviceError
+from fast.models.units import force_n_from_kg
 
 KILOGRAM = Scale(0.001, "kg")
 
@@ -254,7 +254,7 @@ def test_a_line_that_falls_silent_is_a_fault(instrument):
 
 
 def test_a_port_in_another_mode_is_named(instrument, monkeypatch):
-    monkeypatch.setattr("hardware.laumas.continuous._FIRST_STRING_S", 0.2)
+    monkeypatch.setattr("fast.hardware.laumas.continuous._FIRST_STRING_S", 0.2)
     instrument.line.is_silent = True
     with pytest.raises(DeviceError, match="sends nothing; set its port to the continuous mode"):
         instrument.sensor.connect()

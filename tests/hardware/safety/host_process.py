@@ -6,9 +6,9 @@ It measures tool 3 on the virtual bench of another process and prints a line of 
 import json
 import sys
 
-from hardware.bench import BenchSettings, open_real_bench
-from hardware.clock import ScaledClock
-from models.errors import FastError
+from fast.hardware.bench import BenchSettings, open_real_bench
+from fast.hardware.clock import ScaledClock
+from fast.models.errors import FastError
 from tests.hardware.safety.scenario_bench import SETUP, TOOLS
 
 OBJECTS = (35,)  # close to home

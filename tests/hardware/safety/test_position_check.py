@@ -4,14 +4,14 @@ import logging
 
 import pytest
 
-from hardware.bench import open_virtual_bench
-from hardware.cell.gantry import Gantry
-from hardware.clock import VirtualClock
-from hardware.grbl.profile import HARD_LIMITS, SOFT_LIMITS, GrblProfile
-from hardware.safety.lost_steps import LostStepsError
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.wire.serial import SerialTransport
-from models.errors import InterlockError
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.clock import VirtualClock
+from fast.hardware.grbl.profile import HARD_LIMITS, SOFT_LIMITS, GrblProfile
+from fast.hardware.safety.lost_steps import LostStepsError
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.wire.serial import SerialTransport
+from fast.models.errors import InterlockError
 from tests.hardware.safety.scenario_bench import TOOLS, WORLD, physics, when
 
 LIMITS_ON = {SOFT_LIMITS: 1, HARD_LIMITS: 1}

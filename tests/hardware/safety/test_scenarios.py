@@ -10,20 +10,20 @@ from pathlib import Path
 
 import pytest
 
-from hardware.cell.force_sensor import OverloadError, SensorFaultError
-from hardware.click.driver import LadderError
-from hardware.grbl.errors import (
+from fast.hardware.cell.force_sensor import OverloadError, SensorFaultError
+from fast.hardware.click.driver import LadderError
+from fast.hardware.grbl.errors import (
     GrblAlarmError,
     GrblReplyError,
     MoveTimeoutError,
     SilentControllerError,
     WrongPlaceError,
 )
-from hardware.safety.safe_state import EmergencyStopError, FreezeError
-from hardware.safety.watches import LowAirError
-from hardware.virtual.faults import FAULTS
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError, InterlockError, UsageError
+from fast.hardware.safety.safe_state import EmergencyStopError, FreezeError
+from fast.hardware.safety.watches import LowAirError
+from fast.hardware.virtual.faults import FAULTS
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError, InterlockError, UsageError
 from tests.hardware.safety.scenario_bench import (
     REST_Z_MM,
     SETUP,

@@ -5,8 +5,8 @@ import datetime
 import numpy as np
 import pytest
 
-from hardware.safety.safe_state import EmergencyStopError, SafeAction, StopAskedError, Verb
-from models.errors import DeviceError, InterlockError, LakeError
+from fast.hardware.safety.safe_state import EmergencyStopError, SafeAction, StopAskedError, Verb
+from fast.models.errors import DeviceError, InterlockError, LakeError
 from tests.hardware.safety.scenario_bench import (
     REST_Z_MM,
     SETUP,
@@ -243,7 +243,7 @@ def test_a_clock_that_jumps_back_does_not_reach_the_trace(monkeypatch):
             cls.days += 1
             return datetime.datetime(2026, 1, 28, tzinfo=tz) - datetime.timedelta(days=cls.days)
 
-    monkeypatch.setattr("hardware.cell.cell.datetime", Jumping)
+    monkeypatch.setattr("fast.hardware.cell.cell.datetime", Jumping)
     monkeypatch.setattr("time.time", lambda: -1e9)
     grasps = []
     with open_bench() as bench:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from hardware.bench import open_virtual_servers
-from hardware.clock import ScaledClock
-from hardware.virtual.bench import VirtualBench
+from fast.hardware.bench import open_virtual_servers
+from fast.hardware.clock import ScaledClock
+from fast.hardware.virtual.bench import VirtualBench
 from tests.hardware.safety.host_process import OBJECTS
 from tests.hardware.safety.scenario_bench import REST_Z_MM, TOOLS, WORLD, is_pulling, physics
 

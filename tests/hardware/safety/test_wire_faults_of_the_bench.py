@@ -2,7 +2,7 @@
 
 import pytest
 
-from models.records import BENCH_FAULT
+from fast.models.records import BENCH_FAULT
 from tests.hardware.grbl.wire_faults import PAGE, SAME_MM, row_beginning
 from tests.hardware.safety.wire_bench import BENCH_CASES, open_virtual_rig, run_bench_case
 

@@ -4,12 +4,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from unittest.mock import patch
 
-from hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_servers
-from hardware.virtual.bench import VirtualBench
-from hardware.virtual.memory_wires import MemoryTransport
-from hardware.wire.serial import SerialTransport
-from models.errors import DeviceError, FastError
-from models.records import BENCH_FAULT
+from fast.hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_servers
+from fast.hardware.virtual.bench import VirtualBench
+from fast.hardware.virtual.memory_wires import MemoryTransport
+from fast.hardware.wire.serial import SerialTransport
+from fast.models.errors import DeviceError, FastError
+from fast.models.records import BENCH_FAULT
 from tests.hardware.grbl.faulty_line import FaultyLine, HandsOnVirtual
 from tests.hardware.grbl.firmware_board import IMAGE, PACE, Board, BoardClock, write_settings
 from tests.hardware.grbl.wire_faults import CASES, SAME_MM, furthest_mm
@@ -61,7 +61,7 @@ def open_virtual_rig():
         lines.append(FaultyLine(MemoryTransport(controller)))
         return lines[-1]
 
-    with patch("hardware.bench.MemoryTransport", connect), open_bench() as bench:
+    with patch("fast.hardware.bench.MemoryTransport", connect), open_bench() as bench:
         yield BenchRig(bench, bench.virtual, lines[0], bench.virtual.grbl)
 
 
@@ -104,8 +104,8 @@ def open_firmware_rig(image=IMAGE, pace=PACE):
 
     try:
         with (
-            patch("hardware.virtual.bench.VirtualGrbl", lambda *_args, **_how: gantry),
-            patch("hardware.bench.SerialTransport", connect),
+            patch("fast.hardware.virtual.bench.VirtualGrbl", lambda *_args, **_how: gantry),
+            patch("fast.hardware.bench.SerialTransport", connect),
             open_virtual_servers(WORLD, TOOLS, physics, clock) as virtual,
         ):
             at = virtual.endpoints

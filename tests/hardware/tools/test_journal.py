@@ -6,11 +6,11 @@ import re
 
 import pytest
 
-from hardware.tools.journal import Journal, Transaction
-from hardware.tools.mounted import MountedTool
-from hardware.tools.status import HeadSensors, WayOn, judge
-from models.design.space import BEST_PUBLISHED
-from models.errors import DeviceError
+from fast.hardware.tools.journal import Journal, Transaction
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.tools.status import HeadSensors, WayOn, judge
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import DeviceError
 
 TOOLS = {slot: MountedTool(f"a/B01T{slot}", BEST_PUBLISHED) for slot in (0, 3, 5)}
 
@@ -72,7 +72,7 @@ def test_a_large_journal_starts_anew_and_keeps_where_the_tool_is(tmp_path, monke
     journal = Journal(path)
     write_pick(journal)
     journal.close("done")
-    monkeypatch.setattr("hardware.tools.journal._LARGEST_BYTES", 100)
+    monkeypatch.setattr("fast.hardware.tools.journal._LARGEST_BYTES", 100)
     anew = Journal(path)
     assert anew.last.slot_on_head == 3
     assert anew.last.values["free_n"] == 8.25

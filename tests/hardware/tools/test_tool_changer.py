@@ -5,16 +5,16 @@ from functools import partial
 
 import pytest
 
-from hardware import bench as benches
-from hardware.bench import BenchSettings, open_virtual_servers
-from hardware.click.driver import ClickPlc
-from hardware.clock import VirtualClock
-from hardware.grbl.driver import GrblDriver
-from hardware.tools.journal import Journal
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import Sensor, World
-from models.design.space import BEST_PUBLISHED
-from models.errors import InterlockError, SimulationFailed
+from fast.hardware import bench as benches
+from fast.hardware.bench import BenchSettings, open_virtual_servers
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import VirtualClock
+from fast.hardware.grbl.driver import GrblDriver
+from fast.hardware.tools.journal import Journal
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import InterlockError, SimulationFailed
 
 TOOLS = {0: MountedTool("a/B01T0", BEST_PUBLISHED), 3: MountedTool("a/B01T3", BEST_PUBLISHED),
          4: MountedTool("a/B01T4", BEST_PUBLISHED, mass_kg=0.5)}  # fmt: skip
@@ -62,7 +62,7 @@ def die(monkeypatch):
 
 def kill_after_line(n_lines, monkeypatch):
     """Kill the host when the journal has `n_lines` more lines."""
-    from hardware.tools import journal
+    from fast.hardware.tools import journal
 
     append, left = journal._append, [n_lines]
 

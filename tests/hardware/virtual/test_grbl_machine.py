@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.grbl.codec import LineDecoder
-from hardware.grbl.messages import Alarm, Banner, ErrorReply, Feedback, Ok, StartupRan, StatusReport
-from hardware.grbl.profile import GrblProfile, move_duration_s
-from hardware.virtual.grbl.gcode import GcodeError, Modal, Move, parse_jog, parse_line
-from hardware.virtual.grbl.machine import GrblMachine
-from hardware.virtual.grbl.motion import Leg, stopping, trapezoid
-from hardware.virtual.grbl.planner import HOLD_LATENCY_S
+from fast.hardware.grbl.codec import LineDecoder
+from fast.hardware.grbl.messages import Alarm, Banner, ErrorReply, Feedback, Ok, StartupRan, StatusReport
+from fast.hardware.grbl.profile import GrblProfile, move_duration_s
+from fast.hardware.virtual.grbl.gcode import GcodeError, Modal, Move, parse_jog, parse_line
+from fast.hardware.virtual.grbl.machine import GrblMachine
+from fast.hardware.virtual.grbl.motion import Leg, stopping, trapezoid
+from fast.hardware.virtual.grbl.planner import HOLD_LATENCY_S
 
 LOCK = Feedback("MSG", "'$H'|'$X' to unlock")
 ORIGIN = (0.0, 0.0, 0.0)

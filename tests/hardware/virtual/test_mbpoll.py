@@ -5,14 +5,14 @@ import subprocess
 
 import pytest
 
-from hardware.cell.layout import BenchLayout
-from hardware.click import tags
-from hardware.click.codec import parse_address
-from hardware.clock import VirtualClock
-from hardware.virtual.click import VirtualClick
-from hardware.virtual.laumas import VirtualLaumas
-from hardware.virtual.world.file import World
-from hardware.virtual.world.state import HEAD_MASS_KG, WorldState
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.click import tags
+from fast.hardware.click.codec import parse_address
+from fast.hardware.clock import VirtualClock
+from fast.hardware.virtual.click import VirtualClick
+from fast.hardware.virtual.laumas import VirtualLaumas
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState
 from tests.hardware.virtual.peers import MBPOLL
 
 pytestmark = pytest.mark.skipif(MBPOLL is None, reason="mbpoll is not installed (Debian: mbpoll)")

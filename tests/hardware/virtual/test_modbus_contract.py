@@ -4,20 +4,20 @@ import random
 
 import pytest
 
-from hardware.cell.layout import BenchLayout
-from hardware.click import tags
-from hardware.click.codec import parse_address
-from hardware.click.driver import ClickPlc, LadderError
-from hardware.clock import VirtualClock
-from hardware.laumas.codec import Status
-from hardware.laumas.driver import LaumasTransmitter
-from hardware.virtual.click import VirtualClick
-from hardware.virtual.laumas import VirtualLaumas
-from hardware.virtual.world.file import World
-from hardware.virtual.world.state import HEAD_MASS_KG, WorldState
-from hardware.wire.modbus import rtu_link, tcp_link
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.click import tags
+from fast.hardware.click.codec import parse_address
+from fast.hardware.click.driver import ClickPlc, LadderError
+from fast.hardware.clock import VirtualClock
+from fast.hardware.laumas.codec import Status
+from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.virtual.click import VirtualClick
+from fast.hardware.virtual.laumas import VirtualLaumas
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState
+from fast.hardware.wire.modbus import rtu_link, tcp_link
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError
 from tests.hardware.virtual.peers import (
     LIBMODBUS,
     SOCAT,

@@ -13,18 +13,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hardware.cell.layout import BenchLayout
-from hardware.click import tags
-from hardware.click.codec import parse_address
-from hardware.clock import VirtualClock
-from hardware.laumas.codec import N_MEASURED, Scale, decode_measured, decode_scale
-from hardware.virtual.click import VirtualClick
-from hardware.virtual.laumas import VirtualLaumas
-from hardware.virtual.modbus_pdu import ALL_FUNCTIONS, answer_pdu
-from hardware.virtual.world.file import World
-from hardware.virtual.world.state import WorldState
-from hardware.wire.modbus import rtu_link, tcp_link
-from models.errors import DeviceError
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.click import tags
+from fast.hardware.click.codec import parse_address
+from fast.hardware.clock import VirtualClock
+from fast.hardware.laumas.codec import N_MEASURED, Scale, decode_measured, decode_scale
+from fast.hardware.virtual.click import VirtualClick
+from fast.hardware.virtual.laumas import VirtualLaumas
+from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS, answer_pdu
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.state import WorldState
+from fast.hardware.wire.modbus import rtu_link, tcp_link
+from fast.models.errors import DeviceError
 
 WORD = st.integers(0, 0xFFFF)
 # Addresses that mean something to the devices are tried more often than chance would

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hardware.virtual.modbus_pdu import ALL_FUNCTIONS, answer_pdu, pack_bits, unpack_bits
-from hardware.virtual.modbus_rtu import RtuServerThread, with_crc
-from hardware.virtual.modbus_server import ModbusServerThread
-from hardware.wire.modbus import rtu_link
+from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS, answer_pdu, pack_bits, unpack_bits
+from fast.hardware.virtual.modbus_rtu import RtuServerThread, with_crc
+from fast.hardware.virtual.modbus_server import ModbusServerThread
+from fast.hardware.wire.modbus import rtu_link
 
 
 class Memory:

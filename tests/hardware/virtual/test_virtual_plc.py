@@ -1,24 +1,24 @@
 import pytest
 
-from hardware.cell.layout import BenchLayout
-from hardware.click import tags
-from hardware.click.driver import ClickPlc, LadderError
-from hardware.clock import ScaledClock, VirtualClock
-from hardware.laumas.codec import Scale
-from hardware.laumas.driver import LaumasTransmitter
-from hardware.safety.heartbeat import BeatingClock, HeartbeatThread
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.click import VirtualClick
-from hardware.virtual.laumas import VirtualLaumas
-from hardware.virtual.modbus_pdu import answer_pdu
-from hardware.virtual.modbus_rtu import with_crc
-from hardware.virtual.world.file import World
-from hardware.virtual.world.state import HEAD_MASS_KG, WorldState
-from hardware.wire.modbus import rtu_link, tcp_link
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError, InterlockError, UsageError
-from models.records import FinRay
-from models.units import force_n_from_kg
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.click import tags
+from fast.hardware.click.driver import ClickPlc, LadderError
+from fast.hardware.clock import ScaledClock, VirtualClock
+from fast.hardware.laumas.codec import Scale
+from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.click import VirtualClick
+from fast.hardware.virtual.laumas import VirtualLaumas
+from fast.hardware.virtual.modbus_pdu import answer_pdu
+from fast.hardware.virtual.modbus_rtu import with_crc
+from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState
+from fast.hardware.wire.modbus import rtu_link, tcp_link
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError, InterlockError, UsageError
+from fast.models.records import FinRay
+from fast.models.units import force_n_from_kg
 
 DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,

@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.virtual.world.file import Scatter, Sensor, World, load_world
-from hardware.virtual.world.hidden import build_hidden
-from hardware.virtual.world.physics import (
+from fast.hardware.virtual.world.file import Scatter, Sensor, World, load_world
+from fast.hardware.virtual.world.hidden import build_hidden
+from fast.hardware.virtual.world.physics import (
     NEGLIGIBLE_TURN_DEG,
     PhysicsCache,
     SensorNoise,
@@ -14,9 +14,9 @@ from hardware.virtual.world.physics import (
     grasp_curve,
     tool_modulus_factor,
 )
-from models.design.space import BEST_PUBLISHED
-from models.errors import SimulationFailed
-from models.records import EffectValue, FinRay, GraspSetup, GraspSimulation, Placement, Trace
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import SimulationFailed
+from fast.models.records import EffectValue, FinRay, GraspSetup, GraspSimulation, Placement, Trace
 
 DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon, box
 
-from hardware.virtual.world.file import World, load_world
-from hardware.virtual.world.hidden import HIDDEN_LAWS, build_hidden
-from models.errors import ConfigError
-from models.objects.catalogue import OBJECTS
-from models.records import EffectValue, FinRay, Trace
+from fast.hardware.virtual.world.file import World, load_world
+from fast.hardware.virtual.world.hidden import HIDDEN_LAWS, build_hidden
+from fast.models.errors import ConfigError
+from fast.models.objects.catalogue import OBJECTS
+from fast.models.records import EffectValue, FinRay, Trace
 
 EXAMPLE = """
 seed = 7

@@ -11,17 +11,17 @@ import tempfile
 import threading
 from pathlib import Path
 
-from hardware.bench import open_virtual_servers
-from hardware.cell.gantry import Gantry
-from hardware.click import tags
-from hardware.click.driver import ClickPlc
-from hardware.clock import ScaledClock
-from hardware.laumas.driver import LaumasTransmitter
-from hardware.virtual.world.file import World
-from hardware.wire.log_files import GANTRY, LOAD_CELL, PLC, WireFiles, list_logs, read_header
-from hardware.wire.modbus import rtu_link, tcp_link
-from hardware.wire.serial import SerialTransport
-from models.errors import DeviceError
+from fast.hardware.bench import open_virtual_servers
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.click import tags
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import ScaledClock
+from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.virtual.world.file import World
+from fast.hardware.wire.log_files import GANTRY, LOAD_CELL, PLC, WireFiles, list_logs, read_header
+from fast.hardware.wire.modbus import rtu_link, tcp_link
+from fast.hardware.wire.serial import SerialTransport
+from fast.models.errors import DeviceError
 
 FOLDER = Path(__file__).parents[2] / "data" / "wire"
 SPEED_UP = 10.0

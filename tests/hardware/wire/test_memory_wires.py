@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from flows.benchmarks.fingerprints import fingerprint
-from hardware.bench import MountedTool, open_virtual_bench
-from hardware.cell.layout import BenchLayout
-from hardware.clock import VirtualClock
-from hardware.virtual.bench import VirtualBench
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.virtual.memory_wires import MemoryTransport, memory_link
-from hardware.virtual.world.file import Sensor, World
-from hardware.wire.serial import LinkLostError
-from models.design.space import BEST_PUBLISHED
-from models.errors import DeviceError
-from models.records import GraspSetup
+from fast.flows.benchmarks.fingerprints import fingerprint
+from fast.hardware.bench import MountedTool, open_virtual_bench
+from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.clock import VirtualClock
+from fast.hardware.virtual.bench import VirtualBench
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.virtual.memory_wires import MemoryTransport, memory_link
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import DeviceError
+from fast.models.records import GraspSetup
 
 TOOLS = {3: MountedTool("a/B01T3", BEST_PUBLISHED)}
 NOISY = World(seed=5, sensor=Sensor(noise_sd_n=0.12))

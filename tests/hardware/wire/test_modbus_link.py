@@ -7,16 +7,16 @@ import time
 import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
-from hardware.bench import BenchSettings, wires_to
-from hardware.click import tags
-from hardware.click.driver import ClickPlc
-from hardware.clock import RealClock, VirtualClock
-from hardware.laumas.driver import LaumasTransmitter
-from hardware.virtual.modbus_pdu import ALL_FUNCTIONS
-from hardware.virtual.modbus_server import ModbusServerThread
-from hardware.wire.modbus import ModbusAnswerError, tcp_link
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError, UsageError
+from fast.hardware.bench import BenchSettings, wires_to
+from fast.hardware.click import tags
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import RealClock, VirtualClock
+from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS
+from fast.hardware.virtual.modbus_server import ModbusServerThread
+from fast.hardware.wire.modbus import ModbusAnswerError, tcp_link
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError, UsageError
 
 
 class Memory:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from hardware.wire.log_files import RecordedWire, read_session
-from hardware.wire.replay import replay
-from hardware.wire.replay_grbl import split
-from models.errors import UsageError
+from fast.hardware.wire.log_files import RecordedWire, read_session
+from fast.hardware.wire.replay import replay
+from fast.hardware.wire.replay_grbl import split
+from fast.models.errors import UsageError
 
 FOLDER = Path(__file__).parents[2] / "data" / "wire"
 RECORD = "the drivers speak differently now; if that is meant, run `python -m tests.hardware.wire.record_wire_logs`"

@@ -4,13 +4,13 @@ import threading
 
 import pytest
 
-from hardware.cell.gantry import Gantry
-from hardware.clock import ScaledClock, VirtualClock
-from hardware.grbl.profile import GrblProfile
-from hardware.virtual.grbl.server import VirtualGrbl
-from hardware.wire.replay_grbl import replay_grbl, split
-from hardware.wire.serial import SerialTransport
-from models.errors import DeviceError
+from fast.hardware.cell.gantry import Gantry
+from fast.hardware.clock import ScaledClock, VirtualClock
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.wire.replay_grbl import replay_grbl, split
+from fast.hardware.wire.serial import SerialTransport
+from fast.models.errors import DeviceError
 from tests.hardware.grbl.faulty_line import call_after
 
 NEAR_HOME_MM = (1380.0, 1400.0, 170.0)

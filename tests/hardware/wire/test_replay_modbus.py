@@ -4,16 +4,16 @@ import threading
 
 import pytest
 
-from hardware.bench import open_virtual_servers
-from hardware.click import tags
-from hardware.click.driver import ClickPlc
-from hardware.clock import VirtualClock
-from hardware.laumas.driver import LaumasTransmitter
-from hardware.virtual.world.file import World
-from hardware.wire.modbus import rtu_link, tcp_link
-from hardware.wire.replay_modbus import Request, exchanges_of, is_tcp, replay_modbus
-from hardware.wire.serial import LinkLostError
-from models.errors import DeviceError
+from fast.hardware.bench import open_virtual_servers
+from fast.hardware.click import tags
+from fast.hardware.click.driver import ClickPlc
+from fast.hardware.clock import VirtualClock
+from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.virtual.world.file import World
+from fast.hardware.wire.modbus import rtu_link, tcp_link
+from fast.hardware.wire.replay_modbus import Request, exchanges_of, is_tcp, replay_modbus
+from fast.hardware.wire.serial import LinkLostError
+from fast.models.errors import DeviceError
 
 
 @pytest.fixture(scope="module")

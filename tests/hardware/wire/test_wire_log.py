@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.bench import open_virtual_bench
-from hardware.safety.safe_state import StopAskedError, Verb
-from hardware.wire import log_files as wire_files
-from hardware.wire.log import WireEntry, WireLog
-from hardware.wire.log_files import WireFiles, list_logs, read_log, read_session
-from hardware.wire.modbus import tcp_link
-from models.errors import InterlockError, UsageError
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.safety.safe_state import StopAskedError, Verb
+from fast.hardware.wire import log_files as wire_files
+from fast.hardware.wire.log import WireEntry, WireLog
+from fast.hardware.wire.log_files import WireFiles, list_logs, read_log, read_session
+from fast.hardware.wire.modbus import tcp_link
+from fast.models.errors import InterlockError, UsageError
 from tests.hardware.safety.scenario_bench import TOOLS, WORLD, physics
 
 

@@ -3,8 +3,8 @@
 import csv
 from pathlib import Path
 
-from lake.provenance import Provenance
-from models.design.space import BEST_PUBLISHED
+from fast.lake.provenance import Provenance
+from fast.models.design.space import BEST_PUBLISHED
 
 PROVENANCE = Provenance(code_version="x", code_dirty=False)
 DESIGN = dict(BEST_PUBLISHED.model_dump())

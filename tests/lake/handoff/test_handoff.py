@@ -7,13 +7,21 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from lake.handoff.export_folder import export_handoff
-from lake.handoff.files import HandoffError
-from lake.handoff.import_folder import import_handoff
-from lake.store import Lake
-from lake.tables.campaign import TABLES, DesignRow, GraspRow, SimTraceRow, SimulationRow, SimulatorVersionRow, TraceRow
-from models.design.space import BEST_PUBLISHED, PARAMETERS
-from models.errors import UsageError
+from fast.lake.handoff.export_folder import export_handoff
+from fast.lake.handoff.files import HandoffError
+from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
+    TABLES,
+    DesignRow,
+    GraspRow,
+    SimTraceRow,
+    SimulationRow,
+    SimulatorVersionRow,
+    TraceRow,
+)
+from fast.models.design.space import BEST_PUBLISHED, PARAMETERS
+from fast.models.errors import UsageError
 from tests.lake.handoff.handoff_folder import DESIGN, PROVENANCE, good_folder, read_csv, samples, write_csv
 
 

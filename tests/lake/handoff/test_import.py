@@ -7,14 +7,14 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from lake.handoff.export_folder import export_handoff
-from lake.handoff.files import GRASP_COLUMNS, SIMULATION_COLUMNS, TRACE_COLUMNS, HandoffError
-from lake.handoff.import_folder import import_handoff
-from lake.handoff.readers import HandoffTables, handoff_folder, load_reader
-from lake.store import Lake
-from lake.tables.campaign import TABLES, BatchRow, CampaignRow, GraspRow, ObjectRow, ToolRow
-from models.design.space import LOWER, PARAMETERS, UPPER
-from models.errors import UsageError
+from fast.lake.handoff.export_folder import export_handoff
+from fast.lake.handoff.files import GRASP_COLUMNS, SIMULATION_COLUMNS, TRACE_COLUMNS, HandoffError
+from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.readers import HandoffTables, handoff_folder, load_reader
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TABLES, BatchRow, CampaignRow, GraspRow, ObjectRow, ToolRow
+from fast.models.design.space import LOWER, PARAMETERS, UPPER
+from fast.models.errors import UsageError
 from tests.lake.handoff.handoff_folder import DESIGN, PROVENANCE, good_folder, grasp, read_csv, samples, write_csv
 
 
@@ -175,7 +175,7 @@ def test_everything_the_format_holds_survives_a_round_trip(tmp_path_factory, fil
 
 READER = """
 import pyarrow as pa
-from lake.handoff import HandoffTables
+from fast.lake.handoff import HandoffTables
 
 def read(path):
     text = (path / "forces.txt").read_text().split()

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lake.handoff.packed import read_packed, write_packed
-from lake.tables.campaign import (
+from fast.lake.handoff.packed import read_packed, write_packed
+from fast.lake.tables.campaign import (
     DesignRow,
     GraspRow,
     PosteriorDrawsRow,
@@ -14,12 +14,12 @@ from lake.tables.campaign import (
     SimulationRow,
     TraceRow,
 )
-from lake.tables.requests import setup_columns
-from lake.tables.row import Row
-from models.design.space import numbered_design
-from models.errors import UsageError
-from models.records import GraspSetup, Trace
-from models.traces.step_features import step_means
+from fast.lake.tables.requests import setup_columns
+from fast.lake.tables.row import Row
+from fast.models.design.space import numbered_design
+from fast.models.errors import UsageError
+from fast.models.records import GraspSetup, Trace
+from fast.models.traces.step_features import step_means
 
 
 def made_trace(rng: np.random.Generator, n: int, noise_n: float) -> Trace:

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from lake.handoff.export_folder import export_handoff
-from lake.handoff.files import HandoffError
-from lake.handoff.import_folder import import_handoff
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, ObjectRow
-from models.errors import UsageError
-from models.objects import catalogue
-from models.objects.own import object_of_mesh
+from fast.lake.handoff.export_folder import export_handoff
+from fast.lake.handoff.files import HandoffError
+from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, ObjectRow
+from fast.models.errors import UsageError
+from fast.models.objects import catalogue
+from fast.models.objects.own import object_of_mesh
 from tests.flows.cli.cli_lakes import Fast
 from tests.lake.handoff.handoff_folder import PROVENANCE, good_folder, read_csv, write_csv
 

@@ -11,9 +11,9 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pandas as pd
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     BatchRow,
     CampaignRow,
     DesignRow,
@@ -25,12 +25,12 @@ from lake.tables.campaign import (
     ToolRow,
     TraceRow,
 )
-from lake.tables.requests import setup_columns
-from models import traces as features
-from models.design.space import random_designs
-from models.ids import canonical_json
-from models.objects.catalogue import OBJECTS
-from models.records import Design, GraspSetup, SimulatorVersion, Trace
+from fast.lake.tables.requests import setup_columns
+from fast.models import traces as features
+from fast.models.design.space import random_designs
+from fast.models.ids import canonical_json
+from fast.models.objects.catalogue import OBJECTS
+from fast.models.records import Design, GraspSetup, SimulatorVersion, Trace
 
 OBJECT_IDS = (2, 6, 18, 20, 24, 28, 30, 32)
 N_BATCHES, N_SLOTS, N_REPEATS = 3, 4, 2

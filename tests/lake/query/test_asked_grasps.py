@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
-from lake.tables.requests import GraspRequestRow, setup_columns
-from models.records import GraspRequest, GraspSetup, Placement
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
+from fast.lake.tables.requests import GraspRequestRow, setup_columns
+from fast.models.records import GraspRequest, GraspSetup, Placement
 from tests.lake.query import query_lake
 
 TOOL, OBJECT = "quick/B01T0", 6

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from lake.query import limits
-from lake.query.limits import Limits, OverLimitError
-from lake.query.sql import run_sql
+from fast.lake.query import limits
+from fast.lake.query.limits import Limits, OverLimitError
+from fast.lake.query.sql import run_sql
 
 ENDLESS = "SELECT sum(a.range * b.range % 7) AS n FROM range(10000000) AS a, range(10000000) AS b"
 LARGE = "SELECT list(range) AS n FROM range(400000000)"
@@ -41,7 +41,7 @@ def test_who_asks_is_told_that_an_interrupt_is_not_heard(lake, monkeypatch):
 
 def test_the_command_ends_though_duckdb_hears_nothing(lake):
     """One step of three gigabytes, which no interrupt reaches."""
-    command = [sys.executable, "-m", "flows.cli.main", "sql", DEAF, "--lake", lake.root, "--limit-mb", "600"]
+    command = [sys.executable, "-m", "fast.flows.cli.main", "sql", DEAF, "--lake", lake.root, "--limit-mb", "600"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1
     assert "MB, limit 600 MB, and was ended" in done.stderr

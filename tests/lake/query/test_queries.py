@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lake.query.catalogue import catalogue
-from lake.query.sql import run_sql
-from lake.store import Lake
-from models.records import Trace
+from fast.lake.query.catalogue import catalogue
+from fast.lake.query.sql import run_sql
+from fast.lake.store import Lake
+from fast.models.records import Trace
 from tests.lake.query import query_lake
 from tests.lake.query.query_lake import Facts
 

@@ -3,13 +3,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from lake.query.engine import check_reads_only, tables_used
-from lake.query.sql import run_sql
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, TraceRow
-from models import traces as features
-from models.errors import LakeError, UsageError
-from models.records import Trace
+from fast.lake.query.engine import check_reads_only, tables_used
+from fast.lake.query.sql import run_sql
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, TraceRow
+from fast.models import traces as features
+from fast.models.errors import LakeError, UsageError
+from fast.models.records import Trace
 
 WRITING = [
     "COPY grasps TO '{root}/out.csv'",

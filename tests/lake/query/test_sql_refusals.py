@@ -4,10 +4,10 @@ import duckdb
 import pyarrow as pa
 import pytest
 
-from lake.query.engine import check_reads_only
-from lake.query.sql import run_sql
-from lake.store import Lake
-from models.errors import LakeError, UsageError
+from fast.lake.query.engine import check_reads_only
+from fast.lake.query.sql import run_sql
+from fast.lake.store import Lake
+from fast.models.errors import LakeError, UsageError
 from tests.lake.query import query_lake
 
 STATEMENTS = {

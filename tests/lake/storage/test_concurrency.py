@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from lake.maintenance import check, compact
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import EventRow, GraspRow, SimTraceRow, TraceRow
-from models.errors import LakeError
+from fast.lake.maintenance import check, compact
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, GraspRow, SimTraceRow, TraceRow
+from fast.models.errors import LakeError
 
 PROVENANCE = Provenance(code_version="x", code_dirty=False)
 ROWS_PER_APPEND = 5
@@ -42,7 +42,7 @@ def test_readers_see_whole_appends_while_others_write_and_merge(tmp_path):
     root = tmp_path / "lake"
     lake = Lake.open(root, create=True)
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["lake.maintenance"])
+    context.set_forkserver_preload(["fast.lake.maintenance"])
     stop = context.Event()
     n_writers, n_appends = 2, 12
     writers = [context.Process(target=write, args=(root, w, n_appends)) for w in range(n_writers)]

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from lake.handoff.export_folder import export_handoff
-from lake.handoff.import_folder import import_handoff
-from lake.maintenance import check, compact
-from lake.storage.files import FILE_PREFIX, TEMPORARY_PREFIX
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, TraceRow
-from models.errors import FastError
+from fast.lake.handoff.export_folder import export_handoff
+from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.maintenance import check, compact
+from fast.lake.storage.files import FILE_PREFIX, TEMPORARY_PREFIX
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, TraceRow
+from fast.models.errors import FastError
 
 ERRORS = (errno.EIO, errno.ENOSPC, errno.EACCES)  # in turn over the calls; the study has every error at every call
 SHIFTS = [0, pytest.param(1, marks=pytest.mark.study), pytest.param(2, marks=pytest.mark.study)]

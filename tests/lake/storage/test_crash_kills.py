@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from lake.maintenance import check, compact
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import EventRow, Row, SimTraceRow
+from fast.lake.maintenance import check, compact
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, Row, SimTraceRow
 
 PROVENANCE = Provenance(code_version="x", code_dirty=False)
 ROWS_PER_APPEND = 3

@@ -11,14 +11,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lake import leases
-from lake.leases import exclusive
-from lake.maintenance import Finding, check, compact, stats
-from lake.provenance import Provenance
-from lake.storage.s3_client import Connection
-from lake.store import Lake
-from lake.tables.campaign import TABLES, EventRow, GraspRow, TraceRow
-from models.errors import FastError, LakeError, LostLeaseError, UsageError
+from fast.lake import leases
+from fast.lake.leases import exclusive
+from fast.lake.maintenance import Finding, check, compact, stats
+from fast.lake.provenance import Provenance
+from fast.lake.storage.s3_client import Connection
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TABLES, EventRow, GraspRow, TraceRow
+from fast.models.errors import FastError, LakeError, LostLeaseError, UsageError
 from tests.lake.lease_race import race_for_lease
 from tests.lake.storage.object_server import BUCKET, READER, WRITER, ObjectServer
 from tests.lake.storage.relay import Relay
@@ -176,7 +176,7 @@ def merge(environment: dict[str, str], address: str, stop: "multiprocessing.sync
 def test_readers_see_whole_appends_while_others_write_and_merge(lake, server, relay, tmp_path):
     """Two writers and a compaction, each with a working folder of its own or shared with the reader."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["lake.maintenance"])
+    context.set_forkserver_preload(["fast.lake.maintenance"])
     stop = context.Event()
     here = {**server.environment(endpoint=relay.endpoint), "XDG_STATE_HOME": os.environ["XDG_STATE_HOME"]}
     there = here | {"XDG_STATE_HOME": str(tmp_path / "another machine")}

@@ -13,12 +13,12 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from lake.maintenance import check, compact
-from lake.store import Lake
-from lake.tables.campaign import TABLES, GraspRow, SimulationRow, ToolRow, TraceRow
-from lake.tables.migrations import VERSION_KEY, file_version, migrated, table_version
-from lake.tables.schema import schema_of
-from models.errors import LakeError
+from fast.lake.maintenance import check, compact
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TABLES, GraspRow, SimulationRow, ToolRow, TraceRow
+from fast.lake.tables.migrations import VERSION_KEY, file_version, migrated, table_version
+from fast.lake.tables.schema import schema_of
+from fast.models.errors import LakeError
 
 NEW_TABLES = {
     "calibrations",
@@ -53,7 +53,7 @@ def later_program(monkeypatch) -> Iterator[Callable[[], None]]:
 
     def begin() -> None:
         steps = {"grasps": (peak_was_in_centinewton, reason_was_called_why), "traces": (force_was_called_load,)}
-        monkeypatch.setattr("lake.tables.migrations.MIGRATIONS", steps)
+        monkeypatch.setattr("fast.lake.tables.migrations.MIGRATIONS", steps)
         schema_of.cache_clear()
 
     yield begin

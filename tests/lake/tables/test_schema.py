@@ -3,8 +3,8 @@ import pyarrow as pa
 import pytest
 from pydantic import ValidationError
 
-from lake.provenance import ProvenanceColumns, current_provenance, stamped
-from lake.tables.campaign import (
+from fast.lake.provenance import ProvenanceColumns, current_provenance, stamped
+from fast.lake.tables.campaign import (
     TABLE_BY_NAME,
     TABLES,
     DesignRow,
@@ -14,11 +14,11 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     TraceRow,
 )
-from lake.tables.migrations import table_version
-from lake.tables.schema import has_samples, schema_of, to_arrow
-from models.design.space import BEST_PUBLISHED, PARAMETERS
-from models.records import SimulatorVersion
-from models.units import unit_of
+from fast.lake.tables.migrations import table_version
+from fast.lake.tables.schema import has_samples, schema_of, to_arrow
+from fast.models.design.space import BEST_PUBLISHED, PARAMETERS
+from fast.models.records import SimulatorVersion
+from fast.models.units import unit_of
 
 CONTRACT = {
     "campaigns",

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     TABLES,
     CalibrationRow,
     EffectRow,
@@ -18,10 +18,10 @@ from lake.tables.campaign import (
     Row,
     SimulatorVersionRow,
 )
-from lake.tables.catalogue_rows import missing_version_rows, version_rows
-from models.design.space import PARAMETERS
-from models.errors import ConfigError
-from models.records import EffectValue, SimulatorVersion
+from fast.lake.tables.catalogue_rows import missing_version_rows, version_rows
+from fast.models.design.space import PARAMETERS
+from fast.models.errors import ConfigError
+from fast.models.records import EffectValue, SimulatorVersion
 
 REFERENCE = (Path(__file__).parents[3] / "docs" / "reference" / "tables.md").read_text(encoding="utf-8")
 SLIP = SimulatorVersion(

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.problem import CalibrationProblem, Standardised
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.problem import CalibrationProblem, Standardised
 
 _THETA = (9.0, 0.55, 0.34)
 

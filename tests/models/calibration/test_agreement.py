@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.calibration.inference.result import K_HAT_LIMIT, measure_convergence
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.factorised import calibrate_factorised
-from models.calibration.means.joint import calibrate_joint
-from models.calibration.means.problem import THETA
-from models.calibration.means.synthetic import make_up_problem
+from fast.models.calibration.inference.result import K_HAT_LIMIT, measure_convergence
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.factorised import calibrate_factorised
+from fast.models.calibration.means.joint import calibrate_joint
+from fast.models.calibration.means.problem import THETA
+from fast.models.calibration.means.synthetic import make_up_problem
 
 SETTINGS = CalibrationSettings(chains=4, draws=500, tune=250, target_accept=0.8, workers=1)
 NAMES = (*THETA, "sd_e_n", "noise_sd_n", "sd_h")

@@ -6,15 +6,15 @@ import re
 import numpy as np
 import pytest
 
-from models.calibration.inference.result import CalibrationResult, make_result, measure_overlap
-from models.calibration.inference.settings import CalibrationSettings, read_settings
-from models.calibration.inference.summary import check_convergence, check_quality
-from models.calibration.means import calibrate as choice
-from models.calibration.means.calibrate import calibrate
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.problem import THETA, Standardised, drop_repeats
-from models.calibration.means.synthetic import make_up_problem
-from models.errors import UsageError
+from fast.models.calibration.inference.result import CalibrationResult, make_result, measure_overlap
+from fast.models.calibration.inference.settings import CalibrationSettings, read_settings
+from fast.models.calibration.inference.summary import check_convergence, check_quality
+from fast.models.calibration.means import calibrate as choice
+from fast.models.calibration.means.calibrate import calibrate
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.problem import THETA, Standardised, drop_repeats
+from fast.models.calibration.means.synthetic import make_up_problem
+from fast.models.errors import UsageError
 
 SETTINGS = CalibrationSettings(chains=2, draws=1000, tune=50)
 PROBLEM = make_up_problem(40, 10, seed=0)

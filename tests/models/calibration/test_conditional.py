@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import emulator, psi_density
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.problem import Standardised
-from models.calibration.means.psi_density import Measurements
-from models.calibration.means.synthetic import make_up_problem
-from models.gaussian_process.matern import matern52
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means import emulator, psi_density
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.problem import Standardised
+from fast.models.calibration.means.psi_density import Measurements
+from fast.models.calibration.means.synthetic import make_up_problem
+from fast.models.gaussian_process.matern import matern52
 
 
 @dataclass(frozen=True)

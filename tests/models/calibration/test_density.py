@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.joint import JointDensity
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.problem import Standardised, unit_theta
-from models.calibration.means.synthetic import make_up_problem
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.joint import JointDensity
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.problem import Standardised, unit_theta
+from fast.models.calibration.means.synthetic import make_up_problem
 
 CASES = [(scales, rho) for scales in (False, True) for rho in ("fixed", "free")]
 

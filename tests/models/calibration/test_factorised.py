@@ -3,15 +3,21 @@
 import numpy as np
 import pytest
 
-from models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.factorised import calibrate_factorised, find_first_box
-from models.calibration.means.joint import JointDensity, calibrate_joint, guess_starts
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.problem import THETA, Standardised
-from models.calibration.means.psi_density import Measurements
-from models.calibration.means.reweight import PSI_PER_PHI, NormalPhi, approximate_phi, compute_exact_log_density, thin
-from models.calibration.means.synthetic import make_up_problem
+from fast.models.calibration.inference.result import K_HAT_LIMIT, CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.factorised import calibrate_factorised, find_first_box
+from fast.models.calibration.means.joint import JointDensity, calibrate_joint, guess_starts
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.problem import THETA, Standardised
+from fast.models.calibration.means.psi_density import Measurements
+from fast.models.calibration.means.reweight import (
+    PSI_PER_PHI,
+    NormalPhi,
+    approximate_phi,
+    compute_exact_log_density,
+    thin,
+)
+from fast.models.calibration.means.synthetic import make_up_problem
 
 PROBLEM = make_up_problem(40, 8, seed=3, scales_with_modulus=True)
 SHORT = CalibrationSettings(chains=2, draws=50, tune=50, target_accept=0.8, workers=1)

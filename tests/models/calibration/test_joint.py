@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from models.calibration.inference.optimise import climb, find_laplace_covariance
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.joint import calibrate_joint
-from models.calibration.means.synthetic import make_up_problem
-from models.errors import FastError
+from fast.models.calibration.inference.optimise import climb, find_laplace_covariance
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.joint import calibrate_joint
+from fast.models.calibration.means.synthetic import make_up_problem
+from fast.models.errors import FastError
 
 SETTINGS = CalibrationSettings(chains=2, tune=80, draws=80, target_accept=0.8, workers=1)
 

@@ -3,11 +3,11 @@
 import pytest
 from scipy import stats
 
-from models.calibration.inference.lot_priors import make_lot_priors
-from models.calibration.inference.settings import ThetaPriors
-from models.errors import ConfigError, UsageError
-from models.material import MaterialLot, modulus_of_hardness_mpa
-from models.validation import load_record
+from fast.models.calibration.inference.lot_priors import make_lot_priors
+from fast.models.calibration.inference.settings import ThetaPriors
+from fast.models.errors import ConfigError, UsageError
+from fast.models.material import MaterialLot, modulus_of_hardness_mpa
+from fast.models.validation import load_record
 
 
 def measured(value: float, unit: str = "1", sd: float | None = None) -> dict[str, object]:

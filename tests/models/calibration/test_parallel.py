@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from models.calibration.inference.processes import spread
-from models.errors import FastError
+from fast.models.calibration.inference.processes import spread
+from fast.models.errors import FastError
 
 
 def test_processes_change_no_result_and_keep_its_order() -> None:

@@ -3,8 +3,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from models.calibration.means.parameters import Phi
-from models.calibration.means.predict import (
+from fast.models.calibration.means.parameters import Phi
+from fast.models.calibration.means.predict import (
     Mixture,
     condition_models,
     count_emulator_parameters,
@@ -13,9 +13,9 @@ from models.calibration.means.predict import (
     score_mixture,
     thinned,
 )
-from models.calibration.means.problem import Standardised, unit_theta
-from models.calibration.means.synthetic import make_up_problem
-from models.gaussian_process.matern import matern52
+from fast.models.calibration.means.problem import Standardised, unit_theta
+from fast.models.calibration.means.synthetic import make_up_problem
+from fast.models.gaussian_process.matern import matern52
 from tests.models.calibration.calibration_draws import made_up_result
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.calibration.means.reweight import find_effective_size, resample, smooth_weights
+from fast.models.calibration.means.reweight import find_effective_size, resample, smooth_weights
 
 
 def test_k_hat_is_the_shape_of_a_pareto_tail() -> None:

@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from models.calibration.inference.parallel_chains import sample
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.factorised import factorise_at
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.problem import Standardised
-from models.calibration.means.psi_density import Measurements
-from models.calibration.means.ridge import RidgeDensity, find_profile, find_share_taken_off, temper_ridge
-from models.calibration.means.synthetic import make_up_problem
-from models.calibration.means.theta_surrogate import Box, build_surrogate
+from fast.models.calibration.inference.parallel_chains import sample
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.factorised import factorise_at
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.problem import Standardised
+from fast.models.calibration.means.psi_density import Measurements
+from fast.models.calibration.means.ridge import RidgeDensity, find_profile, find_share_taken_off, temper_ridge
+from fast.models.calibration.means.synthetic import make_up_problem
+from fast.models.calibration.means.theta_surrogate import Box, build_surrogate
 
 
 @cache

@@ -5,9 +5,9 @@ import os
 import numpy as np
 import pytest
 
-from models.calibration.inference.parallel_chains import sample
-from models.calibration.inference.settings import CalibrationSettings
-from models.errors import FastError, UsageError
+from fast.models.calibration.inference.parallel_chains import sample
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.errors import FastError, UsageError
 
 SETTINGS = CalibrationSettings(draws=400, tune=300, seed=3, workers=1)
 
@@ -57,7 +57,7 @@ def test_processes_change_no_draw_and_seeds_do():
 
 
 def test_progress_names_draws_divergences_and_time_left(monkeypatch):
-    monkeypatch.setattr("models.calibration.inference.parallel_chains._REPORT_S", 0.0)
+    monkeypatch.setattr("fast.models.calibration.inference.parallel_chains._REPORT_S", 0.0)
     heard = []
     sample(Gaussian(3), np.zeros((2, 3)), SETTINGS, progress=heard.append)
     assert heard[-1] == "NUTS: 1,400 of 1,400 draws in 2 chains, 0 divergences, about 0 s left"

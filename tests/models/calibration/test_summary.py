@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from models.calibration.inference.settings import ThetaPriors
-from models.calibration.inference.summary import (
+from fast.models.calibration.inference.settings import ThetaPriors
+from fast.models.calibration.inference.summary import (
     correlate_ranks,
     estimate_density,
     find_prior,
@@ -11,10 +11,10 @@ from models.calibration.inference.summary import (
     summarise_all,
     summarise_theta,
 )
-from models.calibration.means.checks import check_calibration, measure_emulator_relevance, measure_relevance
-from models.calibration.means.predict import condition_models, predict_measured, score_mixture
-from models.calibration.means.problem import THETA, Standardised
-from models.calibration.means.synthetic import make_up_problem
+from fast.models.calibration.means.checks import check_calibration, measure_emulator_relevance, measure_relevance
+from fast.models.calibration.means.predict import condition_models, predict_measured, score_mixture
+from fast.models.calibration.means.problem import THETA, Standardised
+from fast.models.calibration.means.synthetic import make_up_problem
 from tests.models.calibration.calibration_draws import made_up_result
 
 THETA_BEFORE = np.array([11.5, 0.56, 0.45])

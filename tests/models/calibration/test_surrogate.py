@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means import psi_density
-from models.calibration.means.emulator import Emulator, factorise
-from models.calibration.means.parameters import Parameters
-from models.calibration.means.problem import Standardised
-from models.calibration.means.psi_density import Measurements
-from models.calibration.means.synthetic import make_up_problem
-from models.calibration.means.theta_surrogate import MAX_ERROR, Box, ThetaSurrogate, build_surrogate
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means import psi_density
+from fast.models.calibration.means.emulator import Emulator, factorise
+from fast.models.calibration.means.parameters import Parameters
+from fast.models.calibration.means.problem import Standardised
+from fast.models.calibration.means.psi_density import Measurements
+from fast.models.calibration.means.synthetic import make_up_problem
+from fast.models.calibration.means.theta_surrogate import MAX_ERROR, Box, ThetaSurrogate, build_surrogate
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["E an input", "E a emulator"])

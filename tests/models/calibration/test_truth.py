@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.joint import calibrate_joint
-from models.calibration.means.problem import THETA
-from models.calibration.means.synthetic import Truth, make_up_problem
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.joint import calibrate_joint
+from fast.models.calibration.means.problem import THETA
+from fast.models.calibration.means.synthetic import Truth, make_up_problem
 
 SETTINGS = CalibrationSettings(chains=2, tune=80, draws=80, target_accept=0.8, workers=1)
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import shapely
 
-from models.design.finger import finger_bodies
-from models.design.printability import PrintingRules, broken_rules, printable
-from models.design.profile import BASE_HEIGHT_MM, cavities
-from models.design.space import BEST_PUBLISHED, random_designs, to_unit
-from models.records import Design
+from fast.models.design.finger import finger_bodies
+from fast.models.design.printability import PrintingRules, broken_rules, printable
+from fast.models.design.profile import BASE_HEIGHT_MM, cavities
+from fast.models.design.space import BEST_PUBLISHED, random_designs, to_unit
+from fast.models.records import Design
 
 DENSE = BEST_PUBLISHED.model_copy(update={"rib_count": 10, "rib_angle_deg": 40.0, "rib_thickness_mm": 3.0,
                                           "height_mm": 90.0, "tip_length_mm": 30.0})  # fmt: skip

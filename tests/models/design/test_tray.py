@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from models.design.finger import finger_bodies
-from models.design.sheet import batch_sheet_html
-from models.design.space import BEST_PUBLISHED, random_designs
-from models.design.tray import BED_MM, GAP_MM, PrintItem, tray_files, tray_layout
-from models.errors import UsageError
+from fast.models.design.finger import finger_bodies
+from fast.models.design.sheet import batch_sheet_html
+from fast.models.design.space import BEST_PUBLISHED, random_designs
+from fast.models.design.tray import BED_MM, GAP_MM, PrintItem, tray_files, tray_layout
+from fast.models.errors import UsageError
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.gap.fit.effect_states import QUANTITIES, STATES
-from models.gap.fit.fit import Fit, axes_of
-from models.gap.fit.law_freedom import (
+from fast.models.gap.fit.effect_states import QUANTITIES, STATES
+from fast.models.gap.fit.fit import Fit, axes_of
+from fast.models.gap.fit.law_freedom import (
     LAW_SD,
     N_KNOTS,
     LawFreedom,
@@ -14,12 +14,12 @@ from models.gap.fit.law_freedom import (
     free_law,
     solve_step,
 )
-from models.gap.fit.recalibrate import recalibrate
-from models.records import EffectValue, GraspContext, GraspSetup, Theta
-from models.simulation.effects.actuation import LiftStartError, PressureDroop
-from models.simulation.effects.catalogue import CATALOGUE
-from models.simulation.effects.contact import FrictionWear, StaticKineticFriction
-from models.simulation.effects.material import MullinsSoftening, TemperatureSoftening
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.records import EffectValue, GraspContext, GraspSetup, Theta
+from fast.models.simulation.effects.actuation import LiftStartError, PressureDroop
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.effects.contact import FrictionWear, StaticKineticFriction
+from fast.models.simulation.effects.material import MullinsSoftening, TemperatureSoftening
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.35})

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.calibration.traces.response_surface import ResponseSurfaces, n_terms
-from models.calibration.traces.theta_grid import ThetaGrid
-from models.gap.bank.bank import AMPLITUDES, CENTRE, SIMULATED, WIDE, BankPlan, carry_changes, list_versions
-from models.gap.data import GapData
-from models.gap.findings import Candidate
-from models.gap.local_bank import MOST_EFFECTS, choose_bank, has_left, move_bank
-from models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
+from fast.models.calibration.traces.theta_grid import ThetaGrid
+from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, SIMULATED, WIDE, BankPlan, carry_changes, list_versions
+from fast.models.gap.data import GapData
+from fast.models.gap.findings import Candidate
+from fast.models.gap.local_bank import MOST_EFFECTS, choose_bank, has_left, move_bank
+from fast.models.records import EffectValue, SimulatorVersion, Theta
 from tests.synthetic.gap import made_up_gap, made_up_steps, with_bank
 
 THETA = np.array([9.23456, 0.61341, 0.43219])

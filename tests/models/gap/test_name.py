@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.gap.data import GapData
-from models.gap.evaluation.confounds import find_confounds
-from models.gap.naming.name import NamingResult, name_effect
-from models.gap.naming.thresholds import Thresholds
-from models.records import EffectValue
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.data import GapData
+from fast.models.gap.evaluation.confounds import find_confounds
+from fast.models.gap.naming.name import NamingResult, name_effect
+from fast.models.gap.naming.thresholds import Thresholds
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 # Made-up grasps have less to hide than a simulator's: their lines are of made-up null worlds.

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
-from models.calibration.inference.summary import check_quality
-from models.gap.fit import posterior
-from models.gap.fit.fit import Fit
-from models.gap.fit.posterior import LikelihoodSurface, effects_at, sample_posterior
-from models.gap.fit.recalibrate import recalibrate
-from models.records import EffectValue
+from fast.models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings
+from fast.models.calibration.inference.summary import check_quality
+from fast.models.gap.fit import posterior
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.posterior import LikelihoodSurface, effects_at, sample_posterior
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.records import EffectValue
 from tests.synthetic.gap import GapTruth, made_up_gap
 from tests.tasks.calibration.trace_lake import normal_draws
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import multivariate_t
 
-from models.gap.fit.whitened_features import FREEDOM, apply_robust_loss, compute_root_weights
+from fast.models.gap.fit.whitened_features import FREEDOM, apply_robust_loss, compute_root_weights
 
 ROWS = np.random.default_rng(4).standard_normal((6, 16)) * np.array([0.1, 0.5, 1.0, 2.0, 10.0, 40.0])[:, None]
 

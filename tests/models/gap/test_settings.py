@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.gap.data import GapData
-from models.gap.fit.recalibrate import recalibrate
-from models.records import EffectValue, GraspSetup
-from models.traces.step_features import N_STEPS
+from fast.models.gap.data import GapData
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.records import EffectValue, GraspSetup
+from fast.models.traces.step_features import N_STEPS
 from tests.synthetic.gap import made_up_gap
 
 THETA = np.array([9.2, 0.66, 0.43])

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.errors import UsageError
-from models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, make_trace, read_lead
-from models.gap.bank.surrogate import Surrogate
-from models.gap.data import GapData
-from models.records import EffectValue, GraspSetup, Trace
-from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from models.traces.step_features import step_means
+from fast.models.errors import UsageError
+from fast.models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, make_trace, read_lead
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.data import GapData
+from fast.models.records import EffectValue, GraspSetup, Trace
+from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.models.traces.step_features import step_means
 from tests.synthetic.gap import made_up_gap
 from tests.synthetic.simulation import replayed
 

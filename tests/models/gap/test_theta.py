@@ -5,19 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.calibration.inference.optimise import approximate_at_mode
-from models.calibration.inference.result import find_unit_warnings
-from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
-from models.calibration.inference.summary import check_quality
-from models.calibration.means.problem import THETA
-from models.errors import UsageError
-from models.gap.bank.surrogate import Surrogate
-from models.gap.data import GapData
-from models.gap.fit import posterior
-from models.gap.fit.recalibrate import recalibrate
-from models.gap.fit.theta import FRICTION_SHIFT, MODULUS_SHIFT, RATIO_SHIFT, calibrate_theta, make_grid_bank, of_bench
-from models.records import Theta
-from models.traces.step_noise import SensorNoise
+from fast.models.calibration.inference.optimise import approximate_at_mode
+from fast.models.calibration.inference.result import find_unit_warnings
+from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
+from fast.models.calibration.inference.summary import check_quality
+from fast.models.calibration.means.problem import THETA
+from fast.models.errors import UsageError
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.data import GapData
+from fast.models.gap.fit import posterior
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.gap.fit.theta import (
+    FRICTION_SHIFT,
+    MODULUS_SHIFT,
+    RATIO_SHIFT,
+    calibrate_theta,
+    make_grid_bank,
+    of_bench,
+)
+from fast.models.records import Theta
+from fast.models.traces.step_noise import SensorNoise
 from tests.synthetic.gap import GapTruth, made_up_gap
 from tests.tasks.calibration.trace_lake import normal_draws
 

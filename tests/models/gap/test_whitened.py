@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.gap.bank.bank import DEEPER_MM, Bank
-from models.gap.fit import whitened_features
-from models.gap.fit.whitened_features import PLACED_MM, SHIFT_MM, UNPLACED_SHIFT_MM, whiten_features
+from fast.models.gap.bank.bank import DEEPER_MM, Bank
+from fast.models.gap.fit import whitened_features
+from fast.models.gap.fit.whitened_features import PLACED_MM, SHIFT_MM, UNPLACED_SHIFT_MM, whiten_features
 from tests.synthetic.gap import made_up_gap
 
 DATA = made_up_gap(3, 2, 0, n_repeats=2)

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from models.errors import UsageError
-from models.objects.catalogue import OBJECTS, RigidObject, get_object
-from models.objects.distance import distance
-from models.objects.primitives import bounds, rotated, turn_about_z
-from models.objects.surface import object_mesh
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import OBJECTS, RigidObject, get_object
+from fast.models.objects.distance import distance
+from fast.models.objects.primitives import bounds, rotated, turn_about_z
+from fast.models.objects.surface import object_mesh
 
 IDS = [obj.name for obj in OBJECTS]
 CLASSES_OF_THE_PAPER = {

@@ -3,9 +3,9 @@ import time
 import numpy as np
 import pytest
 
-from models.objects import primitives as p
-from models.objects.catalogue import OBJECTS, RigidObject
-from models.objects.distance import distance, distance_and_normal
+from fast.models.objects import primitives as p
+from fast.models.objects.catalogue import OBJECTS, RigidObject
+from fast.models.objects.distance import distance, distance_and_normal
 
 IDS = [obj.name for obj in OBJECTS]
 

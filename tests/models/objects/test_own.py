@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from models.design.space import BEST_PUBLISHED
-from models.errors import ConfigError
-from models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject, get_object
-from models.objects.distance import distance
-from models.objects.mount import printable_mesh
-from models.objects.own import object_of_mesh, object_of_parts
-from models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
-from models.records import GraspSetup, SimulatorVersion
-from models.simulation.grasp import simulate_grasp
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import ConfigError
+from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject, get_object
+from fast.models.objects.distance import distance
+from fast.models.objects.mount import printable_mesh
+from fast.models.objects.own import object_of_mesh, object_of_parts
+from fast.models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
+from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.simulation.grasp import simulate_grasp
 
 SPHERE = trimesh.creation.icosphere(4, 24.0)
 

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from models.design.space import FIN_RAYS, RIB_COUNT_COLUMN, random_unit, snap
-from models.scientist.acquisition.candidates import (
+from fast.models.design.space import FIN_RAYS, RIB_COUNT_COLUMN, random_unit, snap
+from fast.models.scientist.acquisition.candidates import (
     CandidateSettings,
     Spacing,
     candidate_points,
     climb_mean,
     mutate,
 )
-from models.scientist.surrogate.fit import ObservationSet, fit_surrogate
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.scientist.surrogate.fit import ObservationSet, fit_surrogate
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 SMALL = CandidateSettings(n_random=60, n_local=150, n_lineages=3, n_children=10)
 

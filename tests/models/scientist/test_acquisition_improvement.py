@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from models.design.space import random_unit
-from models.errors import UsageError
-from models.scientist.acquisition.candidates import Spacing
-from models.scientist.acquisition.improvement import log_expected_improvement, select_by_improvement
-from models.scientist.acquisition.paths import real_paths
-from models.scientist.surrogate.observations import ObservationSet
-from models.scientist.surrogate.parameters import SurrogateParameters
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.design.space import random_unit
+from fast.models.errors import UsageError
+from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.improvement import log_expected_improvement, select_by_improvement
+from fast.models.scientist.acquisition.paths import real_paths
+from fast.models.scientist.surrogate.observations import ObservationSet
+from fast.models.scientist.surrogate.parameters import SurrogateParameters
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 PARAMETERS = SurrogateParameters(
     rho=1.2,

@@ -6,12 +6,12 @@ from scipy.integrate import trapezoid
 from scipy.special import log_ndtr
 from scipy.stats import multivariate_normal, norm
 
-from models.design.space import random_unit
-from models.scientist.acquisition.mes import information_gain
-from models.scientist.acquisition.paths import PromisedPosterior
-from models.scientist.surrogate.observations import ObservationSet
-from models.scientist.surrogate.parameters import SurrogateParameters
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.design.space import random_unit
+from fast.models.scientist.acquisition.mes import information_gain
+from fast.models.scientist.acquisition.paths import PromisedPosterior
+from fast.models.scientist.surrogate.observations import ObservationSet
+from fast.models.scientist.surrogate.parameters import SurrogateParameters
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 PARAMETERS = SurrogateParameters(
     rho=1.4,

@@ -10,17 +10,17 @@ from botorch.acquisition import PosteriorMean, UpperConfidenceBound
 from botorch.models import SingleTaskGP
 from botorch.sampling import SobolQMCNormalSampler
 
-from models.design.space import random_unit
-from models.errors import UsageError
-from models.own_code import load_constraint
-from models.scientist.acquisition.mes import information_gain
-from models.scientist.bridge.entropy import MaxValueEntropy
-from models.scientist.bridge.model import SurrogateModel
-from models.scientist.bridge.own_model import make_own_surrogate
-from models.scientist.propose import NO_PENDING, propose
-from models.scientist.surrogate.fit import fit_surrogate
-from models.scientist.surrogate.observations import ObservationSet
-from models.scientist.surrogate.posterior import Surrogate, observation_variance
+from fast.models.design.space import random_unit
+from fast.models.errors import UsageError
+from fast.models.own_code import load_constraint
+from fast.models.scientist.acquisition.mes import information_gain
+from fast.models.scientist.bridge.entropy import MaxValueEntropy
+from fast.models.scientist.bridge.model import SurrogateModel
+from fast.models.scientist.bridge.own_model import make_own_surrogate
+from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.surrogate.fit import fit_surrogate
+from fast.models.scientist.surrogate.observations import ObservationSet
+from fast.models.scientist.surrogate.posterior import Surrogate, observation_variance
 from tests.synthetic.scientist import BiFidelityKernel
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from models.design.printability import PrintingRules, broken_rules
-from models.design.space import RIB_COUNT_COLUMN, random_unit, to_unit
-from models.errors import UsageError
-from models.scientist.propose import NO_PENDING, propose
-from models.scientist.surrogate.fit import ObservationSet, fit_surrogate
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.design.printability import PrintingRules, broken_rules
+from fast.models.design.space import RIB_COUNT_COLUMN, random_unit, to_unit
+from fast.models.errors import UsageError
+from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.surrogate.fit import ObservationSet, fit_surrogate
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 CENTRE = np.array([0.7, 0.3, 0.5, 0.5, 0.6, 0.5, 0.5, 6 / 9, 0.35])
 WEIGHTS = np.array([4.0, 3.0, 0.1, 0.1, 2.0, 0.1, 0.1, 3.0, 3.0])
@@ -88,8 +88,8 @@ def test_what_was_proposed_before_never_comes_again_and_rejects_keep_their_surro
     near = reject.copy()
     near[0] += 0.04 if near[0] < 0.5 else -0.04
     candidates = np.array([before, near, free])
-    monkeypatch.setattr("models.scientist.propose.candidate_points", lambda *_: candidates)
-    monkeypatch.setattr("models.design.space.DesignSpace.random_unit", lambda *_: candidates)
+    monkeypatch.setattr("fast.models.scientist.propose.candidate_points", lambda *_: candidates)
+    monkeypatch.setattr("fast.models.design.space.DesignSpace.random_unit", lambda *_: candidates)
     proposals = [
         propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(0), acquisition=acquisition, **kept_off)[0]
         for kept_off in ({"taken": before[None], "rejected": reject[None]}, {"taken": candidates[1:]})

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from models.design.space import random_unit
-from models.errors import UsageError
-from models.scientist.surrogate.fit import ObservationSet, fit_surrogate
-from models.scientist.surrogate.health import health_of
-from models.scientist.surrogate.likelihood import log_posterior
-from models.scientist.surrogate.parameters import (
+from fast.models.design.space import random_unit
+from fast.models.errors import UsageError
+from fast.models.scientist.surrogate.fit import ObservationSet, fit_surrogate
+from fast.models.scientist.surrogate.health import health_of
+from fast.models.scientist.surrogate.likelihood import log_posterior
+from fast.models.scientist.surrogate.parameters import (
     RHO_MEAN,
     RHO_SD,
     Standardisation,
@@ -21,7 +21,7 @@ from models.scientist.surrogate.parameters import (
     log_prior,
     prior_mode,
 )
-from models.scientist.surrogate.posterior import Surrogate, observation_variance, prior_covariance
+from fast.models.scientist.surrogate.posterior import Surrogate, observation_variance, prior_covariance
 from tests.synthetic.scientist import BiFidelityKernel
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.design.space import random_unit
-from models.scientist.surrogate.fit import fit_surrogate
-from models.scientist.surrogate.health import SurrogateHealth, health_of, is_overconfident
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.design.space import random_unit
+from fast.models.scientist.surrogate.fit import fit_surrogate
+from fast.models.scientist.surrogate.health import SurrogateHealth, health_of, is_overconfident
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 
 def force(x: np.ndarray) -> np.ndarray:

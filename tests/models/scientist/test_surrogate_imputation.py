@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.errors import UsageError
-from models.scientist.surrogate.imputation import mean_over_objects
+from fast.models.errors import UsageError
+from fast.models.scientist.surrogate.imputation import mean_over_objects
 
 
 def test_nothing_missing_is_the_plain_mean():

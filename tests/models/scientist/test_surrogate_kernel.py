@@ -8,9 +8,9 @@ import torch
 from gpytorch.priors import NormalPrior
 from gpytorch.test.base_kernel_test_case import BaseKernelTestCase
 
-from models.design.space import random_unit
-from models.scientist.surrogate.parameters import SurrogateParameters
-from models.scientist.surrogate.posterior import prior_covariance, prior_variance
+from fast.models.design.space import random_unit
+from fast.models.scientist.surrogate.parameters import SurrogateParameters
+from fast.models.scientist.surrogate.posterior import prior_covariance, prior_variance
 from tests.synthetic.scientist import BiFidelityKernel
 
 PARAMETERS = SurrogateParameters(

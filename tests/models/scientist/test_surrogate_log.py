@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from models.design.space import random_unit, to_unit
-from models.scientist.propose import NO_PENDING, propose
-from models.scientist.surrogate.fit import fit_surrogate, trust_simulations
-from models.scientist.surrogate.health import health_of
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
-from models.scientist.surrogate.posterior import Surrogate
+from fast.models.design.space import random_unit, to_unit
+from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
+from fast.models.scientist.surrogate.health import health_of
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 
 def observed(seed: int, *, is_true: bool) -> ObservationSet:

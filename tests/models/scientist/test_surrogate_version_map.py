@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.scientist.surrogate.version_map import LEAST_SHARED, fit_version_map
+from fast.models.scientist.surrogate.version_map import LEAST_SHARED, fit_version_map
 
 
 def test_a_line_is_found_with_the_spread_around_it() -> None:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from models.errors import SimulationFailed
-from models.simulation.body.assembly import ElasticBody
-from models.simulation.solver.cholesky import BlockCholesky
-from models.simulation.solver.newton import NewtonSettings, NewtonSolver
+from fast.models.errors import SimulationFailed
+from fast.models.simulation.body.assembly import ElasticBody
+from fast.models.simulation.solver.cholesky import BlockCholesky
+from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
 
 
 class DeadLoad:

@@ -6,10 +6,10 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED, numbered_design
-from models.errors import SimulationFailed
-from models.objects.catalogue import get_object
-from models.records import (
+from fast.models.design.space import BEST_PUBLISHED, numbered_design
+from fast.models.errors import SimulationFailed
+from fast.models.objects.catalogue import get_object
+from fast.models.records import (
     Branches,
     Design,
     GraspSetup,
@@ -19,10 +19,10 @@ from models.records import (
     Theta,
     Trace,
 )
-from models.simulation import branches
-from models.simulation.branches import LEAST_JUMP, PLACEMENT_SD_MM, find_branches, lasting_difference
-from models.simulation.grasp import SNAP, Numerics, simulate_grasp
-from models.traces import peak_force_n, work_j
+from fast.models.simulation import branches
+from fast.models.simulation.branches import LEAST_JUMP, PLACEMENT_SD_MM, find_branches, lasting_difference
+from fast.models.simulation.grasp import SNAP, Numerics, simulate_grasp
+from fast.models.traces import peak_force_n, work_j
 
 TUBE, CONE = get_object(14), get_object(24)
 VERSION, SETUP = SimulatorVersion(), GraspSetup()

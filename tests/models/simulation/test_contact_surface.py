@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED
-from models.objects.catalogue import get_object
-from models.records import MeshSettings, Placement
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.contact.law import (
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.objects.catalogue import get_object
+from fast.models.records import MeshSettings, Placement
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.contact.law import (
     NO_STOP,
     ContactLaw,
     ContactResponse,
@@ -16,9 +16,9 @@ from models.simulation.contact.law import (
     Obstacle,
     PointSpacing,
 )
-from models.simulation.contact.points import contact_points
-from models.simulation.mesh.build import build_mesh
-from models.simulation.model import to_object_frame
+from fast.models.simulation.contact.points import contact_points
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.model import to_object_frame
 
 LAW = ContactLaw()
 SPHERE, SPIRAL, TURNED_DIAMOND, JACK, DIABOLO, CUBE = 1, 13, 18, 23, 26, 30

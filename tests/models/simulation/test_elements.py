@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from models.errors import MeshingFailed
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.body.elasticity import LAW_CODE, VECTOR, add_forces, element_stiffness, lame_constants
-from models.simulation.body.shape_functions import ElementKind, face_shape, quadrature_of, shape_of
-from models.simulation.mesh.extrude import extrude
-from models.simulation.mesh.planar import add_middles
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.errors import MeshingFailed
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.body.elasticity import LAW_CODE, VECTOR, add_forces, element_stiffness, lame_constants
+from fast.models.simulation.body.shape_functions import ElementKind, face_shape, quadrature_of, shape_of
+from fast.models.simulation.mesh.extrude import extrude
+from fast.models.simulation.mesh.planar import add_middles
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 
 CORNERS = {
     "C3D10": np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED
-from models.records import MeshSettings
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.mesh.build import build_mesh
-from models.simulation.solver.cholesky import BlockCholesky, BlockPattern, block_pattern
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.records import MeshSettings
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.solver.cholesky import BlockCholesky, BlockPattern, block_pattern
 
 
 def random_pairs(n: int, n_pairs: int, seed: int) -> np.ndarray:

@@ -5,16 +5,16 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED, numbered_design
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, MeshSettings
-from models.simulation.body.assembly import Material
-from models.simulation.contact.law import ContactLaw, PointSpacing
-from models.simulation.grasp import Numerics, simulate_grasp
-from models.simulation.mesh.build import build_mesh
-from models.simulation.model import FingerModel, finger_model
-from models.simulation.solver.broyden import SecantMemory
-from models.simulation.solver.newton import NewtonSettings, NewtonSolver
+from fast.models.design.space import BEST_PUBLISHED, numbered_design
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, MeshSettings
+from fast.models.simulation.body.assembly import Material
+from fast.models.simulation.contact.law import ContactLaw, PointSpacing
+from fast.models.simulation.grasp import Numerics, simulate_grasp
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.model import FingerModel, finger_model
+from fast.models.simulation.solver.broyden import SecantMemory
+from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
 
 # What is compared holds for every finger and lift.
 ONE_RIB, COARSE, SHORT_LIFT = numbered_design(1), MeshSettings(edge_mm=12), GraspSetup(max_lift_mm=10)

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED, numbered_design
-from models.errors import SimulationFailed, UsageError
-from models.objects.catalogue import RigidObject, get_object
-from models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
-from models.simulation.grasp import simulate_grasp
-from models.simulation.mesh.build import build_mesh
-from models.simulation.model import roll
-from models.simulation.output.recording import GraspRecording, Snapshot
-from models.simulation.output.twist import rotation_between, tip_twist_deg, twist_about_z_deg
-from models.simulation.placement import check_reach, describe_placement, find_symmetry, needs_full_width
+from fast.models.design.space import BEST_PUBLISHED, numbered_design
+from fast.models.errors import SimulationFailed, UsageError
+from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.model import roll
+from fast.models.simulation.output.recording import GraspRecording, Snapshot
+from fast.models.simulation.output.twist import rotation_between, tip_twist_deg, twist_about_z_deg
+from fast.models.simulation.placement import check_reach, describe_placement, find_symmetry, needs_full_width
 
 SPHERE, CYLINDER_X, SPIRAL, TRIANGLE, CONE, CUBE, TURNED_CUBE = (get_object(i) for i in (1, 7, 13, 21, 24, 30, 32))
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=12))

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from models.design.space import BEST_PUBLISHED
-from models.objects.catalogue import get_object
-from models.records import GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
-from models.simulation.grasp import simulate_grasp
-from models.simulation.mesh.build import build_mesh
-from models.simulation.output.recording import GraspRecording
-from models.simulation.output.surface import section_of, section_outline, skin_of
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.output.recording import GraspRecording
+from fast.models.simulation.output.surface import section_of, section_outline, skin_of
 
 SPHERE = get_object(1)
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=10), theta=Theta(young_modulus_mpa=23.0))

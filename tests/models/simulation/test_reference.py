@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, PointSpacing
-from models.simulation.finger import FingerStep
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
-from models.simulation.solver.cholesky import BlockCholesky
-from models.simulation.solver.newton import NewtonSettings, NewtonSolver
-from models.simulation.solver.stepping import Path as BasePath
-from models.simulation.solver.stepping import StepLimits, Stepper
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, PointSpacing
+from fast.models.simulation.finger import FingerStep
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.simulation.solver.cholesky import BlockCholesky
+from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
+from fast.models.simulation.solver.stepping import Path as BasePath
+from fast.models.simulation.solver.stepping import StepLimits, Stepper
 from tests.models.simulation.dead_load import solve_dead_load
 
 CALCULIX = np.load(Path(__file__).parents[2] / "data" / "fem" / "calculix.npz")

@@ -7,27 +7,27 @@ import pytest
 import shapely
 from shapely.geometry import LineString, Polygon
 
-from models.design.profile import planar_profile
-from models.design.space import from_unit, numbered_design, random_unit
-from models.errors import SimulationFailed
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
-from models.simulation.contact.law import ContactLaw, ObjectObstacle
-from models.simulation.contact.self_contact import SelfContact
-from models.simulation.finger import FingerStep
-from models.simulation.grasp import INWARD, simulate_grasp
-from models.simulation.mesh.build import build_mesh
-from models.simulation.mesh.cavities import cavity_faces
-from models.simulation.mesh.extrude import extrude
-from models.simulation.mesh.section import planar_mesh
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
-from models.simulation.model import to_object_frame
-from models.simulation.solver import stepping
-from models.simulation.solver.cholesky import BlockCholesky
-from models.simulation.solver.newton import NewtonSettings, NewtonSolver
-from models.simulation.solver.stepping import Path, Step, StepLimits, Stepper
+from fast.models.design.profile import planar_profile
+from fast.models.design.space import from_unit, numbered_design, random_unit
+from fast.models.errors import SimulationFailed
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
+from fast.models.simulation.contact.law import ContactLaw, ObjectObstacle
+from fast.models.simulation.contact.self_contact import SelfContact
+from fast.models.simulation.finger import FingerStep
+from fast.models.simulation.grasp import INWARD, simulate_grasp
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.mesh.cavities import cavity_faces
+from fast.models.simulation.mesh.extrude import extrude
+from fast.models.simulation.mesh.section import planar_mesh
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.simulation.model import to_object_frame
+from fast.models.simulation.solver import stepping
+from fast.models.simulation.solver.cholesky import BlockCholesky
+from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
+from fast.models.simulation.solver.stepping import Path, Step, StepLimits, Stepper
 from tests.models.simulation.dead_load import DeadLoad
 from tests.models.simulation.verification.bricks import brick, face_load
 from tests.models.simulation.verification.energy import elastic_energy

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.simulation.contact.law import ContactState
-from models.simulation.finger import FingerState
-from models.simulation.solver.stepping import Path, StepLimits, Stepper, _PullHistory
+from fast.models.simulation.contact.law import ContactState
+from fast.models.simulation.finger import FingerState
+from fast.models.simulation.solver.stepping import Path, StepLimits, Stepper, _PullHistory
 
 
 def history_of(travel_mm: list[float], force_n: list[float]) -> _PullHistory:

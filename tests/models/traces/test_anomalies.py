@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.records import Trace
-from models.traces.anomalies import Labels, find_anomalies
-from models.traces.batch import TraceFeatures, features_of
-from models.traces.departures import p_values, shortfall_to_peers, shortfall_to_repeats
-from models.traces.flags import KINDS
+from fast.models.records import Trace
+from fast.models.traces.anomalies import Labels, find_anomalies
+from fast.models.traces.batch import TraceFeatures, features_of
+from fast.models.traces.departures import p_values, shortfall_to_peers, shortfall_to_repeats
+from fast.models.traces.flags import KINDS
 from tests.studies.traces.planted import PLANTS
 
 N_TOOLS, N_OBJECTS, N_REPEATS = 6, 8, 3

@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import find_peaks
 
-from models.errors import UsageError
-from models.records import Trace
-from models.traces import initial_force_n, peak_force_n, work_j
-from models.traces import step_features as calibration
-from models.traces.batch import features_of, features_of_samples
-from models.traces.names import (
+from fast.models.errors import UsageError
+from fast.models.records import Trace
+from fast.models.traces import initial_force_n, peak_force_n, work_j
+from fast.models.traces import step_features as calibration
+from fast.models.traces.batch import features_of, features_of_samples
+from fast.models.traces.names import (
     DIP_MM,
     END_MM,
     FEATURES,
@@ -23,7 +23,7 @@ from models.traces.names import (
     SEPARATED,
     STEP_MM,
 )
-from models.traces.quality import difference_of_tools, mean_of_tools
+from fast.models.traces.quality import difference_of_tools, mean_of_tools
 
 
 def trace_of(places_mm: list[float], forces_n: list[float], rate: float = 16.0, sd_n: float = 0.0) -> Trace:

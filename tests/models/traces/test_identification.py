@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from models.errors import UsageError
-from models.objects.catalogue import OBJECTS
-from models.records import Trace
-from models.traces.identification.classifier import CLASSES, Beliefs, train, truth_of
-from models.traces.identification.evaluate import (
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import OBJECTS
+from fast.models.records import Trace
+from fast.models.traces.identification.classifier import CLASSES, Beliefs, train, truth_of
+from fast.models.traces.identification.evaluate import (
     beliefs_from_tools,
     beliefs_of_unseen,
     by_grasps_seen,
@@ -18,8 +18,8 @@ from models.traces.identification.evaluate import (
     rank_of_truth,
     top_share,
 )
-from models.traces.identification.inputs import INPUTS, N_CLOSING, inputs_of
-from models.traces.identification.kinds import SIDES, sides_of
+from fast.models.traces.identification.inputs import INPUTS, N_CLOSING, inputs_of
+from fast.models.traces.identification.kinds import SIDES, sides_of
 
 
 def trace_of(level_n: float, closing_n: float = -2.0) -> Trace:
@@ -76,7 +76,7 @@ def test_folds_never_split_a_tool() -> None:
 
 @pytest.fixture
 def few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("models.traces.identification.classifier.N_TREES", 30)
+    monkeypatch.setattr("fast.models.traces.identification.classifier.N_TREES", 30)
 
 
 def made_up(noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.errors import UsageError
-from models.records import Trace
-from models.traces.step_features import FEATURES, PEAK, features_of, step_means
-from models.traces.step_noise import SensorNoise, feature_noise, noise_of_readings
+from fast.models.errors import UsageError
+from fast.models.records import Trace
+from fast.models.traces.step_features import FEATURES, PEAK, features_of, step_means
+from fast.models.traces.step_noise import SensorNoise, feature_noise, noise_of_readings
 
 LIFT_MM = np.linspace(0.0, 50.0, 41)
 SPEED, RATE_HZ = 5.0, 80.0

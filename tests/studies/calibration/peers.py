@@ -11,14 +11,14 @@ from functools import partial
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Rows, Tables, timed
-from flows.benchmarks.outcomes import RecordFile, read_records
-from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
-from models.calibration.means.predict import Mixture
-from models.calibration.means.problem import THETA, CalibrationProblem
-from models.calibration.means.synthetic import Truth, discrepancy_n, force_n, make_up_problem
-from models.errors import MissingDependencyError
-from models.records import Record
+from fast.flows.benchmarks.base import Options, Rows, Tables, timed
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
+from fast.models.calibration.means.predict import Mixture
+from fast.models.calibration.means.problem import THETA, CalibrationProblem
+from fast.models.calibration.means.synthetic import Truth, discrepancy_n, force_n, make_up_problem
+from fast.models.errors import MissingDependencyError
+from fast.models.records import Record
 
 N_PROBLEMS = 10
 N_SIM, N_REAL = 120, 25
@@ -141,7 +141,7 @@ def summary_rows(estimates: Sequence[Estimate]) -> Rows:
 
 
 def _ours(problem: CalibrationProblem, seed: int) -> tuple[np.ndarray, float]:
-    from models.calibration.means.calibrate import calibrate
+    from fast.models.calibration.means.calibrate import calibrate
 
     result = calibrate(problem, SETTINGS.model_copy(update={"seed": seed}))
     return result.flat(*THETA), min(result.ess_bulk[name] for name in THETA)
@@ -203,7 +203,7 @@ def _physical(theta: np.ndarray) -> np.ndarray:
 
 
 def _least_ess(draws: np.ndarray) -> float:
-    from models.calibration.inference.result import measure_convergence
+    from fast.models.calibration.inference.result import measure_convergence
 
     parts = draws[: len(draws) // 4 * 4].reshape(4, -1, len(THETA))  # as if they were chains
     _, ess_bulk, _ = measure_convergence(THETA, parts)

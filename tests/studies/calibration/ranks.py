@@ -20,12 +20,12 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.stats import binom, chisquare, kstest, qmc
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.outcomes import RecordFile, read_records
-from models.blas import one_blas_thread
-from models.calibration.inference.settings import CalibrationSettings, ThetaPriors
-from models.calibration.means.problem import THETA
-from models.records import Record
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.models.blas import one_blas_thread
+from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
+from fast.models.calibration.means.problem import THETA
+from fast.models.records import Record
 
 N_WORLDS = 100
 N_SIM, N_REAL = 80, 25
@@ -105,11 +105,11 @@ def calibrate_world(kind: Kind, world: int) -> WorldOutcome:
 
 
 def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
-    from models.calibration.inference.result import measure_convergence
-    from models.calibration.means.joint import JointDensity, sample_joint
-    from models.calibration.means.parameters import Parameters
-    from models.calibration.means.problem import Standardised
-    from models.calibration.means.synthetic import Truth, make_up_problem
+    from fast.models.calibration.inference.result import measure_convergence
+    from fast.models.calibration.means.joint import JointDensity, sample_joint
+    from fast.models.calibration.means.parameters import Parameters
+    from fast.models.calibration.means.problem import Standardised
+    from fast.models.calibration.means.synthetic import Truth, make_up_problem
 
     settings = SETTINGS.model_copy(update={"seed": world})
     theta, rng = _true_theta(kind, settings.priors, world)
@@ -216,7 +216,7 @@ def _counts(ranks: np.ndarray) -> np.ndarray:
 
 def _draw(path: Path, outcomes: Sequence[WorldOutcome]) -> None:
     """A histogram of ranks a parameter, with the band that holds 95 % of uniform counts."""
-    from flows.report.style import BEST, FAINT, figure_style, new_figure
+    from fast.flows.report.style import BEST, FAINT, figure_style, new_figure
 
     ranks = list(_ranks(outcomes))
     n_columns = 5

@@ -8,21 +8,21 @@ from typing import Literal
 
 import numpy as np
 
-from flows.benchmarks.base import Options
-from flows.benchmarks.outcomes import RecordFile, read_records
-from hardware.virtual.world.file import Scatter, World
-from hardware.virtual.world.physics import build_request, simulate_request
-from hardware.virtual.world.physics_cache import physics_id
-from models.calibration.traces.theta_grid import ThetaGrid
-from models.design.space import numbered_design
-from models.errors import MeshingFailed, SimulationFailed
-from models.ids import content_id
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, GraspSimulation, Record, SimulatorVersion, Theta, Trace
-from models.simulation.grasp import simulate_grasp
-from models.simulation.mesh.build import build_mesh
-from models.simulation.placement import needs_full_width
-from tasks.simulation.pool import WorkerPool
+from fast.flows.benchmarks.base import Options
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.hardware.virtual.world.file import Scatter, World
+from fast.hardware.virtual.world.physics import build_request, simulate_request
+from fast.hardware.virtual.world.physics_cache import physics_id
+from fast.models.calibration.traces.theta_grid import ThetaGrid
+from fast.models.design.space import numbered_design
+from fast.models.errors import MeshingFailed, SimulationFailed
+from fast.models.ids import content_id
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, GraspSimulation, Record, SimulatorVersion, Theta, Trace
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.placement import needs_full_width
+from fast.tasks.simulation.pool import WorkerPool
 
 SETUP = GraspSetup()
 DEADLINE_S = 300.0

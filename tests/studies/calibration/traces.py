@@ -11,21 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Tables
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.problem import THETA
-from models.calibration.traces.response_surface import ResponseSurfaces
-from models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
-from models.design.space import numbered_design
-from models.gap.bank.sensor_effects import N_LEAD
-from models.gap.bank.surrogate import Surrogate
-from models.gap.data import GapData
-from models.gap.fit.theta import calibrate_theta, make_grid_bank, of_bench
-from models.gap.grasps import Grasps
-from models.records import GraspContext, Theta, Trace
-from models.traces.step_features import FEATURES, N_STEPS, PEAK, features_of_steps, step_means
-from models.traces.step_noise import SensorNoise
+from fast.flows.benchmarks.base import Options, Tables
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.problem import THETA
+from fast.models.calibration.traces.response_surface import ResponseSurfaces
+from fast.models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
+from fast.models.design.space import numbered_design
+from fast.models.gap.bank.sensor_effects import N_LEAD
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.data import GapData
+from fast.models.gap.fit.theta import calibrate_theta, make_grid_bank, of_bench
+from fast.models.gap.grasps import Grasps
+from fast.models.records import GraspContext, Theta, Trace
+from fast.models.traces.step_features import FEATURES, N_STEPS, PEAK, features_of_steps, step_means
+from fast.models.traces.step_noise import SensorNoise
 from tests.studies.calibration.trace_bank import SETUP, Bank, BankJob, bank_jobs, fill_bank
 from tests.synthetic.gap import of_one_setup
 
@@ -199,7 +199,7 @@ def _short(answer: Answer) -> str:
 
 def _draw(path: Path, answer: Answer) -> None:
     """Young's modulus against friction: draws of both thetas in one world, and its truth."""
-    from flows.report.style import BEST, INK, MUTED, figure_style, new_axes
+    from fast.flows.report.style import BEST, INK, MUTED, figure_style, new_axes
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with figure_style():

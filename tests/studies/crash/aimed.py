@@ -19,15 +19,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from flows.benchmarks.base import Options, Tables
-from lake.handoff.export_folder import export_handoff
-from lake.maintenance import check
-from lake.store import Lake
-from lake.tables.campaign import TABLES
-from lake.tables.schema import has_samples, schema_of
-from models.errors import FastError, UsageError
-from models.scientist.surrogate import fit as surrogate_fit
-from models.scientist.surrogate.likelihood import log_posterior
+from fast.flows.benchmarks.base import Options, Tables
+from fast.lake.handoff.export_folder import export_handoff
+from fast.lake.maintenance import check
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TABLES
+from fast.lake.tables.schema import has_samples, schema_of
+from fast.models.errors import FastError, UsageError
+from fast.models.scientist.surrogate import fit as surrogate_fit
+from fast.models.scientist.surrogate.likelihood import log_posterior
 from tests.studies.crash.phases import HANDOFF, PHASES, Phase
 
 N_KILLS = 12  # of each phase

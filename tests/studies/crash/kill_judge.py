@@ -10,16 +10,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from flows.benchmarks.fingerprints import Label
-from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch
-from hardware.virtual.world.file import World
-from lake.maintenance import check
-from lake.store import Lake
-from lake.tables.campaign import EventRow, GraspRow, Row, TraceRow
-from models.records import BENCH_FAULT
-from models.traces import peak_force_n
-from tasks.bench.plan import order_cells
-from tasks.campaign.campaign import Campaign
+from fast.flows.benchmarks.fingerprints import Label
+from fast.flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch
+from fast.hardware.virtual.world.file import World
+from fast.lake.maintenance import check
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, GraspRow, Row, TraceRow
+from fast.models.records import BENCH_FAULT
+from fast.models.traces import peak_force_n
+from fast.tasks.bench.plan import order_cells
+from fast.tasks.campaign.campaign import Campaign
 from tests.studies.crash.labels import SparseTraceError, label_problem, read_fingerprint
 
 Grasp = dict[str, Any]

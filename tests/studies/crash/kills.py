@@ -19,15 +19,15 @@ from pathlib import Path
 from threading import Event
 from typing import Protocol
 
-from flows.benchmarks.base import Options, Tables
-from flows.benchmarks.fingerprints import fingerprint_world
-from flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, lockstep_bench, measure_missing
-from hardware.cell.cell import MeasuredGrasp
-from hardware.virtual.world.file import World
-from models.errors import FastError
-from tasks.bench.measure import OpenBench
-from tasks.campaign.requests import append_event
-from tasks.campaign.state import ProposedTool
+from fast.flows.benchmarks.base import Options, Tables
+from fast.flows.benchmarks.fingerprints import fingerprint_world
+from fast.flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, lockstep_bench, measure_missing
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.virtual.world.file import World
+from fast.models.errors import FastError
+from fast.tasks.bench.measure import OpenBench
+from fast.tasks.campaign.requests import append_event
+from fast.tasks.campaign.state import ProposedTool
 from tests.studies.crash.kill_judge import Found, Told, judge
 from tests.studies.crash.outside_bench import OutsideDevices, open_outside_bench
 

@@ -6,16 +6,16 @@ from typing import Any
 from prefect import flow
 from prefect.states import State
 
-from flows.benchmarks.made_up_campaign import use_made_up_physics
-from flows.deployments import ended
-from flows.server.crashed_runs import CONTINUED
+from fast.flows.benchmarks.made_up_campaign import use_made_up_physics
+from fast.flows.deployments import ended
+from fast.flows.server.crashed_runs import CONTINUED
 
 
 @flow(name=CONTINUED, flow_run_name="run {config}")
 def campaign(config: str, lake: str, auto_print: bool = True) -> State[Any]:
     """As `flows.deployments.campaign`, with made-up physics."""
-    from flows.campaign.launch import run_campaign
-    from flows.progress import ProgressReporter
+    from fast.flows.campaign.launch import run_campaign
+    from fast.flows.progress import ProgressReporter
 
     use_made_up_physics()
 

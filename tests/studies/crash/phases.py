@@ -11,30 +11,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flows.benchmarks.fingerprints import fingerprint_world
-from flows.benchmarks.made_up_batch import Batch, measure_missing
-from flows.benchmarks.made_up_campaign import made_up_attempt
-from flows.report import folder as report_folder
-from flows.report.campaign import page as report_page
-from flows.report.campaign.simulation import write_moments
-from flows.report.folder import Folder
-from lake.handoff.import_folder import import_handoff
-from lake.leases import exclusive
-from lake.maintenance import compact
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import TABLES
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign import requests
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.requests import STARTED, append_event, lease_name
-from tasks.campaign.setup import register
-from tasks.campaign.state import CampaignState
-from tasks.scientist.fit import fit
-from tasks.scientist.observe import closed_batches, observe, observed_rows
-from tasks.scientist.propose import propose_initial, propose_tools
-from tasks.simulation import simulate as simulating
+from fast.flows.benchmarks.fingerprints import fingerprint_world
+from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
+from fast.flows.benchmarks.made_up_campaign import made_up_attempt
+from fast.flows.report import folder as report_folder
+from fast.flows.report.campaign import page as report_page
+from fast.flows.report.campaign.simulation import write_moments
+from fast.flows.report.folder import Folder
+from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.leases import exclusive
+from fast.lake.maintenance import compact
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import TABLES
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign import requests
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.requests import STARTED, append_event, lease_name
+from fast.tasks.campaign.setup import register
+from fast.tasks.campaign.state import CampaignState
+from fast.tasks.scientist.fit import fit
+from fast.tasks.scientist.observe import closed_batches, observe, observed_rows
+from fast.tasks.scientist.propose import propose_initial, propose_tools
+from fast.tasks.simulation import simulate as simulating
 
 NAME = "study"
 BATCH = Batch(n_tools=4, object_ids=(3, 14, 29), n_repeats=1)

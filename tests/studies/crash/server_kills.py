@@ -17,16 +17,16 @@ from typing import Any
 
 import psutil
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.made_up_campaign import write_files
-from flows.benchmarks.outcomes import RecordFile, read_records
-from flows.server.crashed_runs import CONTINUED
-from flows.server.lab import CHECKOUT, Lab, LabPlan, open_lab
-from flows.server.server import ask_server
-from lake.leases import exclusive, is_held
-from lake.store import Lake
-from models.errors import FastError
-from models.records import Record
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.made_up_campaign import write_files
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.server.crashed_runs import CONTINUED
+from fast.flows.server.lab import CHECKOUT, Lab, LabPlan, open_lab
+from fast.flows.server.server import ask_server
+from fast.lake.leases import exclusive, is_held
+from fast.lake.store import Lake
+from fast.models.errors import FastError
+from fast.models.records import Record
 from tests.studies.crash.server_kill_judge import Progress, judge_campaign, judge_server
 
 N_KILLS = 100

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-import models
-from models.gap.data import GapData
-from models.ids import content_id
-from models.records import EffectValue, Record
-from models.solver_code import source_id
-from models.traces.step_features import N_STEPS
+import fast.models
+from fast.models.gap.data import GapData
+from fast.models.ids import content_id
+from fast.models.records import EffectValue, Record
+from fast.models.solver_code import source_id
+from fast.models.traces.step_features import N_STEPS
 
 if TYPE_CHECKING:
-    from models.gap.fit.fit import Fit
-    from models.gap.naming.name import NamingResult
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.fit.fit import Fit
+    from fast.models.gap.naming.name import NamingResult
+    from fast.models.gap.naming.thresholds import Thresholds
 
 MAX_ROUNDS = 3
 LIFT_STEPS = 2 * N_STEPS // 3  # 40 mm: beyond, little is in the fingers
@@ -76,7 +76,7 @@ class Answer(Record):
 @cache
 def naming_code() -> str:
     """Id of the code that names effects; lines have one of their own (`thresholds_id`)."""
-    root = Path(models.__file__).parent
+    root = Path(fast.models.__file__).parent
     kept = ("gap/bank", "gap/fit", "gap/naming", "gap/grasps.py", "gap/data.py")
     files = [file.relative_to(root).as_posix() for file in (root / "gap").rglob("*.py") if file.stem != "thresholds"]
     return source_id(root, (*(f for f in files if f.startswith(kept)), "simulation/effects", "calibration/traces"))
@@ -89,7 +89,7 @@ def answer(
 
     without: effects taken out of the catalogue.
     """
-    from models.gap.naming.name import name_effect
+    from fast.models.gap.naming.name import name_effect
 
     started = time.process_time()
     catalogue = [name for name in problem.surrogate.names if name not in without]
@@ -112,7 +112,7 @@ def answer(
 
 def measure_twin(problem: GapData) -> float:
     """Held-out error of a world in which nothing is hidden, calibrated anew, N: what nobody can close."""
-    from models.gap.fit.recalibrate import recalibrate
+    from fast.models.gap.fit.recalibrate import recalibrate
 
     return _held_out_rmse_n(problem, recalibrate(problem.training))
 

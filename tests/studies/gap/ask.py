@@ -15,21 +15,21 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.outcomes import RecordFile, read_records
-from models.errors import UsageError
-from models.gap.ask.answers import believe, merge_forms
-from models.gap.ask.choose import ENOUGH_NATS, choose_experiments
-from models.gap.ask.forecast import weigh
-from models.gap.ask.hypotheses import Hypothesis, list_hypotheses
-from models.gap.ask.predict import Pair, forecast_pairs
-from models.gap.ask.settings import list_settings
-from models.gap.data import GapData
-from models.gap.findings import NONE, UNKNOWN
-from models.gap.naming.name import name_effect
-from models.records import Record
-from tasks.gap.ask import estimate_costs
-from tasks.gap.ask_settings import USUAL_BUDGET
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.models.errors import UsageError
+from fast.models.gap.ask.answers import believe, merge_forms
+from fast.models.gap.ask.choose import ENOUGH_NATS, choose_experiments
+from fast.models.gap.ask.forecast import weigh
+from fast.models.gap.ask.hypotheses import Hypothesis, list_hypotheses
+from fast.models.gap.ask.predict import Pair, forecast_pairs
+from fast.models.gap.ask.settings import list_settings
+from fast.models.gap.data import GapData
+from fast.models.gap.findings import NONE, UNKNOWN
+from fast.models.gap.naming.name import name_effect
+from fast.models.records import Record
+from fast.tasks.gap.ask import estimate_costs
+from fast.tasks.gap.ask_settings import USUAL_BUDGET
 from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, draw_key
 from tests.studies.gap.sealed import hash_key
 

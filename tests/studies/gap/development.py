@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Tables
-from flows.benchmarks.outcomes import RecordFile, read_records
-from models.design.space import numbered_design
-from models.gap.bank.bank import Bank
-from models.gap.grasps import Cells
-from models.records import GraspSetup, Record, SimulatorVersion
+from fast.flows.benchmarks.base import Options, Tables
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.models.design.space import numbered_design
+from fast.models.gap.bank.bank import Bank
+from fast.models.gap.grasps import Cells
+from fast.models.records import GraspSetup, Record, SimulatorVersion
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.judgement import Judged, fit_probabilities
 from tests.studies.gap.panels import Panels
@@ -26,7 +26,7 @@ from tests.studies.gap.truth import Panel, results_folder
 from tests.studies.gap.worlds import Group, WorldKey, Worlds
 
 if TYPE_CHECKING:
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.naming.thresholds import Thresholds
 
 N_CALIBRATION: dict[Group, int] = {"null": 24, "single": 48, "unlisted": 12, "pair": 12}
 N_WORLDS: dict[Group, int] = {"null": 40, "nasty null": 12, "single": 48, "alias": 6, "unlisted": 12, "pair": 20}
@@ -82,8 +82,8 @@ def measure_gap(options: Options) -> Tables:
 
 def open_panels(folder: Path) -> tuple[Panels, Bank]:
     """True grasps, and the bank of the simulator's grasps of the same designs and objects."""
-    from lake.store import Lake
-    from tasks.gap.bank import read_bank
+    from fast.lake.store import Lake
+    from fast.tasks.gap.bank import read_bank
 
     panel = Panel.read(folder)
     panels = Panels.read(folder / "truth.jsonl", panel)
@@ -115,7 +115,7 @@ def calibrated(
     worlds: Worlds, outcomes: dict[tuple[str, str, int, bool], GapOutcome], options: Options
 ) -> "Thresholds":
     """Probabilities fitted on worlds none of which is counted later: closed and open ones."""
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.naming.thresholds import Thresholds
 
     provisional, made = Thresholds(), []
     with RecordFile(options.results) as file:

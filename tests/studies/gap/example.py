@@ -16,15 +16,15 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from flows.cli.common import tell
-from flows.gap.example import CAMPAIGN, FILE
-from flows.gap.folder import write_folder
-from flows.gap.search import GapOrder, run_gap
-from flows.progress import ProgressReporter
-from lake.handoff.packed import read_packed, write_packed
-from lake.provenance import current_provenance
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.flows.cli.common import tell
+from fast.flows.gap.example import CAMPAIGN, FILE
+from fast.flows.gap.folder import write_folder
+from fast.flows.gap.search import GapOrder, run_gap
+from fast.flows.progress import ProgressReporter
+from fast.lake.handoff.packed import read_packed, write_packed
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     BatchRow,
     CalibrationRow,
     CampaignRow,
@@ -39,14 +39,14 @@ from lake.tables.campaign import (
     ToolRow,
     TraceRow,
 )
-from lake.tables.imported import IMPORTED
-from lake.tables.requests import setup_columns
-from lake.tables.row import Row
-from models.design.space import numbered_design
-from models.gap.grasps import Cells
-from models.records import GraspSetup, SimulatorVersion
-from tasks.gap.bank import list_plan_ids, plan_bank
-from tasks.gap.findings import STARTED
+from fast.lake.tables.imported import IMPORTED
+from fast.lake.tables.requests import setup_columns
+from fast.lake.tables.row import Row
+from fast.models.design.space import numbered_design
+from fast.models.gap.grasps import Cells
+from fast.models.records import GraspSetup, SimulatorVersion
+from fast.tasks.gap.bank import list_plan_ids, plan_bank
+from fast.tasks.gap.findings import STARTED
 from tests.studies.gap.small import read_cells
 from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
 

@@ -8,13 +8,13 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from models.gap.naming.families import WORDS
-from models.gap.naming.thresholds import LEAST_OVER_LINE
+from fast.models.gap.naming.families import WORDS
+from fast.models.gap.naming.thresholds import LEAST_OVER_LINE
 from tests.studies.gap.answers import Answer
 from tests.studies.gap.worlds import WorldKey
 
 if TYPE_CHECKING:
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.naming.thresholds import Thresholds
 
 VISIBLE = 0.02  # from this visible strength on, an effect is expected to be found
 LEAST_VISIBLE = 0.01  # below this one, it is not there for these data

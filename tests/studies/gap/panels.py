@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from models.errors import UsageError
-from models.gap.bank.bank import Bank
-from models.records import Trace
-from models.traces.step_features import N_STEPS, is_usable, step_means
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import Bank
+from fast.models.records import Trace
+from fast.models.traces.step_features import N_STEPS, is_usable, step_means
 from tests.studies.gap.truth import LOWER, MODULUS_MPA, RAISED, RESPONDING, WIDER, Panel, TrueSet, read_truth
 from tests.studies.hidden.lab import Lab, Site, Variants
 from tests.studies.hidden.lab_laws import LAB_LAWS

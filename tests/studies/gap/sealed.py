@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Tables
-from flows.benchmarks.outcomes import RecordFile, read_records
-from models.design.space import numbered_design
-from models.errors import UsageError
-from models.gap.bank.bank import Bank
-from models.gap.data import GapData
-from models.gap.grasps import Grasps
-from models.records import GraspContext, Record
-from models.traces.step_noise import SensorNoise
+from fast.flows.benchmarks.base import Options, Tables
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.models.design.space import numbered_design
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import Bank
+from fast.models.gap.data import GapData
+from fast.models.gap.grasps import Grasps
+from fast.models.records import GraspContext, Record
+from fast.models.traces.step_noise import SensorNoise
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.development import open_panels
 from tests.studies.gap.judgement import Judged
@@ -114,7 +114,7 @@ def frozen_lines(folder: Path) -> Any:
     Raises:
         UsageError: there are none, or the code has changed since.
     """
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.naming.thresholds import Thresholds
 
     path = folder / "thresholds.json"
     if not path.exists():

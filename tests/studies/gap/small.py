@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
-from models.gap.grasps import Cells
-from models.records import GraspSetup, Trace
+from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
+from fast.models.gap.grasps import Cells
+from fast.models.records import GraspSetup, Trace
 from tests.studies.gap.panels import Panels
 from tests.studies.gap.truth import CHANNELS, TrueSet
 

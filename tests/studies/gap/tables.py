@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.stats import beta
 
-from flows.benchmarks.base import Rows, Tables
-from models.gap.naming.families import WORDS
+from fast.flows.benchmarks.base import Rows, Tables
+from fast.models.gap.naming.families import WORDS
 from tests.studies.gap.judgement import Judged
 
 _SURE = 0.9

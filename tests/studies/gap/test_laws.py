@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.gap.fit.effect_states import QUANTITIES
-from models.gap.fit.fit import Fit, axes_of
-from models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
-from models.gap.fit.recalibrate import recalibrate
-from models.gap.naming.candidates import FittedCandidate, Score, fit_effect
-from models.gap.naming.families import WORDS, Families, find_families
-from models.gap.naming.rank_effects import LEAST_NATS, rank_effects
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.fit.effect_states import QUANTITIES
+from fast.models.gap.fit.fit import Fit, axes_of
+from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.gap.naming.candidates import FittedCandidate, Score, fit_effect
+from fast.models.gap.naming.families import WORDS, Families, find_families
+from fast.models.gap.naming.rank_effects import LEAST_NATS, rank_effects
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.small import read_small
 from tests.studies.gap.worlds import WorldKey, Worlds
 

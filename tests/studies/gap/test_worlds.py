@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.benchmarks.base import Options
-from models.errors import UsageError
-from models.gap.bank.bank import Bank
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.flows.benchmarks.base import Options
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import Bank
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import measure_gap, with_known_fields
 from tests.studies.gap.judgement import Judged, fit_probabilities
@@ -180,7 +180,7 @@ def test_closed_gaps_are_held_against_their_twins() -> None:
 
 def test_probabilities_are_fitted_to_what_was_right() -> None:
     """Where a long description is right and a short one wrong, the fitted probability tells them apart."""
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.naming.thresholds import Thresholds
 
     rng, worlds = np.random.default_rng(0), []
     for number in range(60):
@@ -235,7 +235,7 @@ def test_effects_without_simulations_cannot_be_named(small: tuple[Panels, Bank])
 
 def test_a_tiny_null_world_is_answered_with_nothing(worlds: Worlds) -> None:
     """Another mesh, contact law, placement and prints are no gap; the twin of a null world is itself."""
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.naming.thresholds import Thresholds
 
     key = _key(worlds)
     problem = worlds.problem(key)
@@ -247,7 +247,7 @@ def test_a_tiny_null_world_is_answered_with_nothing(worlds: Worlds) -> None:
 
 def test_a_tiny_world_with_another_friction_law_is_named(worlds: Worlds) -> None:
     """Friction that falls with slip, by another law than the catalogue's, and nobody else."""
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.naming.thresholds import Thresholds
 
     said = answer(worlds.problem(_key(worlds, SLIP)), Thresholds(), max_rounds=1)
     assert said.is_alarm
@@ -256,7 +256,7 @@ def test_a_tiny_world_with_another_friction_law_is_named(worlds: Worlds) -> None
 
 def test_a_tiny_world_with_an_unlisted_pull_is_unknown(worlds: Worlds) -> None:
     """A magnet is in no catalogue; what it leaves has a pattern that no effect predicts."""
-    from models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.naming.thresholds import Thresholds
 
     said = answer(worlds.problem(_key(worlds, "magnetic_pull", 0.1)), Thresholds(), max_rounds=1)
     assert said.rounds[0].kind == "unknown"

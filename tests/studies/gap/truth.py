@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.outcomes import RecordFile, read_records
-from lake.store import Lake
-from lake.tables.campaign import SimulationRow
-from models.design.space import numbered_design
-from models.errors import SimulationFailed, UsageError
-from models.gap.grasps import Cells
-from models.ids import seed_from
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, Record, SimulatorVersion, Theta, Trace
-from tasks.gap.bank import plan_bank
-from tasks.simulation.plan import simulate_plan
-from tasks.simulation.pool import WorkerPool
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import SimulationRow
+from fast.models.design.space import numbered_design
+from fast.models.errors import SimulationFailed, UsageError
+from fast.models.gap.grasps import Cells
+from fast.models.ids import seed_from
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, Record, SimulatorVersion, Theta, Trace
+from fast.tasks.gap.bank import plan_bank
+from fast.tasks.simulation.plan import simulate_plan
+from fast.tasks.simulation.pool import WorkerPool
 from tests.studies.hidden.truth import TrueGrasp, solve_truth
 
 MODULUS_MPA = 9.2

@@ -6,14 +6,14 @@ from typing import Literal
 
 import numpy as np
 
-from models.design.space import numbered_design
-from models.gap.bank.bank import Bank
-from models.gap.data import GapData
-from models.gap.grasps import Grasps
-from models.ids import content_id, seed_from
-from models.records import Record, Trace
-from models.traces.step_features import is_usable, step_means
-from models.traces.step_noise import SensorNoise
+from fast.models.design.space import numbered_design
+from fast.models.gap.bank.bank import Bank
+from fast.models.gap.data import GapData
+from fast.models.gap.grasps import Grasps
+from fast.models.ids import content_id, seed_from
+from fast.models.records import Record, Trace
+from fast.models.traces.step_features import is_usable, step_means
+from fast.models.traces.step_noise import SensorNoise
 from tests.studies.gap.panels import (
     Panels,
     modulus_factor,

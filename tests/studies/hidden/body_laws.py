@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
-from models.records import Design, GraspSetup
-from models.simulation.effects.base import Effect
+from fast.models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
+from fast.models.records import Design, GraspSetup
+from fast.models.simulation.effects.base import Effect
 
 
 def tool_draws(tool_seed: int, purpose: int, n: int) -> np.ndarray:

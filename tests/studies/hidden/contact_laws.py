@@ -4,8 +4,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.objects.catalogue import RigidObject
-from models.simulation.effects.base import Effect
+from fast.models.objects.catalogue import RigidObject
+from fast.models.simulation.effects.base import Effect
 from tests.studies.hidden.body_laws import tool_draws
 
 LEAST_RADIUS_MM = 0.5  # contact points cannot resolve a sharper edge

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import lfilter
 
-from models.design.space import numbered_design
-from models.errors import UsageError
-from models.ids import seed_from
-from models.objects.catalogue import get_object
-from models.records import GraspContext, GraspSetup, Record, Trace
-from models.traces.step_features import LIFT_MM
+from fast.models.design.space import numbered_design
+from fast.models.errors import UsageError
+from fast.models.ids import seed_from
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspContext, GraspSetup, Record, Trace
+from fast.models.traces.step_features import LIFT_MM
 from tests.studies.hidden.lab_laws import LAB_LAWS, LabLaw, Moment
 
 TOOLS_PER_BATCH = 7

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.design.space import numbered_design
-from models.errors import UsageError
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, Theta
+from fast.models.design.space import numbered_design
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, Theta
 from tests.studies.hidden.body_laws import (
     LayeredModulus,
     ScatteredStiffening,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.design.space import numbered_design
-from models.errors import UsageError
-from models.records import GraspContext, GraspSetup, Trace
-from models.traces.step_features import step_means
+from fast.models.design.space import numbered_design
+from fast.models.errors import UsageError
+from fast.models.records import GraspContext, GraspSetup, Trace
+from fast.models.traces.step_features import step_means
 from tests.studies.hidden.lab import NASTIER, SETUP, Lab, Nuisance, Site, Variants, retime
 from tests.studies.hidden.lab_laws import LAB_LAWS, Moment, lift_speed_mm_per_s
 

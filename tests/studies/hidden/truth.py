@@ -11,16 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware.virtual.world.hidden import DirectionalDilation, LeakyCylinder, RationalSlipFriction
-from hardware.virtual.world.state import USUAL_PRESSURE_PSI
-from models.design.space import numbered_design
-from models.errors import MeshingFailed, SimulationFailed, UsageError
-from models.ids import content_id, seed_from
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, Record, SimulatorVersion, Theta
-from models.simulation.effects.base import Effect
-from models.solver_code import source_id
-from models.validation import closest
+from fast.hardware.virtual.world.hidden import DirectionalDilation, LeakyCylinder, RationalSlipFriction
+from fast.hardware.virtual.world.state import USUAL_PRESSURE_PSI
+from fast.models.design.space import numbered_design
+from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
+from fast.models.ids import content_id, seed_from
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, Record, SimulatorVersion, Theta
+from fast.models.simulation.effects.base import Effect
+from fast.models.solver_code import source_id
+from fast.models.validation import closest
 from tests.studies.hidden import body_laws as body
 from tests.studies.hidden import contact_laws as contact
 
@@ -149,9 +149,9 @@ def solve_truth(grasp: TrueGrasp) -> GraspSimulation:
         SimulationFailed: no solution, or no mesh (reason `mesh_...`).
         UsageError: the law does not exist.
     """
-    from models.simulation.contact.law import ContactLaw  # heavy: compiles on first use
-    from models.simulation.grasp import Numerics, simulate_grasp
-    from models.simulation.solver.stepping import StepLimits
+    from fast.models.simulation.contact.law import ContactLaw  # heavy: compiles on first use
+    from fast.models.simulation.grasp import Numerics, simulate_grasp
+    from fast.models.simulation.solver.stepping import StepLimits
 
     effects = [hidden_law(grasp.law).build(grasp.parameters, grasp)] if grasp.law else []
     is_other = any(isinstance(effect, body.OtherMaterialLaw) for effect in effects)

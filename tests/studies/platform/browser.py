@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from models.errors import FastError
+from fast.models.errors import FastError
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 WAIT_S = 300.0

@@ -19,10 +19,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flows.benchmarks.base import Options, Tables
-from flows.server.lab import CHECKOUT
-from flows.server.server import ask_server, find_server
-from models.errors import FastError
+from fast.flows.benchmarks.base import Options, Tables
+from fast.flows.server.lab import CHECKOUT
+from fast.flows.server.server import ask_server, find_server
+from fast.models.errors import FastError
 from tests.studies.platform.browser import Browser, open_browser
 from tests.studies.platform.inbox import open_inbox
 from tests.studies.platform.sockets import family, is_loopback, listening
@@ -102,7 +102,7 @@ class Day:
         kept = {key: value for key, value in os.environ.items() if not key.startswith("PREFECT_")}
         environment = {**kept, "FAST_NOTIFY": notify, "PYTHONPATH": str(CHECKOUT)}
         words = ["serve", "--lake", str(self._lake), "--port", str(_free_port()), "--json"]
-        command = [sys.executable, "-m", "flows.cli.main", *words]
+        command = [sys.executable, "-m", "fast.flows.cli.main", *words]
         child = subprocess.Popen(command, cwd=CHECKOUT, env=environment, stdout=subprocess.PIPE, text=True)
         ready = child.stdout.readline() if child.stdout else ""
         try:
@@ -223,7 +223,7 @@ class Day:
     def _confirm(self, batch: str) -> None:
         """The word of a person on the command line."""
         words = ["print", "confirm", f"{CAMPAIGN}/{batch}", "--operator", "Ada", "--lake", str(self._lake)]
-        command = [sys.executable, "-m", "flows.cli.main", *words]
+        command = [sys.executable, "-m", "fast.flows.cli.main", *words]
         done = subprocess.run(command, cwd=CHECKOUT, capture_output=True, text=True, timeout=LIMIT_S)
         if done.returncode:
             raise FastError(f"`fast print confirm` refused: {done.stderr.strip()}")

@@ -13,19 +13,19 @@ from typing import Literal
 import numpy as np
 from scipy.stats import spearmanr
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.outcomes import RecordFile, read_records
-from flows.progress import RateEstimate, describe_time_left
-from hardware.virtual.world.file import Scatter, World, load_world
-from hardware.virtual.world.physics import PhysicsRequest, build_request, simulate_request
-from hardware.virtual.world.physics_cache import physics_id
-from models.design.space import BEST_PUBLISHED, N_RIB_LEVELS, PARAMETERS, from_unit, numbered_design, snap, to_unit
-from models.errors import MeshingFailed, SimulationFailed
-from models.ids import content_id
-from models.objects.catalogue import OBJECTS, get_object
-from models.records import Design, GraspSetup, GraspSimulation, Record, SimulatorVersion
-from tasks.campaign.config import load_config
-from tasks.simulation.pool import WorkerPool
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.progress import RateEstimate, describe_time_left
+from fast.hardware.virtual.world.file import Scatter, World, load_world
+from fast.hardware.virtual.world.physics import PhysicsRequest, build_request, simulate_request
+from fast.hardware.virtual.world.physics_cache import physics_id
+from fast.models.design.space import BEST_PUBLISHED, N_RIB_LEVELS, PARAMETERS, from_unit, numbered_design, snap, to_unit
+from fast.models.errors import MeshingFailed, SimulationFailed
+from fast.models.ids import content_id
+from fast.models.objects.catalogue import OBJECTS, get_object
+from fast.models.records import Design, GraspSetup, GraspSimulation, Record, SimulatorVersion
+from fast.tasks.campaign.config import load_config
+from fast.tasks.simulation.pool import WorkerPool
 
 ROOT = Path(__file__).parents[3]
 N_DESIGNS = 12
@@ -106,7 +106,7 @@ def simulate(design: Design, object_id: int, version: SimulatorVersion, setup: G
     Raises:
         SimulationFailed: the solver found no solution, or no mesh.
     """
-    from models.simulation.grasp import simulate_grasp  # heavy: compiles on first use
+    from fast.models.simulation.grasp import simulate_grasp  # heavy: compiles on first use
 
     try:
         return simulate_grasp(design, get_object(object_id), version, setup, deadline_s=DEADLINE_S)

@@ -12,20 +12,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import spearmanr
 
-from flows.benchmarks.base import Options, Tables
-from flows.benchmarks.outcomes import RecordFile, read_records
-from flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA, TRUE, DesignSet, LandscapeBank, Truth, mean_peaks
-from models.design.space import from_unit, random_unit, to_unit
-from models.errors import MeshingFailed, SimulationFailed, UsageError
-from models.ids import content_id
-from models.objects.catalogue import get_object
-from models.records import Design, EffectValue, GraspSetup, Record, SimulatorVersion, Theta
-from models.scientist.propose import propose
-from models.scientist.surrogate.fit import fit_surrogate
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
-from models.simulation.effects.base import Effect
-from models.simulation.effects.catalogue import build_effects
-from models.traces.step_features import is_usable, step_means
+from fast.flows.benchmarks.base import Options, Tables
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.scientist.landscape_bank import (
+    BELIEVED,
+    EFFECT,
+    THETA,
+    TRUE,
+    DesignSet,
+    LandscapeBank,
+    Truth,
+    mean_peaks,
+)
+from fast.models.design.space import from_unit, random_unit, to_unit
+from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
+from fast.models.ids import content_id
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, EffectValue, GraspSetup, Record, SimulatorVersion, Theta
+from fast.models.scientist.propose import propose
+from fast.models.scientist.surrogate.fit import fit_surrogate
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.catalogue import build_effects
+from fast.models.traces.step_features import is_usable, step_means
 from tests.studies.hidden.truth import TrueGrasp, hidden_law
 
 if TYPE_CHECKING:
@@ -136,7 +145,7 @@ class Grasps:
 
 
 def _solve(key: str, simulator: Simulator, design: Design, object_id: int) -> Answer:
-    from models.simulation.grasp import simulate_grasp  # heavy: compiles on first use
+    from fast.models.simulation.grasp import simulate_grasp  # heavy: compiles on first use
 
     started = time.process_time()
     try:

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import least_squares
 
-from models.records import EffectValue, Theta
-from models.simulation.effects.catalogue import CATALOGUE
+from fast.models.records import EffectValue, Theta
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.scientist.landscape_bank import (
     BELIEF,
     HIGH_FRICTION,

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Rows, Tables, timed
-from flows.benchmarks.scientist import N_PENDING, SIZES, cost_of_scientist, made_up_data
-from models.scientist.surrogate.observations import ObservationSet
+from fast.flows.benchmarks.base import Options, Rows, Tables, timed
+from fast.flows.benchmarks.scientist import N_PENDING, SIZES, cost_of_scientist, made_up_data
+from fast.models.scientist.surrogate.observations import ObservationSet
 
 BOTORCH_LIMIT_S = 120.0  # CPU time after which BoTorch's fit is stopped
 _CANDIDATES, _RESTARTS, _RAW_SAMPLES, _ITERATIONS = 1000, 4, 64, 50
@@ -42,7 +42,7 @@ def make_log_improvement(model: Any, situation: Any) -> object:
 
 def make_entropy(model: Any, situation: Any) -> object:
     """FAST's entropy search as an acquisition function, as a user would name it in a config."""
-    from models.scientist.bridge.entropy import MaxValueEntropy
+    from fast.models.scientist.bridge.entropy import MaxValueEntropy
 
     return MaxValueEntropy(model, situation.candidates)
 
@@ -51,11 +51,11 @@ def _through_bridge(data: ObservationSet) -> dict[str, float]:
     """The same fitted surrogate by numpy and as a BoTorch model: its posterior, and ten tools by several rules."""
     import torch
 
-    from models.design.space import random_unit
-    from models.scientist.bridge.model import SurrogateModel
-    from models.scientist.propose import NO_PENDING, propose
-    from models.scientist.surrogate.fit import fit_surrogate
-    from models.scientist.surrogate.observations import REAL
+    from fast.models.design.space import random_unit
+    from fast.models.scientist.bridge.model import SurrogateModel
+    from fast.models.scientist.propose import NO_PENDING, propose
+    from fast.models.scientist.surrogate.fit import fit_surrogate
+    from fast.models.scientist.surrogate.observations import REAL
 
     torch.set_num_threads(1)
     surrogate = fit_surrogate(data)
@@ -83,7 +83,7 @@ def _botorch(data: ObservationSet, limit_s: float) -> dict[str, float | str]:
     from gpytorch.mlls import ExactMarginalLogLikelihood
     from gpytorch.priors import NormalPrior
 
-    from models.scientist.surrogate.parameters import RHO_MEAN, RHO_SD
+    from fast.models.scientist.surrogate.parameters import RHO_MEAN, RHO_SD
     from tests.synthetic.scientist import BiFidelityKernel
 
     torch.set_num_threads(1)
@@ -129,7 +129,7 @@ def _botorch_proposal(model: object, x: object) -> None:
 
 def _draw(path: Path, ours: Rows, theirs: Rows) -> None:
     """Cost against the number of observations, both axes logarithmic."""
-    from flows.report.style import BEST, FIRST, SIMULATED, figure_style, new_axes
+    from fast.flows.report.style import BEST, FIRST, SIMULATED, figure_style, new_axes
 
     lines = (
         (ours, "fit_cpu_s", BEST, "o-", "fit"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.design.space import to_unit
+from fast.models.design.space import to_unit
 from tests.studies.scientist.lab_bounds import BEST_IN_LAB, LiftPull, moved_inside, moves_from
 from tests.studies.scientist.lab_world import on_bounds
 

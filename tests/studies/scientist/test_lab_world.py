@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from flows.benchmarks.base import Options
-from models.design.space import BEST_PUBLISHED, LOWER, UPPER, to_unit
-from models.records import Design
+from fast.flows.benchmarks.base import Options
+from fast.models.design.space import BEST_PUBLISHED, LOWER, UPPER, to_unit
+from fast.models.records import Design
 from tests.studies.scientist.lab_world import (
     LabGrasp,
     best_of,

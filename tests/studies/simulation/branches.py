@@ -1,12 +1,12 @@
 """How many cells have two branches, and what the search for them costs: the grasps of the accuracy benchmark."""
 
-from flows.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS
-from flows.benchmarks.base import Options, Rows, Tables
-from models.design.space import numbered_design
-from models.objects.catalogue import OBJECTS, get_object
-from models.records import GraspSetup, SimulatorVersion
-from models.simulation.branches import find_branches
-from models.simulation.grasp import SNAP, simulate_grasp
+from fast.flows.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.models.design.space import numbered_design
+from fast.models.objects.catalogue import OBJECTS, get_object
+from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.simulation.branches import find_branches
+from fast.models.simulation.grasp import SNAP, simulate_grasp
 
 
 def measure_branches(options: Options) -> Tables:

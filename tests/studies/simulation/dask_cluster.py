@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from models.errors import FastError
+from fast.models.errors import FastError
 
 START_LIMIT_S = 60.0
 _ONE_MORE_TRY = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}  # a call that kills its worker twice has failed

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flows.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS, QUANTITIES
-from flows.benchmarks.base import Options, Tables
-from flows.benchmarks.study import DEADLINE_S
-from flows.benchmarks.summary import Key, describe_errors
-from models.design.space import numbered_design
-from models.errors import SimulationFailed
-from models.objects.catalogue import OBJECTS, get_object
-from models.records import GraspSimulation, Trace
-from models.simulation.body.elasticity import MaterialLaw
-from models.simulation.grasp import simulate_grasp
-from models.simulation.problem import Numerics
+from fast.flows.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS, QUANTITIES
+from fast.flows.benchmarks.base import Options, Tables
+from fast.flows.benchmarks.study import DEADLINE_S
+from fast.flows.benchmarks.summary import Key, describe_errors
+from fast.models.design.space import numbered_design
+from fast.models.errors import SimulationFailed
+from fast.models.objects.catalogue import OBJECTS, get_object
+from fast.models.records import GraspSimulation, Trace
+from fast.models.simulation.body.elasticity import MaterialLaw
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.problem import Numerics
 
 LAWS: tuple[MaterialLaw, MaterialLaw] = ("neo_hookean", "st_venant_kirchhoff")
 STEP_MM = 0.25  # of the lift at which two traces are compared

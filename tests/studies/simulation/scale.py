@@ -16,16 +16,16 @@ from typing import Any
 
 import psutil
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.benchmarks.made_up_campaign import made_up_attempt
-from lake.store import Lake
-from lake.tables.campaign import SimulationRow
-from models.design.space import numbered_design
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.simulation import simulate as simulating
-from tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
-from tasks.simulation.engine import LOCAL, Engine, open_engine
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.benchmarks.made_up_campaign import made_up_attempt
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import SimulationRow
+from fast.models.design.space import numbered_design
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.simulation import simulate as simulating
+from fast.tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
+from fast.tasks.simulation.engine import LOCAL, Engine, open_engine
 from tests.studies.simulation.dask_cluster import cluster
 
 N_WORKERS = 2

@@ -4,16 +4,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Rows, Tables
-from models.errors import UsageError
-from models.objects.catalogue import OBJECTS
-from models.traces.anomalies import TURNED
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import OBJECTS
+from fast.models.traces.anomalies import TURNED
 from tests.studies.traces.world_grasps import N_TOOLS, WorldGrasp, WorldTraces, bench_world, measure_world, solve_world
 
 if TYPE_CHECKING:
-    from hardware.virtual.world.file import World
-    from models.traces.anomalies import Labels
-    from models.traces.flags import Anomaly, Kind
+    from fast.hardware.virtual.world.file import World
+    from fast.models.traces.anomalies import Labels
+    from fast.models.traces.flags import Anomaly, Kind
 
 N_WORLDS = 10  # of their own noise and scatter of repeats
 PLANTED_SHARE = 0.01  # of the grasps, of each kind: half of them a single repeat, half all repeats of a tool and object
@@ -97,21 +97,21 @@ def _cases(measured: WorldTraces) -> list[_Case]:
 
 
 def _labels(measured: WorldTraces) -> "Labels":
-    from models.traces.anomalies import Labels
+    from fast.models.traces.anomalies import Labels
 
     is_turned = np.array([obj.orientation == TURNED for obj in OBJECTS])
     return Labels(measured.tool, measured.object_id, is_turned[measured.object_id])
 
 
 def _found(measured: WorldTraces) -> "list[Anomaly]":
-    from models.traces.anomalies import find_anomalies
+    from fast.models.traces.anomalies import find_anomalies
 
     return find_anomalies(measured.features, _labels(measured))
 
 
 def _clean_rows(world: "World", grasps: list[WorldGrasp]) -> Rows:
     """How often p-values against repeats are small, and grasps flagged, when nothing is wrong; a row per measure."""
-    from models.traces.anomalies import evidence_of, find_anomalies
+    from fast.models.traces.anomalies import evidence_of, find_anomalies
 
     measured = measure_world(world, grasps)
     features, labels = measured.features, _labels(measured)

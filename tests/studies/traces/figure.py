@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from flows.benchmarks.base import Options, Rows, Tables
-from flows.report.style import BEST, FIRST, MUTED, SIMULATED, new_figure
-from models.design.space import BEST_PUBLISHED, numbered_design
-from models.objects.catalogue import get_object
-from models.records import Design, Trace
-from models.simulation.grasp import simulate_grasp
-from models.traces.batch import features_of
+from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.report.style import BEST, FIRST, MUTED, SIMULATED, new_figure
+from fast.models.design.space import BEST_PUBLISHED, numbered_design
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, Trace
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.traces.batch import features_of
 
 N_DESIGNS = 10  # a batch, as in the paper
 STIFFNESS_OBJECT = 1  # sphere
@@ -58,7 +58,7 @@ def _tools(n_designs: int) -> tuple[dict[str, Design], Rows]:
 
 
 def _draw(path: Path, traces: dict[int, dict[str, Trace]], labels: dict[str, str]) -> None:
-    from flows.report.style import figure_style
+    from fast.flows.report.style import figure_style
 
     panels = [(f"{number} {get_object(number).name}", lines) for number, lines in traces.items()]
     path.parent.mkdir(parents=True, exist_ok=True)

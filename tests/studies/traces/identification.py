@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flows.benchmarks.base import Options, Rows, Tables, timed
-from models.design.space import PARAMETERS, numbered_design
-from models.errors import UsageError
-from models.objects.catalogue import OBJECTS, get_object
+from fast.flows.benchmarks.base import Options, Rows, Tables, timed
+from fast.models.design.space import PARAMETERS, numbered_design
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import OBJECTS, get_object
 from tests.studies.traces.world_grasps import N_REPEATS, N_TOOLS, bench_world, measure_world, solve_world
 
 if TYPE_CHECKING:
-    from models.traces.identification.classifier import Beliefs
-    from models.traces.identification.evaluate import Fit
+    from fast.models.traces.identification.classifier import Beliefs
+    from fast.models.traces.identification.evaluate import Fit
 
 GRASPS_SEEN = ((1, 1), (1, 3), (2, 1), (3, 1), (5, 1), (3, 3))  # tools and repeats of each
 TOOLS_LEARNT = (2, 4, 6, 12)
@@ -25,8 +25,8 @@ _PIXELS_PER_INCH = 150
 
 def measure_identification(options: Options) -> Tables:
     """Accuracy on a world's grasps of all objects, unseen tools; --figure draws the confusion matrix."""
-    from models.traces.identification.evaluate import beliefs_of_unseen
-    from models.traces.identification.inputs import INPUTS, inputs_of
+    from fast.models.traces.identification.evaluate import beliefs_of_unseen
+    from fast.models.traces.identification.inputs import INPUTS, inputs_of
 
     world = bench_world()
     objects = options.objects or tuple(range(len(OBJECTS)))
@@ -61,8 +61,8 @@ def _complete_tools(grasps: Iterable[Any], n_objects: int) -> set[int]:
 
 def _accuracy(beliefs: "Beliefs", object_id: np.ndarray, tool: np.ndarray) -> Rows:
     """Top-1 and top-3 of objects, classes, orientations and sides; chance is that of the most frequent answer."""
-    from models.traces.identification.classifier import truth_of
-    from models.traces.identification.evaluate import top_share
+    from fast.models.traces.identification.classifier import truth_of
+    from fast.models.traces.identification.evaluate import top_share
 
     rows: Rows = []
     for name, truth in truth_of(object_id).items():
@@ -77,8 +77,8 @@ def _classifiers(
     inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray, names: tuple[str, ...], options: Options
 ) -> Rows:
     """Other classifiers and other inputs, in the same folds."""
-    from models.traces.identification.evaluate import beliefs_of_unseen, fit_trees, top_share
-    from models.traces.names import FEATURES
+    from fast.models.traces.identification.evaluate import beliefs_of_unseen, fit_trees, top_share
+    from fast.models.traces.names import FEATURES
 
     in_lift = np.array([not name.startswith("closing_") or name in FEATURES for name in names])
     is_feature = np.array([name in FEATURES for name in names])
@@ -120,7 +120,7 @@ def _fit_logistic(inputs: np.ndarray, object_id: np.ndarray) -> Callable[[np.nda
 
 
 def _fitted(model: Any, inputs: np.ndarray, object_id: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    from models.traces.identification.classifier import Identifier
+    from fast.models.traces.identification.classifier import Identifier
 
     identifier = Identifier(model.fit(inputs, object_id))
     return lambda unseen: identifier.beliefs(unseen).objects
@@ -128,7 +128,7 @@ def _fitted(model: Any, inputs: np.ndarray, object_id: np.ndarray) -> Callable[[
 
 def _tools_learnt(inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray) -> Rows:
     """Top-1 and top-3 of one grasp against the number of tools that the classifier learnt from."""
-    from models.traces.identification.evaluate import beliefs_from_tools, folds_of, top_share
+    from fast.models.traces.identification.evaluate import beliefs_from_tools, folds_of, top_share
 
     most = min(len(np.unique(tool[learnt])) for learnt, _ in folds_of(tool))
     rows: Rows = []
@@ -141,7 +141,7 @@ def _tools_learnt(inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray) -
 
 
 def _grasps_seen(beliefs: "Beliefs", object_id: np.ndarray, tool: np.ndarray) -> Rows:
-    from models.traces.identification.evaluate import by_grasps_seen
+    from fast.models.traces.identification.evaluate import by_grasps_seen
 
     n_tools = len(np.unique(tool))
     sizes = [size for size in GRASPS_SEEN if size[0] <= n_tools]
@@ -150,7 +150,7 @@ def _grasps_seen(beliefs: "Beliefs", object_id: np.ndarray, tool: np.ndarray) ->
 
 def _confused(beliefs: "Beliefs", object_id: np.ndarray) -> Rows:
     """The pairs of objects that are most often taken for one another."""
-    from models.traces.identification.evaluate import confusion
+    from fast.models.traces.identification.evaluate import confusion
 
     counts = confusion(beliefs, object_id)
     both = np.triu(counts + counts.T, 1)
@@ -166,7 +166,7 @@ def _confused(beliefs: "Beliefs", object_id: np.ndarray) -> Rows:
 
 def _sides(beliefs: "Beliefs", object_id: np.ndarray) -> Rows:
     """Precision and recall of the flags for the four kinds of sides."""
-    from models.traces.identification.kinds import SIDES, SIDES_OF_OBJECTS
+    from fast.models.traces.identification.kinds import SIDES, SIDES_OF_OBJECTS
 
     found, truth = beliefs.sides.argmax(axis=1), SIDES_OF_OBJECTS[object_id]
     rows: Rows = []
@@ -225,8 +225,8 @@ def _standardised(values: np.ndarray) -> np.ndarray:
 
 def _draw(path: Path, beliefs: "Beliefs", object_id: np.ndarray) -> None:
     """Confusion matrix in shares of the true object, objects in the order of the catalogue."""
-    from flows.report.style import figure_style, new_figure
-    from models.traces.identification.evaluate import confusion
+    from fast.flows.report.style import figure_style, new_figure
+    from fast.models.traces.identification.evaluate import confusion
 
     counts = confusion(beliefs, object_id)
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

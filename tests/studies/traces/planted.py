@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.virtual.world.state import DRIFT_N_PER_S
-from models.records import Trace
-from models.traces import peak_force_n
-from models.traces.anomalies import EJECTED_MM
-from models.traces.flags import Kind
+from fast.hardware.virtual.world.state import DRIFT_N_PER_S
+from fast.models.records import Trace
+from fast.models.traces import peak_force_n
+from fast.models.traces.anomalies import EJECTED_MM
+from fast.models.traces.flags import Kind
 
 SLIP_MM = 3.0  # lift over which a torsional slip falls by a factor of e
 PRELOAD_MM = 3.0  # lift over which an object pressed down comes up again

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from models.records import Trace
+from fast.models.records import Trace
 from tests.studies.traces.figure import traces_figure
 
 

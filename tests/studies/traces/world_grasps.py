@@ -11,19 +11,25 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.benchmarks.base import Options
-from flows.benchmarks.outcomes import RecordFile, read_records
-from hardware.cell.cell import CLOSED_SETTLE_S, closing_s
-from hardware.cell.separation import WINDOW_MM
-from hardware.virtual.world.file import World, load_world
-from hardware.virtual.world.physics import PhysicsRequest, SensorNoise, build_request, grasp_curve, simulate_request
-from hardware.virtual.world.physics_cache import physics_id
-from models.design.space import numbered_design
-from models.errors import ConfigError, SimulationFailed
-from models.objects.catalogue import OBJECTS
-from models.records import GraspSetup, GraspSimulation, Record, Trace
-from models.traces import peak_force_n, work_j
-from models.traces.batch import TraceFeatures, features_of_samples
+from fast.flows.benchmarks.base import Options
+from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.hardware.cell.cell import CLOSED_SETTLE_S, closing_s
+from fast.hardware.cell.separation import WINDOW_MM
+from fast.hardware.virtual.world.file import World, load_world
+from fast.hardware.virtual.world.physics import (
+    PhysicsRequest,
+    SensorNoise,
+    build_request,
+    grasp_curve,
+    simulate_request,
+)
+from fast.hardware.virtual.world.physics_cache import physics_id
+from fast.models.design.space import numbered_design
+from fast.models.errors import ConfigError, SimulationFailed
+from fast.models.objects.catalogue import OBJECTS
+from fast.models.records import GraspSetup, GraspSimulation, Record, Trace
+from fast.models.traces import peak_force_n, work_j
+from fast.models.traces.batch import TraceFeatures, features_of_samples
 
 SETUP = GraspSetup()
 N_TOOLS = 24

@@ -2,20 +2,20 @@
 
 import pytest
 
-from hardware.bench import open_virtual_bench
-from hardware.tools.mounted import MountedTool
-from hardware.virtual.world.file import Sensor, World
-from lake.provenance import current_provenance
-from lake.tables.campaign import GraspRow
-from models.records import GraspRequest, GraspSetup, Placement
-from tasks.bench.asked import read_open_requests, write_requests
-from tasks.bench.measure import measure_tool
-from tasks.bench.plan import ToolWork, plan_asked, plan_tool
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import ProposedTool, rank_tools
-from tasks.gap.data import read_grasps
-from tasks.scientist.propose import propose_initial
+from fast.hardware.bench import open_virtual_bench
+from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.lake.provenance import current_provenance
+from fast.lake.tables.campaign import GraspRow
+from fast.models.records import GraspRequest, GraspSetup, Placement
+from fast.tasks.bench.asked import read_open_requests, write_requests
+from fast.tasks.bench.measure import measure_tool
+from fast.tasks.bench.plan import ToolWork, plan_asked, plan_tool
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import ProposedTool, rank_tools
+from fast.tasks.gap.data import read_grasps
+from fast.tasks.scientist.propose import propose_initial
 from tests.hardware.cell.grasp_stub import holds_to_the_top
 
 FASTER, WAITING = GraspSetup(lift_speed_mm_per_s=20.0), GraspSetup(dwell_s=2.0)

@@ -4,19 +4,19 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from flows.benchmarks.made_up_batch import Batch, measure_missing
-from hardware.cell.cell import MeasuredGrasp
-from hardware.cell.diagnostics import DiagnosticPlan, DiagnosticRun
-from hardware.virtual.world.file import World
-from lake.tables.campaign import DiagnosticRow, GraspRow
-from models.errors import UsageError
-from models.records import BENCH_FAULT, GraspSetup, Trace
-from tasks.bench.measure import append_diagnostic
-from tasks.bench.plan import draw_protocol, find_missing_runs, order_items
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.scientist.observe import unfinished_tools
-from tasks.scientist.propose import propose_initial
+from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.cell.diagnostics import DiagnosticPlan, DiagnosticRun
+from fast.hardware.virtual.world.file import World
+from fast.lake.tables.campaign import DiagnosticRow, GraspRow
+from fast.models.errors import UsageError
+from fast.models.records import BENCH_FAULT, GraspSetup, Trace
+from fast.tasks.bench.measure import append_diagnostic
+from fast.tasks.bench.plan import draw_protocol, find_missing_runs, order_items
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.scientist.observe import unfinished_tools
+from fast.tasks.scientist.propose import propose_initial
 from tests.tasks.campaign.test_state import append_grasp
 
 CELLS = [(object_id, repeat) for object_id in (4, 7, 9) for repeat in range(2)]

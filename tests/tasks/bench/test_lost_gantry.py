@@ -4,12 +4,12 @@ import json
 
 import pytest
 
-from flows.benchmarks.fingerprints import fingerprint_world
-from flows.benchmarks.made_up_batch import Batch, lockstep_bench, measure_missing
-from lake import leases
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
-from models.errors import LostLeaseError
+from fast.flows.benchmarks.fingerprints import fingerprint_world
+from fast.flows.benchmarks.made_up_batch import Batch, lockstep_bench, measure_missing
+from fast.lake import leases
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
+from fast.models.errors import LostLeaseError
 
 BATCH = Batch(n_tools=2, object_ids=(3, 29), n_repeats=2)
 WORLD = fingerprint_world(BATCH.labels)

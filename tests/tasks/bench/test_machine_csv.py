@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.errors import FastError, UsageError
-from tasks.bench.machine_csv import read_format, read_pull
+from fast.models.errors import FastError, UsageError
+from fast.tasks.bench.machine_csv import read_format, read_pull
 
 FORMAT = """
 file_name = "{tool}_{object}_{repeat}.csv"

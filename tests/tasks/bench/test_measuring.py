@@ -8,17 +8,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hardware.cell.cell import MeasuredGrasp
-from lake.maintenance import check
-from lake.tables.campaign import GraspRow, TraceRow
-from models.errors import DeviceError
-from models.records import BENCH_FAULT, Trace
-from tasks.bench.measure import measure_tool
-from tasks.bench.plan import plan_tool
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.state import ProposedTool
-from tasks.scientist.propose import propose_initial
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.lake.maintenance import check
+from fast.lake.tables.campaign import GraspRow, TraceRow
+from fast.models.errors import DeviceError
+from fast.models.records import BENCH_FAULT, Trace
+from fast.tasks.bench.measure import measure_tool
+from fast.tasks.bench.plan import plan_tool
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import ProposedTool
+from fast.tasks.scientist.propose import propose_initial
 
 LIFT_MM = np.linspace(0, 10, 11)
 FIRST_CELLS = [(4, 0), (4, 1), (7, 0)]

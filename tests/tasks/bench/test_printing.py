@@ -1,9 +1,9 @@
 import pytest
 
-from lake.tables.campaign import ToolRow
-from models.design.space import FIN_RAYS, PARAMETERS, to_unit
-from models.errors import UsageError
-from tasks.bench.print import (
+from fast.lake.tables.campaign import ToolRow
+from fast.models.design.space import FIN_RAYS, PARAMETERS, to_unit
+from fast.models.errors import UsageError
+from fast.tasks.bench.print import (
     MeasuredTool,
     PrintConfirmation,
     Printed,
@@ -12,7 +12,7 @@ from tasks.bench.print import (
     print_folder,
     write_tray,
 )
-from tasks.scientist.propose import propose_initial
+from fast.tasks.scientist.propose import propose_initial
 
 
 @pytest.fixture

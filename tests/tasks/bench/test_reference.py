@@ -2,17 +2,17 @@
 
 import pytest
 
-from flows.benchmarks.made_up_batch import Batch, measure_missing
-from hardware.cell.diagnostics import DiagnosticPlan, ReferenceTool
-from hardware.virtual.world.file import World
-from lake.maintenance import check
-from lake.tables.campaign import DiagnosticRow
-from models.design.space import BEST_PUBLISHED
-from models.errors import ConfigError
-from tasks.bench.reference_grasps import ReferenceGrasps
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.campaign.state import ProposedTool
+from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
+from fast.hardware.cell.diagnostics import DiagnosticPlan, ReferenceTool
+from fast.hardware.virtual.world.file import World
+from fast.lake.maintenance import check
+from fast.lake.tables.campaign import DiagnosticRow
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import ConfigError
+from fast.tasks.bench.reference_grasps import ReferenceGrasps
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.state import ProposedTool
 
 BATCH = Batch(3, (3, 8), 1)
 REFERENCE = ReferenceTool(slot=9, design=BEST_PUBLISHED)

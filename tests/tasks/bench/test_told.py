@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import GraspRow, ToolRow, TraceRow
-from models.errors import UsageError
-from models.records import Trace
-from tasks.bench.folder import plan_batch
-from tasks.bench.told import ToldGrasp, take_told
-from tasks.bench.told_files import read_peaks, read_rows_of
-from tasks.campaign.campaign import Campaign
-from tasks.scientist.propose import propose_initial
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow, ToolRow, TraceRow
+from fast.models.errors import UsageError
+from fast.models.records import Trace
+from fast.tasks.bench.folder import plan_batch
+from fast.tasks.bench.told import ToldGrasp, take_told
+from fast.tasks.bench.told_files import read_peaks, read_rows_of
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.scientist.propose import propose_initial
 from tests.tasks.campaign.small_campaign import small_campaign
 
 N_ASKED = 8  # two tools, two objects, two repeats

@@ -4,18 +4,18 @@ from pathlib import Path
 
 import numpy as np
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow, ToolRow
-from lake.tables.catalogue_rows import version_rows
-from lake.tables.requests import setup_columns
-from lake.tables.row import Row
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
-from models.calibration.means.synthetic import force_n
-from models.design.space import numbered_design, to_unit
-from models.records import Design, GraspSetup, SimulatorVersion, Theta
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow, ToolRow
+from fast.lake.tables.catalogue_rows import version_rows
+from fast.lake.tables.requests import setup_columns
+from fast.lake.tables.row import Row
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.hypercube import HypercubePlan, draw_hypercube
+from fast.models.calibration.means.synthetic import force_n
+from fast.models.design.space import numbered_design, to_unit
+from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta
 
 TRUTH = Theta(young_modulus_mpa=9.0, friction=0.6, poisson_ratio=0.4)
 OBJECTS = (2, 14, 24)
@@ -117,8 +117,8 @@ def calibration_lake(root: Path, n_tools: int = 15, n_points: int = 40) -> Lake:
 
 def made_up_result(problem, settings: CalibrationSettings, theta: Theta = TRUTH, **changes) -> CalibrationResult:
     """Draws around a theta, as a calibration might find them."""
-    from models.calibration.means.parameters import Parameters
-    from models.calibration.means.problem import Standardised
+    from fast.models.calibration.means.parameters import Parameters
+    from fast.models.calibration.means.problem import Standardised
 
     names = Parameters.of(Standardised.of(problem), settings).names
     rng = np.random.default_rng(settings.seed)

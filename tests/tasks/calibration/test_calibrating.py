@@ -4,9 +4,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lake.query.lineage import find_lineage
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.query.lineage import find_lineage
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     CalibrationRow,
     CampaignRow,
     GraspRow,
@@ -15,15 +15,15 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     ToolRow,
 )
-from lake.tables.catalogue_rows import missing_version_rows
-from lake.tables.requests import setup_columns
-from models.errors import UsageError
-from models.gap.grasps import Cells
-from models.records import EffectValue, GraspSetup, SimulatorVersion
-from tasks.calibration.calibrate import calibrate_once, infer
-from tasks.calibration.mean_data import find_base_version, make_problem, read_measured_tools, read_simulated_points
-from tasks.calibration.means import gather, regather
-from tasks.gap.bank import plan_theta_grid
+from fast.lake.tables.catalogue_rows import missing_version_rows
+from fast.lake.tables.requests import setup_columns
+from fast.models.errors import UsageError
+from fast.models.gap.grasps import Cells
+from fast.models.records import EffectValue, GraspSetup, SimulatorVersion
+from fast.tasks.calibration.calibrate import calibrate_once, infer
+from fast.tasks.calibration.mean_data import find_base_version, make_problem, read_measured_tools, read_simulated_points
+from fast.tasks.calibration.means import gather, regather
+from fast.tasks.gap.bank import plan_theta_grid
 from tests.tasks.calibration.calibration_lake import (
     OBJECTS,
     PROVENANCE,
@@ -52,7 +52,7 @@ def calibrate(monkeypatch):
         answers.calls.append(problem)
         return made_up_result(problem, settings, answers.theta, **answers.changes)
 
-    monkeypatch.setitem(sys.modules, "models.calibration.means.calibrate", SimpleNamespace(calibrate=made_up))
+    monkeypatch.setitem(sys.modules, "fast.models.calibration.means.calibrate", SimpleNamespace(calibrate=made_up))
     return answers
 
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from lake.query.lineage import find_lineage
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.query.lineage import find_lineage
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     CalibrationRow,
     DesignRow,
     GraspRow,
@@ -16,20 +16,20 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     TraceRow,
 )
-from lake.tables.row import Row
-from models.calibration.inference.result import CalibrationResult
-from models.calibration.inference.settings import CalibrationSettings
-from models.calibration.means.problem import THETA
-from models.errors import UsageError
-from models.gap.fit import posterior, theta
-from models.gap.fit.theta import MODULUS_SHIFT, calibrate_theta
-from models.records import EffectValue, SimulatorVersion, Theta
-from tasks.calibration.calibrate import calibrate_once, infer
-from tasks.calibration.drift import read_theta_history
-from tasks.calibration.means import regather
-from tasks.gap.data import read_grasps
-from tasks.gap.theta import TraceData, gather_traces, plan_grid
-from tasks.simulation.plan import missing_objects
+from fast.lake.tables.row import Row
+from fast.models.calibration.inference.result import CalibrationResult
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.problem import THETA
+from fast.models.errors import UsageError
+from fast.models.gap.fit import posterior, theta
+from fast.models.gap.fit.theta import MODULUS_SHIFT, calibrate_theta
+from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.tasks.calibration.calibrate import calibrate_once, infer
+from fast.tasks.calibration.drift import read_theta_history
+from fast.tasks.calibration.means import regather
+from fast.tasks.gap.data import read_grasps
+from fast.tasks.gap.theta import TraceData, gather_traces, plan_grid
+from fast.tasks.simulation.plan import missing_objects
 from tests.tasks.calibration.trace_lake import (
     BASE,
     DESIGNS,

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     DesignRow,
     GraspRow,
     SimTraceRow,
@@ -15,16 +15,16 @@ from lake.tables.campaign import (
     SimulatorVersionRow,
     TraceRow,
 )
-from lake.tables.requests import setup_columns
-from lake.tables.row import Row
-from models.calibration.inference.optimise import approximate_at_mode
-from models.calibration.inference.parallel_chains import Samples
-from models.calibration.inference.settings import CalibrationSettings
-from models.design.space import numbered_design
-from models.gap.fit.posterior import PosteriorDensity
-from models.gap.grasps import Cells
-from models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
-from tasks.gap.bank import plan_theta_grid
+from fast.lake.tables.requests import setup_columns
+from fast.lake.tables.row import Row
+from fast.models.calibration.inference.optimise import approximate_at_mode
+from fast.models.calibration.inference.parallel_chains import Samples
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.design.space import numbered_design
+from fast.models.gap.fit.posterior import PosteriorDensity
+from fast.models.gap.grasps import Cells
+from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+from fast.tasks.gap.bank import plan_theta_grid
 from tests.synthetic.gap import made_up_trace
 
 BASE, SETUP, OBJECTS, N_REPEATS = SimulatorVersion(), GraspSetup(), (4, 7, 30), 2

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from lake.store import Lake
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.scientist.propose import propose_initial
+from fast.lake.store import Lake
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.scientist.propose import propose_initial
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 

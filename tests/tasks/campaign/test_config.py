@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from models.errors import ConfigError
-from tasks.campaign.config import CampaignConfig, differences, load_config
-from tasks.campaign.settings import REMOVED_RULES, ObjectPlan, Schedule
+from fast.models.errors import ConfigError
+from fast.tasks.campaign.config import CampaignConfig, differences, load_config
+from fast.tasks.campaign.settings import REMOVED_RULES, ObjectPlan, Schedule
 
 ROOT = Path(__file__).parents[3]
 QUICK = ROOT / "campaigns" / "quick.toml"

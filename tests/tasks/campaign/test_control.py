@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
-from lake.leases import exclusive, is_held
-from lake.store import Lake
-from models.errors import FastError, LakeError
-from tasks.campaign.requests import (
+from fast.hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
+from fast.lake.leases import exclusive, is_held
+from fast.lake.store import Lake
+from fast.models.errors import FastError, LakeError
+from fast.tasks.campaign.requests import (
     Requests,
     append_event,
     append_request,
@@ -19,7 +19,7 @@ from tasks.campaign.requests import (
     require_acknowledgement,
     require_room,
 )
-from tasks.simulation.pool import WorkerPool
+from fast.tasks.simulation.pool import WorkerPool
 
 
 def _die() -> None:
@@ -53,7 +53,7 @@ def clock(monkeypatch):
         def now(cls, tz=None):
             return datetime.now(tz) + cls.off
 
-    monkeypatch.setattr("lake.provenance.datetime", Clock)
+    monkeypatch.setattr("fast.lake.provenance.datetime", Clock)
     return Clock
 
 
@@ -98,7 +98,7 @@ def test_requests_asked_again_are_heard_when_they_come_and_read_only_then(campai
     append_event(campaign.lake, "small", "pause", "")
     assert requests.verb() is Verb.PAUSE
     with monkeypatch.context() as patched:
-        patched.setattr("tasks.campaign.requests.requested_verb", None)
+        patched.setattr("fast.tasks.campaign.requests.requested_verb", None)
         assert requests.verb() is Verb.PAUSE
     append_event(campaign.lake, "small", "started", "")
     assert requests.verb() is None

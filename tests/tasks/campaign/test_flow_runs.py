@@ -1,8 +1,8 @@
 import pytest
 
-from lake.tables.campaign import FlowRunRow
-from models.errors import LakeError
-from tasks.campaign.flow_runs import record_run
+from fast.lake.tables.campaign import FlowRunRow
+from fast.models.errors import LakeError
+from fast.tasks.campaign.flow_runs import record_run
 
 
 def run(campaign, flow_run_id, work):
@@ -39,7 +39,7 @@ def test_a_failure_is_recorded_and_raised(campaign):
 
 
 def test_a_killed_run_is_called_died_by_the_next_one(campaign, monkeypatch):
-    monkeypatch.setattr("tasks.campaign.flow_runs._append_end", lambda *_: None)  # as if it were killed before
+    monkeypatch.setattr("fast.tasks.campaign.flow_runs._append_end", lambda *_: None)  # as if it were killed before
     run(campaign, "R1", lambda: True)
     monkeypatch.undo()
     run(campaign, "R2", lambda: True)
@@ -48,7 +48,7 @@ def test_a_killed_run_is_called_died_by_the_next_one(campaign, monkeypatch):
 
 def test_a_lake_that_cannot_be_written_does_not_hide_why_the_run_ended(campaign, monkeypatch, caplog):
     def work():
-        monkeypatch.setattr("lake.storage.folder.publish", fail)
+        monkeypatch.setattr("fast.lake.storage.folder.publish", fail)
         raise ValueError("the real reason")
 
     def fail(*_):

@@ -4,17 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from lake.query.lineage import find_lineage
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow, ToolRow
-from lake.tables.material import MaterialRow
-from models.errors import ConfigError, UsageError
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import load_config, read_lot
-from tasks.campaign.material import find_lot, store_lot
-from tasks.campaign.setup import enter
-from tasks.scientist.propose import propose_initial
+from fast.lake.query.lineage import find_lineage
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow, ToolRow
+from fast.lake.tables.material import MaterialRow
+from fast.models.errors import ConfigError, UsageError
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config, read_lot
+from fast.tasks.campaign.material import find_lot, store_lot
+from fast.tasks.campaign.setup import enter
+from fast.tasks.scientist.propose import propose_initial
 from tests.tasks.calibration.calibration_lake import CONFIG, PROVENANCE
 
 ROOT = Path(__file__).parents[3]

@@ -5,20 +5,20 @@ from typing import Any
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import ProposalRow
-from models.design.families import find_family
-from models.design.space import BEST_PUBLISHED
-from models.errors import ConfigError, UsageError
-from tasks.bench.folder import plan_batch
-from tasks.bench.reference_tools import ask_references, list_owed, note_gone
-from tasks.bench.told import ToldGrasp, take_told
-from tasks.campaign.campaign import Campaign, read_own_designs
-from tasks.campaign.config import load_config
-from tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
-from tasks.campaign.settings import Schedule
-from tasks.campaign.setup import enter
-from tasks.scientist.propose import propose_guided, propose_initial
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import ProposalRow
+from fast.models.design.families import find_family
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import ConfigError, UsageError
+from fast.tasks.bench.folder import plan_batch
+from fast.tasks.bench.reference_tools import ask_references, list_owed, note_gone
+from fast.tasks.bench.told import ToldGrasp, take_told
+from fast.tasks.campaign.campaign import Campaign, read_own_designs
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
+from fast.tasks.campaign.settings import Schedule
+from fast.tasks.campaign.setup import enter
+from fast.tasks.scientist.propose import propose_guided, propose_initial
 
 HEADER = "name,batch,length_mm,width_mm,height_mm,tip_length_mm,front_thickness_mm,back_thickness_mm,rib_thickness_mm,"
 HEADER += "rib_count,rib_angle_deg\n"

@@ -6,9 +6,9 @@ from uuid import UUID, uuid4
 
 import pytest
 
-from tasks.campaign import run_names
-from tasks.campaign.run_names import PlaceInName
-from tasks.campaign.settings import ObjectPlan
+from fast.tasks.campaign import run_names
+from fast.tasks.campaign.run_names import PlaceInName
+from fast.tasks.campaign.settings import ObjectPlan
 
 RUN = str(uuid4())
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.settings import Schedule
-from tasks.scientist.fit import fit
-from tasks.scientist.observe import observe
-from tasks.scientist.propose import propose_initial, propose_simulation, propose_tools
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.settings import Schedule
+from fast.tasks.scientist.fit import fit
+from fast.tasks.scientist.observe import observe
+from fast.tasks.scientist.propose import propose_initial, propose_simulation, propose_tools
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 

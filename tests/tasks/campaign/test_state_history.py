@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import pytest
 
-from lake.maintenance import compact
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, GraspRow, ProposalRow, SimulationRow, TraceRow
-from models.design.space import numbered_design
-from models.records import BENCH_FAULT, SimulatorVersion, Theta
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.state import derive_state
-from tasks.scientist.propose import propose_initial
+from fast.lake.maintenance import compact
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, GraspRow, ProposalRow, SimulationRow, TraceRow
+from fast.models.design.space import numbered_design
+from fast.models.records import BENCH_FAULT, SimulatorVersion, Theta
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.state import derive_state
+from fast.tasks.scientist.propose import propose_initial
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 OLDER = SimulatorVersion(theta=Theta(friction=0.31))

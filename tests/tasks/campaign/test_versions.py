@@ -5,24 +5,24 @@ import json
 import numpy as np
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
-from lake.tables.catalogue_rows import version_rows
-from models.calibration.inference.settings import WITH_EFFECTS
-from models.records import EffectValue, SimulatorVersion, Theta
-from models.scientist.surrogate.version_map import LEAST_SHARED
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.settings import Schedule, SimulatorSettings
-from tasks.campaign.simulator_versions import (
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
+from fast.lake.tables.catalogue_rows import version_rows
+from fast.models.calibration.inference.settings import WITH_EFFECTS
+from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.scientist.surrogate.version_map import LEAST_SHARED
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.settings import Schedule, SimulatorSettings
+from fast.tasks.campaign.simulator_versions import (
     at_present,
     at_stage,
     list_reruns,
     newest_calibrated,
     note_older_simulations,
 )
-from tasks.scientist.observe import observe, observed_rows
-from tasks.scientist.propose import propose_initial
+from fast.tasks.scientist.observe import observe, observed_rows
+from fast.tasks.scientist.propose import propose_initial
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 BASE = SimulatorVersion()

@@ -5,23 +5,32 @@ from pathlib import Path
 
 import numpy as np
 
-from lake.store import Lake
-from lake.tables.campaign import (
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import (
     DesignRow,
     GraspRow,
     SimTraceRow,
     SimulationRow,
     SimulatorVersionRow,
 )
-from lake.tables.requests import setup_columns
-from lake.tables.row import Row
-from models.design.space import numbered_design, to_unit
-from models.gap.bank.bank import NUMERICAL_MESHES
-from models.gap.grasps import Cells
-from models.records import Design, EffectValue, GraspContext, GraspRequest, GraspSetup, SimulatorVersion, Theta, Trace
-from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from tasks.gap.bank import plan_bank
-from tasks.simulation.plan import SimulationPlan
+from fast.lake.tables.requests import setup_columns
+from fast.lake.tables.row import Row
+from fast.models.design.space import numbered_design, to_unit
+from fast.models.gap.bank.bank import NUMERICAL_MESHES
+from fast.models.gap.grasps import Cells
+from fast.models.records import (
+    Design,
+    EffectValue,
+    GraspContext,
+    GraspRequest,
+    GraspSetup,
+    SimulatorVersion,
+    Theta,
+    Trace,
+)
+from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.tasks.gap.bank import plan_bank
+from fast.tasks.simulation.plan import SimulationPlan
 from tests.synthetic.gap import made_up_trace
 from tests.tasks.calibration.trace_lake import PROVENANCE, grasp_rows
 

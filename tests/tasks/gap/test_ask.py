@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.predict import Moved, Pair
-from models.gap.bank.bank import AMPLITUDES, EffectRuns
-from models.gap.bank.sensor_effects import N_LEAD
-from models.gap.data import GapData
-from models.gap.findings import NextExperiment
-from models.gap.fit.recalibrate import Fitter, recalibrate
-from models.records import EffectValue
-from models.traces.step_features import N_STEPS
-from tasks.gap import ask as asking
-from tasks.gap.ask import ask, list_requests
-from tasks.gap.ask_settings import AskSettings
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.ask.predict import Moved, Pair
+from fast.models.gap.bank.bank import AMPLITUDES, EffectRuns
+from fast.models.gap.bank.sensor_effects import N_LEAD
+from fast.models.gap.data import GapData
+from fast.models.gap.findings import NextExperiment
+from fast.models.gap.fit.recalibrate import Fitter, recalibrate
+from fast.models.records import EffectValue
+from fast.models.traces.step_features import N_STEPS
+from fast.tasks.gap import ask as asking
+from fast.tasks.gap.ask import ask, list_requests
+from fast.tasks.gap.ask_settings import AskSettings
 from tests.synthetic.gap import GapTruth, made_up_gap, made_up_steps
 
 WALLS = EffectValue(effect="wall_thickness_offset", parameters={"offset_mm": 0.15})

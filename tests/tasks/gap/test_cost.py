@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, SimulationRow
-from models.design.space import numbered_design, to_unit
-from models.errors import UsageError
-from models.gap.bank.bank import AMPLITUDES, NUMERICAL_MESHES, WIDE, list_versions
-from models.gap.grasps import Cells
-from models.gap.local_bank import MOST_EFFECTS
-from models.objects.catalogue import get_object
-from models.records import Design
-from tasks.gap.bank import plan_bank
-from tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
-from tasks.gap.data import read_grasps, split_measurements
-from tasks.gap.findings import make_gap_id
-from tasks.gap.panel import PanelSize, spread_designs, spread_objects
-from tasks.gap.split import Split
-from tasks.gap.trace_rows import measured_grasps
-from tasks.simulation.plan import SimulationPlan
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, SimulationRow
+from fast.models.design.space import numbered_design, to_unit
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import AMPLITUDES, NUMERICAL_MESHES, WIDE, list_versions
+from fast.models.gap.grasps import Cells
+from fast.models.gap.local_bank import MOST_EFFECTS
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design
+from fast.tasks.gap.bank import plan_bank
+from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
+from fast.tasks.gap.data import read_grasps, split_measurements
+from fast.tasks.gap.findings import make_gap_id
+from fast.tasks.gap.panel import PanelSize, spread_designs, spread_objects
+from fast.tasks.gap.split import Split
+from fast.tasks.gap.trace_rows import measured_grasps
+from fast.tasks.simulation.plan import SimulationPlan
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, measured_rows, plan_rows
 

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, EventRow, GraspRow, TraceRow
-from lake.tables.row import Row
-from models.errors import UsageError
-from models.gap.bank.bank import CENTRE, BankPlan, list_versions
-from models.gap.data import GapData
-from models.gap.grasps import Cells
-from models.records import Trace
-from tasks.gap.bank import list_bank_ids, plan_bank, read_bank
-from tasks.gap.data import check_units, make_data, read_grasps, rebuild_contexts, split_measurements
-from tasks.gap.split import KIND, Split, freeze_split
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, EventRow, GraspRow, TraceRow
+from fast.lake.tables.row import Row
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import CENTRE, BankPlan, list_versions
+from fast.models.gap.data import GapData
+from fast.models.gap.grasps import Cells
+from fast.models.records import Trace
+from fast.tasks.gap.bank import list_bank_ids, plan_bank, read_bank
+from fast.tasks.gap.data import check_units, make_data, read_grasps, rebuild_contexts, split_measurements
+from fast.tasks.gap.split import KIND, Split, freeze_split
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, bank_rows, gap_lake, measured_rows, plan_rows
 
@@ -117,7 +117,7 @@ def test_the_split_is_written_once_and_grows_without_changing_sides(tmp_path: Pa
 
 
 def test_held_out_objects_are_of_many_classes(tmp_path: Path) -> None:
-    from models.objects.catalogue import get_object
+    from fast.models.objects.catalogue import get_object
 
     lake = Lake.open(tmp_path / "lake", create=True)
     split = freeze_split(lake, None, [f"D{number}" for number in range(7)], range(36), seed=0)

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lake.provenance import current_provenance
-from lake.query.lineage import find_lineage
-from lake.store import Lake
-from lake.tables.campaign import ToolRow
-from lake.tables.material import MaterialRow
-from models.gap.ask.answers import Answers, Reading
-from tasks.bench.print import PrintConfirmation, confirm_print
-from tasks.gap import rounds
-from tasks.gap.readings import is_answered, read_readings, write_reading
+from fast.lake.provenance import current_provenance
+from fast.lake.query.lineage import find_lineage
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import ToolRow
+from fast.lake.tables.material import MaterialRow
+from fast.models.gap.ask.answers import Answers, Reading
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.gap import rounds
+from fast.tasks.gap.readings import is_answered, read_readings, write_reading
 from tests.flows.cli.cli_lakes import proposed_lake
 
 BAR = Reading(kind="tensile_bar", value=0.21)

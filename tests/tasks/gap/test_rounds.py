@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.calibration.inference.settings import CalibrationSettings
-from models.gap.evaluation.evaluate import Change
-from models.gap.findings import Decision, Verdict
-from models.records import EffectValue, SimulatorVersion, Theta
-from tasks.gap import rounds
-from tasks.gap.calibrate import CalibratedSimulator
-from tasks.gap.rounds import Round, Settled, run_round
+from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.gap.evaluation.evaluate import Change
+from fast.models.gap.findings import Decision, Verdict
+from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.tasks.gap import rounds
+from fast.tasks.gap.calibrate import CalibratedSimulator
+from fast.tasks.gap.rounds import Round, Settled, run_round
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.2})
 WEAR = EffectValue(effect="friction_wear", parameters={"loss": 0.2})

@@ -1,7 +1,7 @@
 """A batch whose proposing was cut off is proposed again as it would have been."""
 
-from lake.tables.campaign import BatchRow, ProposalRow
-from tasks.scientist.propose import propose_initial_tools
+from fast.lake.tables.campaign import BatchRow, ProposalRow
+from fast.tasks.scientist.propose import propose_initial_tools
 
 
 def test_the_row_of_a_batch_is_there_whenever_its_proposals_are(campaign, monkeypatch):

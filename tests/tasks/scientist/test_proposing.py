@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import FitRow, SimulationRow
-from models.design.printability import PrintingRules, broken_rules
-from models.design.space import random_designs, random_unit, to_unit
-from models.errors import UsageError
-from models.records import Design
-from models.scientist.surrogate.observations import REAL, SIM, ObservationSet
-from tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.settings import ScientistSettings
-from tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
-from tasks.scientist.observe import closed_batches, observe
-from tasks.scientist.propose import pending_points, propose_initial, propose_simulation, propose_tools
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import FitRow, SimulationRow
+from fast.models.design.printability import PrintingRules, broken_rules
+from fast.models.design.space import random_designs, random_unit, to_unit
+from fast.models.errors import UsageError
+from fast.models.records import Design
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.settings import ScientistSettings
+from fast.tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
+from fast.tasks.scientist.observe import closed_batches, observe
+from fast.tasks.scientist.propose import pending_points, propose_initial, propose_simulation, propose_tools
 from tests.tasks.campaign.small_campaign import begun, small_campaign
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
@@ -82,7 +82,7 @@ def propose_one(campaign: Campaign, index: int = 0) -> Design:
 
 
 def only_candidates(monkeypatch: pytest.MonkeyPatch, designs: list[Design]) -> None:
-    monkeypatch.setattr("models.scientist.propose.candidate_points", lambda *_: to_unit(designs))
+    monkeypatch.setattr("fast.models.scientist.propose.candidate_points", lambda *_: to_unit(designs))
 
 
 def test_a_design_that_always_fails_is_recorded_kept_off_and_never_simulated_again(campaign, monkeypatch):

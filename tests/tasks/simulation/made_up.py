@@ -1,7 +1,7 @@
 """Rows as bench and simulator would write them."""
 
-from lake.tables.campaign import GraspRow, SimulationRow, TraceRow
-from models.ids import canonical_json
+from fast.lake.tables.campaign import GraspRow, SimulationRow, TraceRow
+from fast.models.ids import canonical_json
 
 
 def append_grasp(campaign, tool, object_id, repeat, peak_force_n, attempt=0, status="ok", bench="virtual"):

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED, random_designs
-from models.errors import UsageError
-from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
-from tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
-from tasks.simulation.pool import Worker, WorkerPool
+from fast.models.design.space import BEST_PUBLISHED, random_designs
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
+from fast.tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
+from fast.tasks.simulation.pool import Worker, WorkerPool
 
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=12))
 SHORT = GraspSetup(open_gap_mm=56, closed_gap_mm=24, max_lift_mm=2)
@@ -113,7 +113,7 @@ def test_arithmetic_that_breaks_down_is_a_failure_with_its_reason(monkeypatch):
     def divide(*arguments, **options):
         return 1 / 0
 
-    monkeypatch.setattr("models.simulation.grasp.simulate_grasp", divide)
+    monkeypatch.setattr("fast.models.simulation.grasp.simulate_grasp", divide)
     attempt = attempt_grasp(job(BEST_PUBLISHED, HALF))
     assert (attempt.result, attempt.reason) == (None, "arithmetic")
     assert attempt.message == "ZeroDivisionError: division by zero"

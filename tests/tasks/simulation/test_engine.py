@@ -10,14 +10,14 @@ from pathlib import Path
 import psutil
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import SimulationRow
-from models.design.space import BEST_PUBLISHED, numbered_design
-from models.errors import ConfigError, FastError
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.simulation.engine import check_engine, open_engine
-from tasks.simulation.simulate import simulate_design
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import SimulationRow
+from fast.models.design.space import BEST_PUBLISHED, numbered_design
+from fast.models.errors import ConfigError, FastError
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.simulation.engine import check_engine, open_engine
+from fast.tasks.simulation.simulate import simulate_design
 from tests.studies.simulation.dask_cluster import Cluster, cluster
 from tests.tasks.traces.made_up_grasps import made_up, pid_after, slowly_made_up
 
@@ -124,7 +124,7 @@ def test_nothing_listens_beyond_loopback(two_workers):
 
 
 def test_results_and_failures_are_rows_as_on_this_machine(engine, tmp_path, monkeypatch):
-    monkeypatch.setattr("tasks.simulation.simulate.attempt_grasp", made_up)
+    monkeypatch.setattr("fast.tasks.simulation.simulate.attempt_grasp", made_up)
     campaign = campaign_at(tmp_path)
     assert simulate_design(campaign, BEST_PUBLISHED, pool=engine) == 1
     rows = {row["object_id"]: (row["status"], row["reason"]) for row in campaign.lake.rows(SimulationRow)}
@@ -132,7 +132,7 @@ def test_results_and_failures_are_rows_as_on_this_machine(engine, tmp_path, monk
 
 
 def test_nothing_is_lost_when_a_worker_is_killed_in_a_design(engine, tmp_path, monkeypatch):
-    monkeypatch.setattr("tasks.simulation.simulate.attempt_grasp", slowly_made_up)
+    monkeypatch.setattr("fast.tasks.simulation.simulate.attempt_grasp", slowly_made_up)
     campaign = campaign_at(tmp_path)
     (victim, *_) = pids_of(engine)
     threading.Timer(1.0, os.kill, (victim, signal.SIGKILL)).start()
@@ -168,7 +168,7 @@ def test_a_call_that_hangs_ends_its_worker(two_workers):
 
 def test_a_worker_of_several_threads_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "tasks.simulation.engine_dask.CONNECT_LIMIT_S", 10.0
+        "fast.tasks.simulation.engine_dask.CONNECT_LIMIT_S", 10.0
     )  # so long a client looks for a lost scheduler too
     with cluster(tmp_path, 0) as found:
         found.add_worker(n_threads=2)
@@ -185,7 +185,7 @@ def test_a_worker_of_several_threads_is_refused(tmp_path, monkeypatch):
 
 
 def test_nobody_at_the_address_is_one_sentence(monkeypatch):
-    monkeypatch.setattr("tasks.simulation.engine_dask.CONNECT_LIMIT_S", 1.0)
+    monkeypatch.setattr("fast.tasks.simulation.engine_dask.CONNECT_LIMIT_S", 1.0)
     with pytest.raises(FastError, match="no Dask scheduler answers at dask://127.0.0.1:9 within 1 s"):
         open_engine("dask://127.0.0.1:9", 1, LIMIT_S)
 

@@ -4,13 +4,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import SimTraceRow, SimulationRow
-from models.design.space import BEST_PUBLISHED, numbered_design
-from tasks.campaign.campaign import Campaign
-from tasks.campaign.config import CampaignConfig
-from tasks.simulation.engine import Engine, open_engine
-from tasks.simulation.simulate import simulate_design
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import SimTraceRow, SimulationRow
+from fast.models.design.space import BEST_PUBLISHED, numbered_design
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.simulation.engine import Engine, open_engine
+from fast.tasks.simulation.simulate import simulate_design
 from tests.lake.storage.object_server import BUCKET, ObjectServer
 from tests.studies.simulation.dask_cluster import cluster
 

@@ -17,11 +17,11 @@ NAMESPACE = "fast-test"
 TLS = "DASK_DISTRIBUTED__COMM__TLS__"
 ASK = """
 import os, sys
-from models.design.space import BEST_PUBLISHED
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, SimulatorVersion
-from tasks.simulation.attempt import GraspJob
-from tasks.simulation.engine import open_engine
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, SimulatorVersion
+from fast.tasks.simulation.attempt import GraspJob
+from fast.tasks.simulation.engine import open_engine
 from tests.tasks.traces.made_up_grasps import made_up
 
 if __name__ == "__main__":

@@ -4,12 +4,12 @@ from contextlib import contextmanager
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import DesignRow, SimTraceRow, SimulationRow, SimulatorVersionRow
-from models.calibration.means.hypercube import HypercubePlan, draw_hypercube
-from models.records import GraspSetup, SimulatorVersion
-from tasks.simulation import plan as work
-from tasks.simulation.plan import SimulationPlan, missing_objects, simulate_plan
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, SimTraceRow, SimulationRow, SimulatorVersionRow
+from fast.models.calibration.means.hypercube import HypercubePlan, draw_hypercube
+from fast.models.records import GraspSetup, SimulatorVersion
+from fast.tasks.simulation import plan as work
+from fast.tasks.simulation.plan import SimulationPlan, missing_objects, simulate_plan
 from tests.tasks.simulation.test_simulating import NO_EQUILIBRIUM, result
 
 OBJECTS = (2, 14, 24)

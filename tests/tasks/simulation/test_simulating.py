@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lake.maintenance import stats
-from lake.tables.campaign import SimTraceRow, SimulationBranchRow, SimulationRow, SimulatorVersionRow
-from models.design.space import BEST_PUBLISHED
-from models.errors import FastError
-from models.records import Branch, Branches, GraspSimulation, Trace
-from tasks.scientist.propose import propose_initial
-from tasks.simulation import simulate as simulating
-from tasks.simulation.attempt import Attempt
-from tasks.simulation.simulate import simulate_design
+from fast.lake.maintenance import stats
+from fast.lake.tables.campaign import SimTraceRow, SimulationBranchRow, SimulationRow, SimulatorVersionRow
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import FastError
+from fast.models.records import Branch, Branches, GraspSimulation, Trace
+from fast.tasks.scientist.propose import propose_initial
+from fast.tasks.simulation import simulate as simulating
+from fast.tasks.simulation.attempt import Attempt
+from fast.tasks.simulation.simulate import simulate_design
 
 
 def result() -> Attempt:

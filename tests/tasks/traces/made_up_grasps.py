@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 
-from models.records import GraspSimulation, Trace
-from tasks.simulation.attempt import Attempt, GraspJob
+from fast.models.records import GraspSimulation, Trace
+from fast.tasks.simulation.attempt import Attempt, GraspJob
 
 BAD_OBJECT = 14
 SLOW_S = 1.5

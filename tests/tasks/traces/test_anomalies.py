@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import AnomalyFlagRow, GraspRow, TraceRow
-from models.records import Trace
-from tasks.traces.anomalies import update_anomalies
-from tasks.traces.features import update_features
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import AnomalyFlagRow, GraspRow, TraceRow
+from fast.models.records import Trace
+from fast.tasks.traces.anomalies import update_anomalies
+from fast.tasks.traces.features import update_features
 from tests.flows.synthetic_lake import Campaign, build
 
 PROVENANCE = Provenance(code_version="abc", code_dirty=False)

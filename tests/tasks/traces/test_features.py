@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from lake.provenance import Provenance
-from lake.store import Lake
-from lake.tables.campaign import CampaignRow, GraspRow, TraceFeaturesRow, TraceRow
-from models.errors import UsageError
-from models.records import Trace
-from models.traces.batch import features_of
-from models.traces.names import FEATURE_VERSION, FEATURES
-from tasks.traces import features
-from tasks.traces.features import ALL_OBJECTS, class_quality, update_features
+from fast.lake.provenance import Provenance
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow, GraspRow, TraceFeaturesRow, TraceRow
+from fast.models.errors import UsageError
+from fast.models.records import Trace
+from fast.models.traces.batch import features_of
+from fast.models.traces.names import FEATURE_VERSION, FEATURES
+from fast.tasks.traces import features
+from fast.tasks.traces.features import ALL_OBJECTS, class_quality, update_features
 from tests.flows.synthetic_lake import Campaign, build
 
 PROVENANCE = Provenance(code_version="abc", code_dirty=False)

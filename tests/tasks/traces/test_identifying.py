@@ -2,12 +2,12 @@
 
 import pytest
 
-from lake.store import Lake
-from lake.tables.campaign import GraspRow
-from models.errors import UsageError
-from tasks.traces import identify as identifying
-from tasks.traces.features import update_features
-from tasks.traces.identify import identify
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
+from fast.models.errors import UsageError
+from fast.tasks.traces import identify as identifying
+from fast.tasks.traces.features import update_features
+from fast.tasks.traces.identify import identify
 from tests.flows.synthetic_lake import Campaign, build
 
 
@@ -20,7 +20,7 @@ def lake(tmp_path_factory) -> Lake:
 
 
 def test_the_answer_is_learnt_from_the_other_tools(lake, monkeypatch):
-    monkeypatch.setattr("models.traces.identification.classifier.N_TREES", 30)
+    monkeypatch.setattr("fast.models.traces.identification.classifier.N_TREES", 30)
     grasp = lake.records(GraspRow, status="ok")[0]
     found = identify(lake, grasp.grasp_id)
     n_own = lake.query("SELECT count(*) AS n FROM feature_summary WHERE tool_id = $t", {"t": grasp.tool_id}).to_pylist()

@@ -5,7 +5,7 @@ here. The default is our own multifrontal Cholesky factorisation (numba, free of
 `qdldl` (Apache-2) once per mesh. CHOLMOD is GPL and not used.
 """
 
-from models.simulation.solver.cholesky.cholesky import BlockCholesky, LinearSolver
-from models.simulation.solver.cholesky.pattern import BlockPattern, block_pattern
+from fast.models.simulation.solver.cholesky.cholesky import BlockCholesky, LinearSolver
+from fast.models.simulation.solver.cholesky.pattern import BlockPattern, block_pattern
 
 __all__ = ["BlockCholesky", "BlockPattern", "LinearSolver", "block_pattern"]

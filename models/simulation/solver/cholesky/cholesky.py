@@ -10,9 +10,9 @@ from typing import Protocol
 import numba as nb
 import numpy as np
 
-from models.simulation.solver.cholesky.layout import Layout, panel_layout
-from models.simulation.solver.cholesky.pattern import BlockPattern
-from models.simulation.solver.cholesky.tiles import (
+from fast.models.simulation.solver.cholesky.layout import Layout, panel_layout
+from fast.models.simulation.solver.cholesky.pattern import BlockPattern
+from fast.models.simulation.solver.cholesky.tiles import (
     TILE,
     add_block,
     backward_strip,

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from models.simulation.solver.cholesky.pattern import BlockPattern
-from models.simulation.solver.cholesky.tiles import TILE
+from fast.models.simulation.solver.cholesky.pattern import BlockPattern
+from fast.models.simulation.solver.cholesky.tiles import TILE
 
 
 class Layout(NamedTuple):

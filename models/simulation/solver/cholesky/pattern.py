@@ -6,7 +6,7 @@ import numpy as np
 import qdldl
 import scipy.sparse as sp
 
-from models.simulation.solver.cholesky.elimination import column_counts, elimination_tree, group_columns, postorder
+from fast.models.simulation.solver.cholesky.elimination import column_counts, elimination_tree, group_columns, postorder
 
 
 @dataclass(frozen=True)

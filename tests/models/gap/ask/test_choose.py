@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from models.gap.ask.choose import ENOUGH_NATS, Choice, Costs, choose_experiments, list_open_pairs
-from models.gap.ask.forecast import LIKELY, Forecast, compute_nats, weigh
+from fast.models.gap.ask.choose import ENOUGH_NATS, Choice, Costs, choose_experiments, list_open_pairs
+from fast.models.gap.ask.forecast import LIKELY, Forecast, compute_nats, weigh
 
 
 def forecast(

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.gap.ask.answers import believe, forecast_measurements, merge_forms
-from models.gap.ask.choose import Costs, choose_experiments
-from models.gap.ask.forecast import compute_nats
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.outcomes import describe_pairs, join_outcomes
-from models.gap.ask.predict import Pair, forecast_pairs
-from models.gap.ask.settings import Setting, list_settings
-from models.gap.data import GapData
-from models.gap.fit.recalibrate import Fitter, recalibrate
-from models.records import EffectValue, GraspSetup
+from fast.models.gap.ask.answers import believe, forecast_measurements, merge_forms
+from fast.models.gap.ask.choose import Costs, choose_experiments
+from fast.models.gap.ask.forecast import compute_nats
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.ask.outcomes import describe_pairs, join_outcomes
+from fast.models.gap.ask.predict import Pair, forecast_pairs
+from fast.models.gap.ask.settings import Setting, list_settings
+from fast.models.gap.data import GapData
+from fast.models.gap.fit.recalibrate import Fitter, recalibrate
+from fast.models.records import EffectValue, GraspSetup
 from tests.synthetic.gap import GapTruth, made_up_answers, made_up_gap
 
 SEED = 3

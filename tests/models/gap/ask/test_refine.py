@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.gap.ask.choose import Costs
-from models.gap.ask.hypotheses import Hypothesis
-from models.gap.ask.predict import Pair, forecast_pairs
-from models.gap.ask.refine import N_DRAWS, Learner, Ranking, rank_draws, refine
-from models.gap.ask.settings import list_settings
-from models.gap.fit.recalibrate import Fitter, recalibrate
-from models.records import EffectValue, GraspSetup
+from fast.models.gap.ask.choose import Costs
+from fast.models.gap.ask.hypotheses import Hypothesis
+from fast.models.gap.ask.predict import Pair, forecast_pairs
+from fast.models.gap.ask.refine import N_DRAWS, Learner, Ranking, rank_draws, refine
+from fast.models.gap.ask.settings import list_settings
+from fast.models.gap.fit.recalibrate import Fitter, recalibrate
+from fast.models.records import EffectValue, GraspSetup
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 RELAXED = EffectValue(effect="stress_relaxation", parameters={"relaxed_share": 0.08, "time_constant_s": 6.0})
@@ -63,7 +63,7 @@ def test_an_order_that_hangs_on_what_was_learnt_is_settled() -> None:
 def test_chosen_grasps_shorten_the_interval_faster_than_random_ones(
     named: Hypothesis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("models.gap.ask.refine.SURE_SHARE", 1.01)  # no order is ever sure
+    monkeypatch.setattr("fast.models.gap.ask.refine.SURE_SHARE", 1.01)  # no order is ever sure
     pairs = list_pairs()
     ranking = rank_draws(named)
     found = refine(named, ranking, pairs, make_costs(pairs), 6)

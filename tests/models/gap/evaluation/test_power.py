@@ -2,16 +2,16 @@
 
 import pytest
 
-from models.gap.evaluation.power import (
+from fast.models.gap.evaluation.power import (
     LEAST_TOOLS,
     compute_smallest_share,
     count_tools_needed,
     find_visible_sizes,
     write_power_sentence,
 )
-from models.gap.fit.fit import Fit
-from models.gap.fit.recalibrate import recalibrate
-from models.gap.naming.rank_effects import DEFLATION, LEAST_NATS, rank_effects
+from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.gap.naming.rank_effects import DEFLATION, LEAST_NATS, rank_effects
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 EFFECTS = ("load_cell_offset", "load_cell_lag", "force_limited_closing")

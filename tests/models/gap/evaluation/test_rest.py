@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.design.space import numbered_design
-from models.gap.evaluation.rest import describe_rest
-from models.gap.where.residuals import Residuals
-from models.traces.step_features import N_STEPS, STEP_MM
+from fast.models.design.space import numbered_design
+from fast.models.gap.evaluation.rest import describe_rest
+from fast.models.gap.where.residuals import Residuals
+from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 OBJECTS = (1, 3, 6, 14, 22, 25, 28, 30, 32)
 N_TOOLS, N_REPEATS = 8, 3

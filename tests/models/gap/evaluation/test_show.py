@@ -3,11 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.errors import UsageError
-from models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
-from models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter, compute_metrics
-from models.gap.where.residuals import Residuals
-from models.records import EffectValue
+from fast.models.errors import UsageError
+from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
+from fast.models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter, compute_metrics
+from fast.models.gap.where.residuals import Residuals
+from fast.models.records import EffectValue
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from models.design.space import PARAMETERS, from_unit, random_unit
-from models.gap.where.residuals import Residuals
-from models.gap.where.strata import object_shape
+from fast.models.design.space import PARAMETERS, from_unit, random_unit
+from fast.models.gap.where.residuals import Residuals
+from fast.models.gap.where.strata import object_shape
 
 OBJECTS = (0, 2, 5, 9, 14, 17, 19, 24, 26, 29, 30, 31, 33, 34)
 Gap = Callable[[np.ndarray, np.ndarray, int], np.ndarray]

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.gap.data import GapData
-from models.gap.where.cells import find_heaviest_cells, find_unsure_cells
-from models.gap.where.locate import describe_silence, locate
-from models.gap.where.residuals import Residuals
-from models.objects.catalogue import get_object
+from fast.models.gap.data import GapData
+from fast.models.gap.where.cells import find_heaviest_cells, find_unsure_cells
+from fast.models.gap.where.locate import describe_silence, locate
+from fast.models.gap.where.residuals import Residuals
+from fast.models.objects.catalogue import get_object
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 TRUTH = GapTruth()

@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.gap.where.locate import locate
-from models.gap.where.permutation_tests import adjust_bh, run_tests
-from models.gap.where.residuals import compute_phase_differences, find_phase_windows
-from models.gap.where.strata import object_shape
+from fast.models.gap.where.locate import locate
+from fast.models.gap.where.permutation_tests import adjust_bh, run_tests
+from fast.models.gap.where.residuals import compute_phase_differences, find_phase_windows
+from fast.models.gap.where.strata import object_shape
 from tests.models.gap.where.made_up import LIFT_MM, made_up_residuals
 
 

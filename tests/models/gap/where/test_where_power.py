@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.gap.where.locate import find_where
-from models.gap.where.permutation_tests import EVERYWHERE, run_tests
+from fast.models.gap.where.locate import find_where
+from fast.models.gap.where.permutation_tests import EVERYWHERE, run_tests
 from tests.models.gap.where.made_up import made_up_residuals
 
 N_WORLDS = 20

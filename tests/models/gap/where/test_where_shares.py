@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.errors import UsageError
-from models.gap.where.residuals import Residuals
-from models.gap.where.variance_components import estimate_variance_components, jackknife
+from fast.models.errors import UsageError
+from fast.models.gap.where.residuals import Residuals
+from fast.models.gap.where.variance_components import estimate_variance_components, jackknife
 from tests.models.gap.where.made_up import made_up_residuals
 
 

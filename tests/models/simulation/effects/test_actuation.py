@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED
-from models.objects.catalogue import get_object
-from models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion, Theta
-from models.simulation.actuation import ClosingStall, Jaw
-from models.simulation.effects.actuation import BaseCompliance
-from models.simulation.grasp import simulate_grasp
-from models.simulation.solver.stepping import Step
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.objects.catalogue import get_object
+from fast.models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion, Theta
+from fast.models.simulation.actuation import ClosingStall, Jaw
+from fast.models.simulation.effects.actuation import BaseCompliance
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.solver.stepping import Step
 
 SHORT_LIFT = GraspSetup(max_lift_mm=4)
 COARSE = MeshSettings(edge_mm=12)  # jaws and springs are the same on every mesh

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from models.simulation.effects.catalogue import CATALOGUE, catalogue_entries, catalogue_rows
+from fast.models.simulation.effects.catalogue import CATALOGUE, catalogue_entries, catalogue_rows
 
 PAGE = Path(__file__).parents[4] / "docs" / "reference" / "effects.md"
 

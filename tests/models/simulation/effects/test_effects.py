@@ -5,17 +5,25 @@ from functools import cache
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED
-from models.errors import ConfigError, UsageError
-from models.objects.catalogue import get_object
-from models.records import EffectValue, GraspContext, GraspSetup, GraspSimulation, MeshSettings, SimulatorVersion, Theta
-from models.simulation.effects.base import LAYERS, Effect, EffectSpec
-from models.simulation.effects.catalogue import CATALOGUE, build_effects
-from models.simulation.effects.material import StressRelaxation
-from models.simulation.effects.scaling import scales_with_modulus
-from models.simulation.effects.sensor import LoadCellGain, LoadCellLag
-from models.simulation.grasp import simulate_grasp
-from models.units import unit_of
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import ConfigError, UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import (
+    EffectValue,
+    GraspContext,
+    GraspSetup,
+    GraspSimulation,
+    MeshSettings,
+    SimulatorVersion,
+    Theta,
+)
+from fast.models.simulation.effects.base import LAYERS, Effect, EffectSpec
+from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.models.simulation.effects.material import StressRelaxation
+from fast.models.simulation.effects.scaling import scales_with_modulus
+from fast.models.simulation.effects.sensor import LoadCellGain, LoadCellLag
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.units import unit_of
 from tests.synthetic.simulation import replayed
 
 EVERY = sorted(CATALOGUE)

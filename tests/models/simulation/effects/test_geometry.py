@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from models.design.profile import cavity_share, planar_profile, rib_centres
-from models.design.space import BEST_PUBLISHED, random_designs
-from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, MeshSettings
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.effects.geometry import RibImperfection, WallThicknessOffset
-from models.simulation.grasp import simulate_grasp
-from models.simulation.mesh.build import build_mesh
+from fast.models.design.profile import cavity_share, planar_profile, rib_centres
+from fast.models.design.space import BEST_PUBLISHED, random_designs
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, GraspSetup, MeshSettings
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.effects.geometry import RibImperfection, WallThicknessOffset
+from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.mesh.build import build_mesh
 
 
 @pytest.mark.parametrize("offset_mm", [0.2, -0.2])

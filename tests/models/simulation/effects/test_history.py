@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from models.design.space import BEST_PUBLISHED
-from models.records import GraspContext, GraspSetup, Theta
-from models.simulation.effects.actuation import PressureDroop
-from models.simulation.effects.base import Effect
-from models.simulation.effects.contact import FrictionWear, VelocityStrengtheningFriction
-from models.simulation.effects.material import BatchAgeing, MullinsSoftening, TemperatureSoftening
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.records import GraspContext, GraspSetup, Theta
+from fast.models.simulation.effects.actuation import PressureDroop
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.contact import FrictionWear, VelocityStrengtheningFriction
+from fast.models.simulation.effects.material import BatchAgeing, MullinsSoftening, TemperatureSoftening
 
 NONE, SETUP = np.zeros(0), GraspSetup()
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from models.design.profile import planar_profile
-from models.design.space import BEST_PUBLISHED
-from models.records import GraspContext, GraspSetup, Trace
-from models.simulation.effects.actuation import LiftStartError
-from models.simulation.effects.base import Effect, relifted, speed_mm_per_s
-from models.simulation.effects.contact import ObjectPostCompliance
-from models.simulation.effects.material import StressRelaxation
-from models.simulation.effects.sensor import (
+from fast.models.design.profile import planar_profile
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.records import GraspContext, GraspSetup, Trace
+from fast.models.simulation.effects.actuation import LiftStartError
+from fast.models.simulation.effects.base import Effect, relifted, speed_mm_per_s
+from fast.models.simulation.effects.contact import ObjectPostCompliance
+from fast.models.simulation.effects.material import StressRelaxation
+from fast.models.simulation.effects.sensor import (
     LiftMisalignment,
     LoadCellDrift,
     LoadCellGain,

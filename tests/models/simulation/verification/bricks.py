@@ -5,15 +5,15 @@ from itertools import permutations
 
 import numpy as np
 
-from models.simulation.body.assembly import ElasticBody
-from models.simulation.body.shape_functions import (
+from fast.models.simulation.body.assembly import ElasticBody
+from fast.models.simulation.body.shape_functions import (
     HEXAHEDRON_EDGES,
     TETRAHEDRON_EDGES,
     WEDGE_EDGES,
     ElementKind,
     face_shape,
 )
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 from tests.models.simulation.dead_load import solve_dead_load
 
 KINDS: tuple[ElementKind, ...] = ("C3D4", "C3D10", "C3D15", "C3D20R")

@@ -13,12 +13,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict
 
-from models.design.space import BEST_PUBLISHED
-from models.objects.catalogue import get_object
-from models.records import REFERENCE_MESH, MeshSettings, SimulatorVersion
-from models.simulation.contact.law import ContactLaw, PointSpacing
-from models.simulation.grasp import Numerics, simulate_grasp
-from models.simulation.solver.stepping import StepLimits
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.objects.catalogue import get_object
+from fast.models.records import REFERENCE_MESH, MeshSettings, SimulatorVersion
+from fast.models.simulation.contact.law import ContactLaw, PointSpacing
+from fast.models.simulation.grasp import Numerics, simulate_grasp
+from fast.models.simulation.solver.stepping import StepLimits
 
 CACHE = Path(__file__).parents[4] / "docs" / "verification" / "convergence.json"
 PAGE = CACHE.parents[1] / "reference" / "verification.md"

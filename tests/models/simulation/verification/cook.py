@@ -6,8 +6,8 @@ load is small, so the deflection is that of linear elasticity.
 
 import numpy as np
 
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.body.shape_functions import ElementKind
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.body.shape_functions import ElementKind
 from tests.models.simulation.verification.bricks import brick, equilibrium, everything, face_load
 
 MODULUS_MPA, SHEAR_MPA = 1.0, 1e-5

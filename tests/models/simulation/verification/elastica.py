@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_bvp
 
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.body.shape_functions import ElementKind
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.body.shape_functions import ElementKind
 from tests.models.simulation.verification.bricks import brick, equilibrium, everything
 
 LENGTH_MM, HEIGHT_MM, WIDTH_MM = 100.0, 1.0, 2.0

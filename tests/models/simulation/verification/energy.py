@@ -10,19 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.design.space import BEST_PUBLISHED
-from models.objects.catalogue import get_object
-from models.records import GraspSetup, MeshSettings, Placement, Theta
-from models.simulation.body.assembly import Material
-from models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, lame_constants
-from models.simulation.body.shape_functions import quadrature_of, shape_of
-from models.simulation.contact.law import ContactLaw, ContactState, ObjectObstacle
-from models.simulation.grasp import INWARD, UPWARD
-from models.simulation.mesh.build import build_mesh
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.model import roll, to_object_frame
-from models.simulation.placement import needs_full_width
-from models.simulation.solver.stepping import Step, travel_to_touch
+from fast.models.design.space import BEST_PUBLISHED
+from fast.models.objects.catalogue import get_object
+from fast.models.records import GraspSetup, MeshSettings, Placement, Theta
+from fast.models.simulation.body.assembly import Material
+from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, lame_constants
+from fast.models.simulation.body.shape_functions import quadrature_of, shape_of
+from fast.models.simulation.contact.law import ContactLaw, ContactState, ObjectObstacle
+from fast.models.simulation.grasp import INWARD, UPWARD
+from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.model import roll, to_object_frame
+from fast.models.simulation.placement import needs_full_width
+from fast.models.simulation.solver.stepping import Step, travel_to_touch
 from tests.models.simulation.verification.rig import Rig, set_up
 
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.simulation.body.assembly import Material
-from models.simulation.contact.law import ContactLaw, PointSpacing
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.solver.newton import NewtonSettings
+from fast.models.simulation.body.assembly import Material
+from fast.models.simulation.contact.law import ContactLaw, PointSpacing
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.solver.newton import NewtonSettings
 from tests.models.simulation.verification.bricks import brick, everything
 from tests.models.simulation.verification.rig import set_up
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.body.elasticity import lame_constants
-from models.simulation.body.shape_functions import ElementKind, Quadrature, shape_of
-from models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.body.elasticity import lame_constants
+from fast.models.simulation.body.shape_functions import ElementKind, Quadrature, shape_of
+from fast.models.simulation.mesh.solid import SolidMesh
 from tests.models.simulation.verification.bricks import brick, cube_grid, equilibrium
 
 MODULUS_MPA, POISSON = 10.0, 0.3

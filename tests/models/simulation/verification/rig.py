@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, Obstacle, PointSpacing
-from models.simulation.contact.self_contact import SelfContact
-from models.simulation.finger import FingerState, FingerStep
-from models.simulation.mesh.cavities import cavity_faces
-from models.simulation.mesh.solid import SolidMesh
-from models.simulation.solver.cholesky import BlockCholesky
-from models.simulation.solver.newton import NewtonSettings, NewtonSolver
-from models.simulation.solver.stepping import Path, Step, StepLimits, Stepper
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, Obstacle, PointSpacing
+from fast.models.simulation.contact.self_contact import SelfContact
+from fast.models.simulation.finger import FingerState, FingerStep
+from fast.models.simulation.mesh.cavities import cavity_faces
+from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.solver.cholesky import BlockCholesky
+from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
+from fast.models.simulation.solver.stepping import Path, Step, StepLimits, Stepper
 
 SPEED_MM_PER_S = 10.0
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.simulation.body.assembly import Material
-from models.simulation.contact.law import PointSpacing
-from models.simulation.finger import FingerState
-from models.simulation.solver.newton import NewtonSettings
+from fast.models.simulation.body.assembly import Material
+from fast.models.simulation.contact.law import PointSpacing
+from fast.models.simulation.finger import FingerState
+from fast.models.simulation.solver.newton import NewtonSettings
 from tests.models.simulation.verification.bricks import brick
 from tests.models.simulation.verification.rig import Rig, set_up
 

@@ -14,14 +14,14 @@ import shapely
 from scipy.spatial import Delaunay
 from shapely.geometry import Polygon, box
 
-from models.simulation.body.assembly import Material
-from models.simulation.body.elasticity import MaterialLaw
-from models.simulation.contact import points as contact_points
-from models.simulation.contact.law import PointSpacing
-from models.simulation.mesh.extrude import extrude
-from models.simulation.mesh.section import planar_mesh
-from models.simulation.mesh.solid import ElementBlock, SolidMesh
-from models.simulation.model import to_object_frame
+from fast.models.simulation.body.assembly import Material
+from fast.models.simulation.body.elasticity import MaterialLaw
+from fast.models.simulation.contact import points as contact_points
+from fast.models.simulation.contact.law import PointSpacing
+from fast.models.simulation.mesh.extrude import extrude
+from fast.models.simulation.mesh.section import planar_mesh
+from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.simulation.model import to_object_frame
 from tests.models.simulation.verification.rig import set_up
 
 HEIGHT_MM, WIDTH_MM, PLATE_MM, N_LAYERS = 97.0, 30.0, 4.0, 8

@@ -2,7 +2,7 @@
 
 import pytest
 
-from models.simulation.body.shape_functions import ElementKind
+from fast.models.simulation.body.shape_functions import ElementKind
 from tests.models.simulation.verification.bricks import QUADRATIC
 from tests.models.simulation.verification.elastica import elastica_tip, solid_shapes
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.records import Placement
+from fast.models.records import Placement
 from tests.models.simulation.verification.energy import grasp
 
 SPHERE, CUBE, TURNED_CUBE = 1, 30, 32

@@ -2,7 +2,7 @@
 
 import pytest
 
-from models.simulation.body.shape_functions import ElementKind
+from fast.models.simulation.body.shape_functions import ElementKind
 from tests.models.simulation.verification.cook import tip_deflection
 
 # Least share of the fine deflection that 8 x 8 cells must reach. Fifteen-node wedges and ten-node tetrahedra are

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.simulation.body.elasticity import lame_constants
-from models.simulation.body.shape_functions import ElementKind
+from fast.models.simulation.body.elasticity import lame_constants
+from fast.models.simulation.body.shape_functions import ElementKind
 from tests.models.simulation.verification.manufactured import (
     MODULUS_MPA,
     POISSON,

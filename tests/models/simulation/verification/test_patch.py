@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.simulation.body.assembly import ElasticBody, Material
-from models.simulation.body.elasticity import MaterialLaw, lame_constants
-from models.simulation.body.shape_functions import ElementKind
+from fast.models.simulation.body.assembly import ElasticBody, Material
+from fast.models.simulation.body.elasticity import MaterialLaw, lame_constants
+from fast.models.simulation.body.shape_functions import ElementKind
 from tests.models.simulation.verification.bricks import KINDS, brick, cube_grid, equilibrium
 
 MODULUS, POISSON = 11.5, 0.45

@@ -5,10 +5,10 @@ import sys
 
 import numpy as np
 
-from models.design.space import BEST_PUBLISHED, random_designs
-from models.objects.catalogue import get_object
-from models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
-from models.simulation.grasp import simulate_grasp
+from fast.models.design.space import BEST_PUBLISHED, random_designs
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
+from fast.models.simulation.grasp import simulate_grasp
 
 CASES = [("best", 1), ("best", 24), ("random", 24)]
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=12))  # every mesh walks through the same code

@@ -1,0 +1,66 @@
+"""FAST: simulate soft fingers, propose better ones, measure them, and find where the simulator is wrong.
+
+    import fast
+
+    result = fast.simulate(fast.FinRay(length_mm=30, ...), "cube")
+    campaign = fast.Campaign("pull.toml")
+    batch = campaign.ask()
+
+Names are loaded when they are first used: `import fast` itself takes milliseconds. The layers below are packages of
+their own: `fast.flows`, `fast.tasks`, `fast.lake`, `fast.hardware` and `fast.models`.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fast.flows.library import Campaign, find_gap, simulate
+    from fast.lake.store import Lake
+    from fast.models.design.space import BEST_PUBLISHED
+    from fast.models.errors import FastError
+    from fast.models.objects.catalogue import get_object
+    from fast.models.records import Design, FinRay, GraspSetup, SimulatorVersion, Theta, Trace
+
+_HOMES = {
+    "BEST_PUBLISHED": "models.design.space",
+    "Campaign": "flows.library",
+    "Design": "models.records",
+    "FastError": "models.errors",
+    "FinRay": "models.records",
+    "GraspSetup": "models.records",
+    "Lake": "lake.store",
+    "SimulatorVersion": "models.records",
+    "Theta": "models.records",
+    "Trace": "models.records",
+    "find_gap": "flows.library",
+    "get_object": "models.objects.catalogue",
+    "simulate": "flows.library",
+}
+
+__all__ = [
+    "BEST_PUBLISHED",
+    "Campaign",
+    "Design",
+    "FastError",
+    "FinRay",
+    "GraspSetup",
+    "Lake",
+    "SimulatorVersion",
+    "Theta",
+    "Trace",
+    "find_gap",
+    "get_object",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """The public name, from where it is defined."""
+    if name not in _HOMES:
+        raise AttributeError(f"module `fast` has no `{name}`; it has {', '.join(__all__)}")
+    return getattr(import_module(f"fast.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return sorted(__all__)

@@ -1,0 +1,48 @@
+"""`import fast`: every public name is there, costs nothing before it is used, and is all that is installed."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from setuptools import find_namespace_packages
+
+import fast
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("name", fast.__all__)
+def test_every_public_name_is_there_and_explained(name: str) -> None:
+    assert getattr(fast, name).__doc__
+    assert name in dir(fast)
+
+
+def test_an_unknown_name_is_told_with_the_known_ones() -> None:
+    with pytest.raises(AttributeError, match="module `fast` has no `simulat`; it has .*simulate"):
+        fast.simulat  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_importing_it_loads_no_heavy_package() -> None:
+    code = (
+        "import sys, fast; print([m for m in ('numpy', 'torch', 'prefect', 'duckdb', 'pydantic') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.stdout == "[]\n", done.stderr
+
+
+def test_a_wheel_brings_one_name_and_all_data() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    packages = find_namespace_packages(str(ROOT), include=settings["packages"]["find"]["include"])
+    assert {package.split(".")[0] for package in packages} == {"fast"}
+    assert {"fast.flows", "fast.tasks", "fast.lake", "fast.hardware", "fast.models", "fast.worlds"} <= set(packages)
+    patterns = settings["package-data"]["*"]
+    for name in ("prefect.yaml", "campaigns/quick.toml", "worlds/quick.toml", "materials/paper.toml", "lake/views.sql"):
+        assert (ROOT / "fast" / name).is_file()
+        assert f"*{Path(name).suffix}" in patterns
+
+
+def test_the_links_of_the_package_are_the_folders_of_the_repository() -> None:
+    for name in ("flows", "tasks", "lake", "hardware", "models"):
+        assert (ROOT / "fast" / name).resolve() == ROOT / name

@@ -4,6 +4,7 @@
 campaign may change between a flow and asking at any time: all that either knows is in the lake.
 """
 
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -125,8 +126,9 @@ def find_told_campaign(lake: Lake, tool_ids: Sequence[str]) -> Campaign | None:
     rows = lake.rows(CampaignRow, campaign_id=names.pop())
     if not rows or is_imported(rows[-1]["config_toml"]):
         return None
-    campaign = read_campaign(lake, rows[-1]["campaign_id"])
-    return campaign if campaign.config.bench.is_folder else None
+    if tomllib.loads(rows[-1]["config_toml"]).get("bench", {}).get("kind") != "folder":
+        return None
+    return read_campaign(lake, rows[-1]["campaign_id"])
 
 
 def _open(config_path: Path, lake: Path | str, *, create: bool) -> Campaign:

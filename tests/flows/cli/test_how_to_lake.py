@@ -102,4 +102,4 @@ def test_files_of_another_format_come_in(fast, folder, monkeypatch):
     (folder / "mylab.py").write_text(code.replace('"object_id": [3]', '"object_id": [36]'))
     answer = fast(*shlex.split(command)[1:])
     assert answer.status == 2
-    assert "grasps.csv row 2, object_id = '36': must be an integer from 0 to 35." in answer.err
+    assert "grasps.csv row 2, object_id = '36': must be 0 to 35, or an own object" in answer.err

@@ -224,7 +224,7 @@ def test_plans_that_cannot_be_carried_out_move_nothing():
         before = bench.gantry.position_mm(), bench.clock.now_s()
         cases = [
             (5, [(0, 0)], SETUP, "Slot 5 has no tool; mounted are slots .0, 3."),
-            (3, [(36, 0)], SETUP, "Object 36 does not exist; use an id from 0 to 35"),
+            (3, [(36, 0)], SETUP, "Object 36 has no place on the bench; use an id from 0 to 35"),
             (3, [(0, 0)], GraspSetup(max_lift_mm=120), "needs z from 78.0 to 198.0 mm, the axis has 0 to 180"),
         ]
         for slot, plan, setup, message in cases:

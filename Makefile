@@ -34,7 +34,7 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	@echo "$(VENV) is ready."
 
 kernels: setup  ## compile the simulator's kernels once, so that no test or worker has to
-	$(BIN)/python -c "from models.design.space import BEST_PUBLISHED; from models.objects.catalogue import get_object; \
+	$(BIN)/python -c "from fast.models.design.space import BEST_PUBLISHED; from fast.models.objects.catalogue import get_object; \
 	from fast.models.simulation.grasp import simulate_grasp; simulate_grasp(BEST_PUBLISHED, get_object(30))"
 
 campaign: setup ## a small complete campaign on the virtual bench, with report and recording

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Lake: a folder, or s3://BUCKET/PREFIX.")]
 AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON, for machines.")]
 CampaignId = Annotated[str | None, Parameter(help="Campaign; not needed when the lake has only one.")]
-OBJECT_HELP = "Object: its number or name (fast objects list), or the file of an own one."
+OBJECT_HELP = "Number or name of an object (fast objects list), or the file of an own one."
 
 DEFAULT_LAKE = Path("lake-data")
 _WIDEST_CELL = 60

@@ -11,6 +11,7 @@ import tomllib
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from fast.lake.handoff.files import FILE_NAMES, HandoffGrasp
 from fast.lake.store import Lake
@@ -76,9 +77,16 @@ def tool_places(lake: Lake, campaign_id: str, tool_ids: Sequence[str]) -> dict[s
 
 
 def bench_rows(
-    lake: Lake, campaign_id: str, source: str, grasps: Sequence[HandoffGrasp], places: dict[str, Place]
+    lake: Lake,
+    campaign_id: str,
+    source: str,
+    grasps: Sequence[HandoffGrasp],
+    places: dict[str, Place],
+    tools: Sequence[dict[str, Any]] = (),
 ) -> list[Row]:
-    """Objects that the lake lacks, batches and tools of the measured grasps."""
+    """Objects that the lake lacks, batches and tools of the measured grasps; `tools`: what the folder says of them."""
+    told = {row["tool_id"]: row for row in tools}
+    usual: dict[str, Any] = {"status": "printed", "operator": f"import of {source}"}
     known = lake.ids(ObjectRow)
     rows: list[Row] = [row for row in object_rows() if row.object_id not in known]
     n_tools: dict[int, int] = defaultdict(int)
@@ -96,13 +104,12 @@ def bench_rows(
     ]
     return rows + [
         ToolRow(
-            tool_id=tool_id,
+            **usual
+            | {name: value for name, value in told.get(tool_id, {}).items() if value != ""}
+            | {"tool_id": tool_id, "design_id": design_id},
             campaign_id=campaign_id,
             batch=places[tool_id][0],
             slot=places[tool_id][1],
-            design_id=design_id,
-            status="printed",
-            operator=f"import of {source}",
             confirmed_by="auto",
         )
         for tool_id, design_id in _tool_designs(lake, campaign_id, grasps).items()

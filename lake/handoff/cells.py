@@ -2,6 +2,7 @@
 
 import math
 import operator
+import re
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 
@@ -12,6 +13,9 @@ from fast.models.units import unit_of
 
 _EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)
 _CLOCKS_APART = timedelta(days=1)  # of two labs, time zones that nobody wrote down included
+MOST_FORCE_N = 2000.0  # ten times the paper's load cell
+_BENCH = re.compile(r"[a-z0-9][a-z0-9-]{0,40}")
+_HASH = re.compile(r"[0-9a-f]{4,64}")
 _LARGEST_INTEGER = 2**53  # what spreadsheets and JSON keep exactly
 _Holds = Callable[[float, float], bool]
 
@@ -43,6 +47,41 @@ def optional_number(name: str) -> Callable[[str], float | None]:
         return value
 
     return read
+
+
+def one_of(*known: str) -> Callable[[str], str]:
+    """Reader of a word; an empty cell is the first of the known ones."""
+
+    def read(text: str) -> str:
+        if text and text not in known:
+            raise ValueError(f"must be {' or '.join(known)}, or empty for {known[0]}.")
+        return text or known[0]
+
+    return read
+
+
+def bench_name(text: str) -> str:
+    """The name of the bench that made a grasp; empty: `real`, a bench that nobody named."""
+    if text and not _BENCH.fullmatch(text):
+        raise ValueError("must be virtual, real, or a name of at most 41 of a-z, 0-9 and -.")
+    return text or "real"
+
+
+def optional_hash(text: str) -> str | None:
+    """The hash of a virtual world, in hex; or nothing."""
+    if text and not _HASH.fullmatch(text):
+        raise ValueError("must be a hash in hex digits, or empty.")
+    return text or None
+
+
+def optional_force(text: str) -> float | None:
+    """A peak force of a grasp without samples, N; or nothing."""
+    if not text:
+        return None
+    value = number_or_nan(text)
+    if not abs(value) <= MOST_FORCE_N:
+        raise ValueError(f"must be a number of at most {MOST_FORCE_N:g} N in size; look at the unit.")
+    return value
 
 
 def optional_setting(name: str) -> Callable[[str], float | None]:

@@ -12,13 +12,16 @@ import pyarrow.parquet as pq
 
 from fast.lake.handoff.files import (
     DESIGN_COLUMNS,
+    END_COLUMNS,
     FAMILY_COLUMNS,
     FILE_NAMES,
     GRASP_COLUMNS,
     HOW_COLUMNS,
+    MATERIAL_COLUMNS,
     OBJECTS_FILE,
     SIMULATION_COLUMNS,
     THETA_COLUMNS,
+    TOOL_COLUMNS,
     TRACE_COLUMNS,
 )
 from fast.lake.handoff.import_folder import HandoffCounts
@@ -31,9 +34,11 @@ from fast.lake.tables.campaign import (
     SimTraceRow,
     SimulationRow,
     SimulatorVersionRow,
+    ToolRow,
     TraceRow,
 )
 from fast.lake.tables.imported import importing_campaign
+from fast.lake.tables.material import MaterialRow
 from fast.models.errors import LakeError, UsageError
 from fast.models.records import GraspSetup
 
@@ -48,7 +53,7 @@ def export_handoff(
     campaign_id: str | None = None,
     traces: Literal["parquet", "csv"] = "parquet",
 ) -> HandoffCounts:
-    """Export the successful grasps and simulations that have traces, and all designs; or those of one campaign.
+    """Export the measured grasps, the simulations that have traces, and all designs; or those of one campaign.
 
     Of a campaign, the simulations of its designs and those imported with it are exported, and the designs of
     what is exported. `directory` is made if missing and must hold no hand-off files yet.
@@ -66,12 +71,22 @@ def export_handoff(
     write_traces = _write_traces_parquet if traces == "parquet" else _write_traces_csv
     n_samples = [0]
     blocks = _counted(_sample_blocks(lake, real, sim), n_samples)
+    columns = (*GRASP_COLUMNS, *_list_told(real + sim), *_list_ends(real))
     files: list[tuple[str, Callable[[Path], None]]] = [
         ("designs.csv", lambda path: write_csv(path, list_design_columns(designs), designs)),
-        ("grasps.csv", lambda path: write_csv(path, (*GRASP_COLUMNS, *_list_told(real + sim)), real + sim)),
-        (f"traces.{traces}", lambda path: write_traces(path, blocks)),
+        (
+            "grasps.csv",
+            lambda path: write_csv(path, columns, real + sim),
+        ),
     ]
+    if sim or lake.ids(TraceRow, grasp_id=[row["grasp_id"] for row in real]):
+        files.append((f"traces.{traces}", lambda path: write_traces(path, blocks)))
     own = _find_own_objects(lake, {row["object_id"] for row in real + sim})
+    if tools := _find_tools(lake, real):
+        files.append(("tools.csv", lambda path: write_csv(path, TOOL_COLUMNS, tools)))
+        lots = sorted({row["material_lot"] for row in tools if row["material_lot"]})
+        if materials := [row.model_dump() for row in lake.records(MaterialRow, lot=lots)]:
+            files.append(("materials.csv", lambda path: write_csv(path, MATERIAL_COLUMNS, materials)))
     if own:
         files.append((OBJECTS_FILE, lambda path: _write_objects(path, own)))
     if sim:
@@ -83,6 +98,19 @@ def export_handoff(
 def list_design_columns(rows: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     """Columns of designs.csv; the family only where one is no fin ray."""
     return (*DESIGN_COLUMNS, *FAMILY_COLUMNS) if any(row["family"] for row in rows) else DESIGN_COLUMNS
+
+
+def _list_ends(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Columns of where grasps were made and how they ended that say more than an unnamed bench and success."""
+    usual = {"bench": "real", "status": "ok", "attempt": 0}
+    return [name for name in END_COLUMNS if any((row[name] or None) != (usual.get(name) or None) for row in rows)]
+
+
+def _find_tools(lake: Lake, real: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Tools of the grasps of which a person said or measured something."""
+    rows = lake.rows(ToolRow, tool_id=sorted({row["tool_id"] for row in real}))
+    said = [name for name in TOOL_COLUMNS if name not in ("tool_id", "design_id", "status", "operator")]
+    return [row for row in rows if any(row[name] not in (None, "") for name in said)]
 
 
 def _find_own_objects(lake: Lake, object_ids: set[int]) -> list[ObjectRow]:
@@ -105,14 +133,21 @@ def _list_told(rows: Sequence[dict[str, Any]]) -> list[str]:
 def _exported_real(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
     filters = {"campaign_id": campaign_id} if campaign_id else {}
     traced = lake.ids(TraceRow)
-    rows = lake.rows(GraspRow, status="ok", **filters)
-    return [_as_text(row) for row in rows if row["grasp_id"] in traced]
+    rows = [_as_text(row) for row in lake.rows(GraspRow, **filters)]
+    untold = {"peak_force_n": None}  # of a grasp with samples: it follows from them
+    return [row | (untold if row["grasp_id"] in traced else {}) for row in rows]
 
 
 def _exported_sim(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
     traced = lake.ids(SimTraceRow)
     versions = {row["version_id"]: row for row in lake.rows(SimulatorVersionRow)}
-    nothing = {"repeat": 0, "tool_id": "", "started_at": "", "order": None, "request_id": None}
+    nothing = dict.fromkeys(END_COLUMNS) | {
+        "repeat": 0,
+        "tool_id": "",
+        "started_at": "",
+        "order": None,
+        "request_id": None,
+    }
     rows = [row for row in lake.rows(SimulationRow, status="ok") if row["simulation_id"] in traced]
     if campaign_id:
         of_campaign = "SELECT design_id FROM {} WHERE campaign_id = $id"

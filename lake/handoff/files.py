@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -18,20 +18,27 @@ import pyarrow.parquet as pq
 from pydantic import ValidationError
 
 from fast.lake.handoff.cells import (
+    MOST_FORCE_N,
+    bench_name,
     design_number,
     fidelity,
     integer,
     limits,
     number_or_nan,
+    one_of,
     one_of_designs,
+    optional_force,
+    optional_hash,
     optional_number,
     optional_setting,
     time,
 )
+from fast.lake.tables.material import MaterialRow
 from fast.lake.tables.requests import PLACEMENT
 from fast.models.design.families import read_design
 from fast.models.design.space import PARAMETERS
 from fast.models.errors import FastError, UsageError
+from fast.models.material import MaterialMeasurement
 from fast.models.objects.catalogue import OBJECTS, RigidObject, find_object
 from fast.models.records import Design, FinRay, GraspSetup, Theta, Trace
 from fast.models.units import unit_of
@@ -43,13 +50,23 @@ GRASP_COLUMNS = ("grasp_id", "design_id", "object_id", "repeat", "fidelity", "to
 # How a grasp was made, and what asked for it; what is left out means the usual setup, and that nobody asked.
 SETTING_COLUMNS = (*GraspSetup.model_fields, *PLACEMENT)
 HOW_COLUMNS = (*SETTING_COLUMNS, "request_id")
+# Where a grasp was made and how it ended. A grasp without samples has a peak, or is a failure with its reason.
+END_COLUMNS = ("bench", "world_hash", "attempt", "status", "reason", "peak_force_n")
+# What a person measured of tools and of the lots of material that they are printed of.
+TOOL_COLUMNS = (
+    "tool_id", "design_id", "status", "reason", "operator", "material_lot", "measured_front_thickness_mm",
+    "measured_back_thickness_mm", "measured_rib_thickness_mm", "hardness_shore_a",
+)  # fmt: skip
+MATERIAL_COLUMNS = ("lot", "quantity", "value", "unit", "sd", "n", "method", "source")
 CHANNELS = ("time_s", "lift_mm", "force_n")
 TRACE_COLUMNS = ("grasp_id", *CHANNELS)
 THETA_COLUMNS = tuple(Theta.model_fields)
 SIMULATION_COLUMNS = ("grasp_id", *THETA_COLUMNS, "contact_force_n")
 OBJECTS_FILE = "objects.json"  # own objects: a list of object_id, name and shape
-FILE_NAMES = (OBJECTS_FILE, "designs.csv", "grasps.csv", "simulations.csv", "traces.csv", "traces.parquet")
-MOST_FORCE_N = 2000.0  # ten times the paper's load cell
+FILE_NAMES = (
+    OBJECTS_FILE, "tools.csv", "materials.csv", "designs.csv", "grasps.csv", "simulations.csv", "traces.csv",
+    "traces.parquet",
+)  # fmt: skip
 MOST_LIFT_MM = 1000.0
 LIFT_BACK_MM = 2.0  # more is no noise of an encoder
 SLOWEST_MM_PER_S = 0.05
@@ -102,8 +119,14 @@ class HandoffGrasp:
     order: int | None
     settings: dict[str, float]
     request_id: str
-    trace: Trace
+    trace: Trace | None
     simulation: dict[str, float | None] | None
+    bench: str = "real"
+    world_hash: str | None = None
+    attempt: int = 0
+    status: Literal["ok", "failed"] = "ok"
+    reason: str = ""
+    peak_force_n: float | None = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +136,8 @@ class Handoff:
     designs: dict[str, Design]
     grasps: list[HandoffGrasp]
     objects: list[RigidObject]
+    tools: list[dict[str, Any]]
+    materials: list[MaterialRow]
 
 
 @dataclass
@@ -159,17 +184,25 @@ def read_handoff(directory: Path, known_designs: Set[str]) -> Handoff:
     designs = _read_designs(reader)
     objects = _read_objects(reader)
     grasps = _read_grasps(reader, set(designs) | known_designs, {obj.object_id for obj in objects})
-    traces = _read_traces(reader, set(grasps))
+    are_traced = any(_needs_samples(values) for _, values in grasps.values()) or not grasps
+    traces = _read_traces(reader, set(grasps), is_needed=are_traced)
     simulations = _read_simulations(reader, grasps)
+    tools, materials = _read_tools(reader), _read_materials(reader)
     _check_samples(reader, grasps, traces)
     _find_repeated(reader, grasps)
     if reader.faults:
         raise HandoffError(directory, reader.faults)
     complete = [
-        HandoffGrasp(**values, trace=traces[grasp_id][1], simulation=simulations.get(grasp_id))
+        HandoffGrasp(
+            **values,
+            trace=traces[grasp_id][1] if grasp_id in traces else None,
+            simulation=simulations.get(grasp_id),
+        )
         for grasp_id, (_, values) in grasps.items()
     ]
-    return Handoff({design_id: design for design_id, design in designs.items() if design}, complete, objects)
+    return Handoff(
+        {design_id: design for design_id, design in designs.items() if design}, complete, objects, tools, materials
+    )
 
 
 def _read_designs(reader: _Reader) -> dict[str, Design | None]:
@@ -264,7 +297,7 @@ def _read_object_id(own: set[int]) -> Callable[[str], int]:
 
 def _read_grasps(reader: _Reader, design_ids: set[str], own_objects: set[int]) -> dict[str, tuple[int, dict[str, Any]]]:
     """Row number and cells of each grasp, by id."""
-    table = _read_csv(reader, "grasps.csv", (*GRASP_COLUMNS, *HOW_COLUMNS), optional=HOW_COLUMNS)
+    table = _read_csv(reader, "grasps.csv", (*GRASP_COLUMNS, *HOW_COLUMNS, *END_COLUMNS), (*HOW_COLUMNS, *END_COLUMNS))
     grasps: dict[str, tuple[int, dict[str, Any]]] = {}
     readers: dict[str, Callable[[str], Any]] = {
         "design_id": one_of_designs(design_ids),
@@ -282,11 +315,67 @@ def _read_grasps(reader: _Reader, design_ids: set[str], own_objects: set[int]) -
         found = {name: reader.cell(table, name, place, optional_setting(name)) for name in given}
         values["settings"] = {name: value for name, value in found.items() if value is not None}
         values["request_id"] = table.columns["request_id"][place] if "request_id" in table.columns else ""
+        for name, read in _ENDS.items():
+            if name in table.columns:
+                values[name] = reader.cell(table, name, place, read)
         if values["fidelity"] == "real" and not values["tool_id"]:
             reader.fault(table.name, table.rows[place], "tool_id", "", "must name the tool of a measured grasp.")
         if grasp_id:
             grasps[grasp_id] = table.rows[place], {"grasp_id": grasp_id, **values}
     return grasps
+
+
+_ENDS: dict[str, Callable[[str], Any]] = {
+    "bench": bench_name,
+    "world_hash": optional_hash,
+    "attempt": lambda text: integer(0, 1000)(text) if text else 0,
+    "status": one_of("ok", "failed"),
+    "reason": str,
+    "peak_force_n": optional_force,
+}
+
+
+def _read_tools(reader: _Reader) -> list[dict[str, Any]]:
+    """What the folder says of tools, by column; checked as the lake checks them."""
+    if not (reader.directory / "tools.csv").exists():
+        return []
+    table = _read_csv(reader, "tools.csv", TOOL_COLUMNS, optional=TOOL_COLUMNS[2:])
+    found: dict[str, dict[str, Any]] = {}
+    numbers = [name for name in TOOL_COLUMNS if name.startswith("measured_") or name == "hardness_shore_a"]
+    for place in range(len(table.rows)):
+        tool_id = _new_id(reader, table, "tool_id", place, found)
+        values: dict[str, Any] = {name: cells[place] for name, cells in table.columns.items()}
+        values |= {name: reader.cell(table, name, place, _optional_size) for name in numbers if name in values}
+        if "status" in values:
+            values["status"] = reader.cell(table, "status", place, one_of("printed", "rejected"))
+        if tool_id:
+            found[tool_id] = values
+    return list(found.values())
+
+
+def _optional_size(text: str) -> float | None:
+    value = number_or_nan(text) if text else None
+    if value is not None and not 0 < value <= 1000:
+        raise ValueError("must be a number above 0 and at most 1000, or empty.")
+    return value
+
+
+def _read_materials(reader: _Reader) -> list[MaterialRow]:
+    """What was measured of lots of material."""
+    if not (reader.directory / "materials.csv").exists():
+        return []
+    table = _read_csv(reader, "materials.csv", MATERIAL_COLUMNS, optional=("sd", "n"))
+    found = []
+    for place, row in enumerate(table.rows):
+        cells = {name: column[place] for name, column in table.columns.items() if column[place]}
+        lot, quantity = cells.pop("lot", ""), cells.pop("quantity", "")
+        try:
+            found.append(MaterialRow.of(lot, quantity, MaterialMeasurement.model_validate(cells)))
+        except ValidationError as error:
+            wrong = error.errors()[0]
+            name = str(wrong["loc"][0])
+            reader.fault("materials.csv", row, name, cells.get(name, ""), f"{wrong['msg']}.")
+    return found
 
 
 def _read_simulations(
@@ -306,8 +395,15 @@ def _read_simulations(
     return found
 
 
-def _read_traces(reader: _Reader, grasp_ids: set[str]) -> dict[str, tuple[list[int], Trace]]:
+def _needs_samples(values: dict[str, Any]) -> bool:
+    """Whether a grasp must have samples: it is simulated, or measured without a peak of its own and no failure."""
+    return values["fidelity"] != "real" or (values.get("status") != "failed" and values.get("peak_force_n") is None)
+
+
+def _read_traces(reader: _Reader, grasp_ids: set[str], *, is_needed: bool) -> dict[str, tuple[list[int], Trace]]:
     """Row numbers and samples of each grasp, by id, in the order of the file."""
+    if not is_needed and not any((reader.directory / f"traces.{kind}").exists() for kind in ("parquet", "csv")):
+        return {}
     name = "traces.parquet" if (reader.directory / "traces.parquet").exists() else "traces.csv"
     if name == "traces.parquet" and (reader.directory / "traces.csv").exists():
         reader.fault("traces.csv", None, None, None, "there is a traces.parquet too; remove one of the two.")
@@ -345,10 +441,16 @@ def _check_samples(
     grasps: dict[str, tuple[int, dict[str, Any]]],
     traces: dict[str, tuple[list[int], Trace]],
 ) -> None:
-    if not traces:
-        return
-    for grasp_id, (row, _) in grasps.items():
+    if not traces and any(_needs_samples(values) for _, values in grasps.values()):
+        return  # named already
+    for grasp_id, (row, values) in grasps.items():
+        if values["fidelity"] == "real" and values.get("status") == "failed":
+            if not values["reason"]:
+                reader.fault("grasps.csv", row, "reason", "", "must say why the grasp failed.")
+            continue
         if grasp_id not in traces:
+            if not _needs_samples(values):
+                continue
             reader.fault("grasps.csv", row, "grasp_id", grasp_id, "must have samples in the traces file, it has none.")
             continue
         rows, trace = traces[grasp_id]
@@ -393,6 +495,7 @@ def _find_repeated(reader: _Reader, grasps: dict[str, tuple[int, dict[str, Any]]
             continue
         how = tuple(sorted(values["settings"].items()))
         key = (*(values[name] for name in ("tool_id", "design_id", "object_id", "repeat", "request_id")), how)
+        key = (*key, values.get("attempt", 0))
         other = first.setdefault(key, row)
         if other != row:
             limit = f"is there twice for this tool and object, first in row {other}; number the repeats."

@@ -40,6 +40,7 @@ from fast.lake.tables.campaign import (
     TraceRow,
 )
 from fast.lake.tables.imported import importing_campaign
+from fast.lake.tables.material import MaterialRow
 from fast.lake.tables.requests import setup_columns
 from fast.models import traces as features
 from fast.models.errors import UsageError
@@ -100,13 +101,15 @@ def import_handoff(
     ]
     known_objects = lake.ids(ObjectRow)
     rows += [ObjectRow.of(obj) for obj in handoff.objects if obj.object_id not in known_objects]
+    known_materials = lake.ids(MaterialRow)
+    rows += [row for row in handoff.materials if row.material_id not in known_materials]
     content_hash = source_hash(directory)
     if grasps:
         places = tool_places(lake, campaign, [grasp.tool_id for grasp in grasps if grasp.fidelity == "real"])
         if asking is None:  # the lake has the campaign and the tools that a search asks for
             rows += [
                 campaign_row(lake, campaign, source, content_hash),
-                *bench_rows(lake, campaign, source, grasps, places),
+                *bench_rows(lake, campaign, source, grasps, places, handoff.tools),
             ]
         rows += _grasp_rows(grasps, campaign, setup or GraspSetup(), places)
     _check_room(lake, directory)
@@ -216,7 +219,7 @@ def _changed_samples(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
             rows = lake.rows(table, **{table.id_column(): [grasp.grasp_id for grasp in some]})
             there = {row[table.id_column()]: row for row in rows}
             for grasp in some:
-                if not _same_samples(there.get(grasp.grasp_id), grasp.trace):
+                if grasp.trace is not None and not _same_samples(there.get(grasp.grasp_id), grasp.trace):
                     limit = "is in the lake with other samples, and not from this import; give it another id."
                     faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
     return faults
@@ -227,6 +230,7 @@ def _same_samples(row: dict[str, Any] | None, trace: Trace) -> bool:
 
 
 def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any], place: Place) -> list[Row]:
+    trace, is_pull = grasp.trace, grasp.trace is not None and grasp.status == "ok"
     row = GraspRow(
         grasp_id=grasp.grasp_id,
         campaign_id=campaign_id,
@@ -237,19 +241,23 @@ def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any], pla
         object_id=grasp.object_id,
         repeat=grasp.repeat,
         order=grasp.order,
-        status="ok",
+        attempt=grasp.attempt,
+        status=grasp.status,
+        reason=grasp.reason,
         started_at=grasp.started_at,
-        peak_force_n=features.peak_force_n(grasp.trace),
-        work_j=features.work_j(grasp.trace),
-        initial_force_n=features.initial_force_n(grasp.trace),
-        bench="real",
+        peak_force_n=features.peak_force_n(trace) if trace and is_pull else grasp.peak_force_n,
+        work_j=features.work_j(trace) if trace and is_pull else None,
+        initial_force_n=features.initial_force_n(trace) if trace and is_pull else None,
+        bench=grasp.bench,
+        world_hash=grasp.world_hash,
         request_id=grasp.request_id or None,
         **setup,
     )
-    return [row, TraceRow.of(grasp.grasp_id, grasp.trace)]
+    return [row] if trace is None else [row, TraceRow.of(grasp.grasp_id, trace)]
 
 
 def _sim_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any]) -> list[Row]:
+    assert grasp.trace is not None  # a simulated grasp without samples is a fault
     simulation = grasp.simulation or {}
     version = _version_row(campaign_id, {name: simulation.get(name) for name in THETA_COLUMNS})
     started_at = grasp.started_at.isoformat() if grasp.started_at else ""
@@ -292,5 +300,5 @@ def count_all(handoff: Handoff) -> HandoffCounts:
 
 def _counts(n_designs: int, grasps: Sequence[HandoffGrasp], n_known: int) -> HandoffCounts:
     n_real = sum(grasp.fidelity == "real" for grasp in grasps)
-    n_samples = sum(len(grasp.trace.time_s) for grasp in grasps)
+    n_samples = sum(len(grasp.trace.time_s) for grasp in grasps if grasp.trace is not None)
     return HandoffCounts(n_designs, n_real, len(grasps) - n_real, n_samples, n_known)

@@ -61,7 +61,7 @@ def test_a_numbered_design_and_a_tier_are_taken_by_name(fast):
         (["--simulation", "S1"], "simulation `S1` is not in"),
         (["--object", "2", "--tier", "fine"], "there is no tier `fine`"),
         (["--object", "2", "--tier", "production", "--version", "V1"], "--tier already says what --version would"),
-        ([], "`fast simulate` needs --object: Object: its number or name"),
+        ([], "`fast simulate` needs --object: Number or name of an object"),
     ],
 )
 def test_wrong_use_is_refused(fast, simulated, words, said):

@@ -110,11 +110,13 @@ def test_a_campaign_travels_to_another_lake_without_loss(
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
-def test_a_failed_grasp_is_not_exported(lake, tmp_path, provenance, small_rows, make_grasp):
-    failed = make_grasp(object_id=1, status="failed", reason="air", peak_force_n=None, work_j=None)
-    lake.append([*small_rows, *make_grasp(), *failed], provenance)
-    assert export_handoff(lake, tmp_path / "out").n_real == 1
+def test_a_failed_grasp_goes_along_with_its_reason(lake, tmp_path, provenance, small_rows, make_grasp):
+    failed, _ = make_grasp(object_id=1, status="failed", reason="air", peak_force_n=None, work_j=None)
+    lake.append([*small_rows, *make_grasp(), failed], provenance)
+    assert export_handoff(lake, tmp_path / "out").n_real == 2
     assert not (tmp_path / "out" / "simulations.csv").exists()
+    rows = {row["grasp_id"]: row for row in read_csv(tmp_path / "out" / "grasps.csv")}
+    assert (rows[failed.grasp_id]["status"], rows[failed.grasp_id]["reason"]) == ("failed", "air")
 
 
 def test_export_never_overwrites(lake, folder):

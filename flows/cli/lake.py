@@ -134,6 +134,29 @@ def export(
 
 
 @app.command
+def publish(
+    directory: Annotated[Path, Parameter(help="New folder for the deposit.")],
+    *,
+    title: Annotated[str, Parameter(help="Title of the data set.")],
+    author: Annotated[list[str], Parameter(negative="", help="Who made the data; may be given several times.")],
+    licence: Annotated[str, Parameter(help="CC-BY-4.0, CC0-1.0 or ODC-By-1.0.")] = "CC-BY-4.0",
+    lake: LakePath = DEFAULT_LAKE,
+    campaign: Annotated[str | None, Parameter(help="Publish this campaign alone; default: everything.")] = None,
+    json: AsJson = False,
+) -> None:
+    """Write a deposit for Zenodo or another archive: an export that describes itself, readable without FAST."""
+    from fast.lake.handoff.publish import publish as write_deposit
+    from fast.lake.store import Lake
+
+    found = Lake.open(lake)
+    if campaign is not None:
+        _check_campaign(found, campaign)
+    counts = write_deposit(found, directory, title=title, authors=author, licence=licence, campaign_id=campaign)
+    words = f"{_counts_text('wrote', counts._asdict())} to {directory}; pack the folder and upload it as it is."
+    show(counts._asdict(), words, json)
+
+
+@app.command
 def check(
     *,
     lake: LakePath = DEFAULT_LAKE,

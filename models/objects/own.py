@@ -76,7 +76,7 @@ def object_of_mesh(
     """
     stood = _stand(_checked(mesh, source), scale, turn_deg)
     _check_size(np.ptp(stood.bounds, axis=0), source)  # before a grid is made for it
-    return _of_standing(name, stood, trimesh.exchange.stl.export_stl(stood), source)
+    return _of_placed_mesh(name, stood, trimesh.exchange.stl.export_stl(stood), source)
 
 
 def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
@@ -94,7 +94,7 @@ def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
     except (ValueError, zlib.error, RecursionError) as error:
         raise ConfigError(f"{source}: the shape of `{name}` cannot be read; export it again.") from error
     _check_size(np.ptp(_checked(mesh, source).bounds, axis=0), source)
-    return _of_standing(name, mesh, stl, source)
+    return _of_placed_mesh(name, mesh, stl, source)
 
 
 @lru_cache(maxsize=GRIDS_KEPT)
@@ -102,7 +102,7 @@ def shape_rows(shape: str) -> np.ndarray:
     """Rows of primitives, in the object frame, of the text of a shape; kept by each process, so never changed."""
     read = _read(shape)
     if isinstance(read, _PartsShape):
-        rows = _standing(read.parts)
+        rows = _place_parts(read.parts)
     else:
         rows = MeshGrid.of(_mesh_of(read)).row(is_round=read.is_round)
     rows.flags.writeable = False
@@ -124,14 +124,14 @@ def own_id(content: bytes) -> int:
 
 
 def _of_parts(name: str, shape: _PartsShape, source: str) -> RigidObject:
-    rows = _standing(shape.parts)
+    rows = _place_parts(shape.parts)
     points = np.asarray(surface_of(rows).vertices)
     has_mirrors = [bool(np.abs(distance(rows, points * signs)).max() <= SAME_MM) for signs in _MIRRORS]
     low, high = bounds(rows)
     return _object(name, shape, canonical_json(shape.model_dump()).encode(), high - low, has_mirrors, source)
 
 
-def _of_standing(name: str, mesh: trimesh.Trimesh, stl: bytes, source: str) -> RigidObject:
+def _of_placed_mesh(name: str, mesh: trimesh.Trimesh, stl: bytes, source: str) -> RigidObject:
     """The object of a mesh in the object frame, and of the same as a binary STL."""
     mesh_grid, points = MeshGrid.of(mesh), surface_points(mesh)
     packed = base64.b64encode(zlib.compress(stl, 9)).decode()
@@ -167,7 +167,7 @@ def _object(
     )
 
 
-def _standing(parts: Sequence[Part]) -> np.ndarray:
+def _place_parts(parts: Sequence[Part]) -> np.ndarray:
     """Rows of the union of parts, footprint centred, on z = 0."""
     rows = np.concatenate([part.rows for part in parts])
     low, high = bounds(rows)

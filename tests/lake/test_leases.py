@@ -94,7 +94,7 @@ def test_epochs_grow_and_old_ones_go(lake):
 
 def test_a_killed_owner_of_this_machine_holds_nothing_at_once(lake, time_):
     code = (
-        "import sys; from lake.store import Lake; from lake.leases import exclusive\n"
+        "import sys; from fast.lake.store import Lake; from fast.lake.leases import exclusive\n"
         "with exclusive(Lake.open(sys.argv[1]), 'gantry', 'busy'):\n    print('held', flush=True); sys.stdin.read()"
     )
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}

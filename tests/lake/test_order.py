@@ -24,11 +24,11 @@ class Wrong(standard.datetime):
     def now(cls, tz=None):
         return standard.datetime.now(tz) + standard.timedelta(hours=float(sys.argv[2]))
 import fast.lake.provenance
-lake.provenance.datetime = Wrong
+fast.lake.provenance.datetime = Wrong
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 row = EventRow(event_id="E1", campaign_id="c", kind="k", message=sys.argv[3])
-Lake.open(Path(sys.argv[1])).append([row], lake.provenance.Provenance(code_version="x", code_dirty=False))
+Lake.open(Path(sys.argv[1])).append([row], fast.lake.provenance.Provenance(code_version="x", code_dirty=False))
 """
 
 

@@ -21,9 +21,9 @@ COMMANDS = [
     "campaign status", "campaign stop", "compare", "doctor", "features", "gap", "gap answer", "gap next",
     "gantry diagnose", "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
     "gantry replay", "gantry tare", "gantry tool", "init", "lake check", "lake compact", "lake export", "lake import",
-    "lake lineage", "lake stats", "objects add", "objects check", "objects draw", "objects list", "objects print",
-    "print confirm", "print mounted", "print sheet", "report", "serve", "simulate", "sql", "tell", "view",
-    "virtual start",
+    "lake lineage", "lake publish", "lake stats", "objects add", "objects check", "objects draw", "objects list",
+    "objects print", "print confirm", "print mounted", "print sheet", "report", "serve", "simulate", "sql", "tell",
+    "view", "virtual start",
 ]  # fmt: skip
 
 
@@ -114,7 +114,7 @@ def test_help_explains_every_parameter(name):
 
 def test_wrong_use_exits_with_2(tmp_path):
     words = ["campaign", "run", tmp_path / "none.toml", "--lake", tmp_path / "new"]
-    wrong = python("from flows.cli.main import main; main()", *words)
+    wrong = python("from fast.flows.cli.main import main; main()", *words)
     assert wrong.returncode == 2
     assert (
         wrong.stderr == f"fast: campaign config `{tmp_path}/none.toml` does not exist; give the path of a TOML file.\n"
@@ -123,9 +123,10 @@ def test_wrong_use_exits_with_2(tmp_path):
 
 
 def test_a_bug_exits_with_1(tmp_path):
-    code = (
-        "import flows.campaign.status as s; s.read_status = lambda *a: 1 / 0\nfrom flows.cli.main import main; main()"
-    )
+    code = """
+import fast.flows.campaign.status as s; s.read_status = lambda *a: 1 / 0
+from fast.flows.cli.main import main; main()
+"""
     done = python(code, "campaign", "list", "--lake", proposed_lake(tmp_path))
     assert done.returncode == 1
     assert "ZeroDivisionError" in done.stderr
@@ -184,9 +185,9 @@ def test_a_virtual_bench_ends_cleanly(number):
 
 
 def test_ctrl_c_is_one_sentence():
-    code = "import os, signal, models.simulation.grasp as g\n" \
+    code = "import os, signal, fast.models.simulation.grasp as g\n" \
            "g.simulate_grasp = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n" \
-           "from flows.cli.main import main\nmain()"  # fmt: skip
+           "from fast.flows.cli.main import main\nmain()"  # fmt: skip
     done = python(code, "simulate", "--object", "2")
     assert done.returncode == 130
     assert done.stderr == "fast: interrupted; what was finished is in the lake.\n"

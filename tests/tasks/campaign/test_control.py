@@ -106,8 +106,8 @@ def test_requests_asked_again_are_heard_when_they_come_and_read_only_then(campai
 
 def test_lock_refuses_a_second_owner_and_frees_itself_when_the_owner_is_killed(campaign):
     code = (
-        "import sys, time; from pathlib import Path; from lake.store import Lake\n"
-        "from lake.leases import exclusive\n"
+        "import sys, time; from pathlib import Path; from fast.lake.store import Lake\n"
+        "from fast.lake.leases import exclusive\n"
         "with exclusive(Lake.open(Path(sys.argv[1])), 'gantry', 'busy'):\n    print('held', flush=True); time.sleep(60)"
     )
     owner = subprocess.Popen([sys.executable, "-c", code, str(campaign.lake.root)], stdout=subprocess.PIPE, text=True)
@@ -139,7 +139,7 @@ def test_pool_works_on_after_a_worker_died():
 
 def test_workers_do_not_outlive_a_killed_parent():
     code = (
-        "import os, time\nfrom tasks.simulation.pool import WorkerPool\n"
+        "import os, time\nfrom fast.tasks.simulation.pool import WorkerPool\n"
         "if __name__ == '__main__':\n    print(WorkerPool(1).call(os.getpid), flush=True); time.sleep(60)"
     )
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

@@ -113,6 +113,24 @@ def confirm(
     show(data, f"{text}.", json)
 
 
+@app.command
+def measured(
+    tool: Annotated[str, Parameter(help="Tool, e.g. quick/B01T0.")],
+    values: Annotated[str, Parameter(help="front=MM,back=MM,rib=MM,hardness=SHORE_A as measured; any of them.")],
+    *,
+    operator: Annotated[str, Parameter(help="Who measured it.")],
+    lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
+) -> None:
+    """Say what callipers and durometer gave of a printed tool, also after it was measured on the bench."""
+    from fast.lake.store import Lake
+    from fast.tasks.bench.print import measure_printed
+
+    row = measure_printed(Lake.open(lake), tool, _read_measures(values, f"`{values}`"), operator)
+    data = {name: value for name, value in row.model_dump().items() if name in (*MEASURES.values(), "tool_id")}
+    show(data, f"{tool}: kept; the campaign and `fast gap` take it from now on.", json)
+
+
 def parse_batch(lake: Any, text: str) -> tuple[str, int]:
     """Campaign and batch number of `quick/B01`, or of `B01` when the lake has one campaign.
 
@@ -200,19 +218,32 @@ def _mounting(entry: str) -> tuple[int, int]:
 
 def _measurement(entry: str) -> tuple[int, "MeasuredTool"]:
     from fast.models.errors import UsageError
+
+    slot, _, pairs = entry.partition(":")
+    measures = _read_measures(pairs, f"--measured `{entry}`")
+    if not slot.isdigit():
+        raise UsageError(f"--measured `{entry}` has no slot; write it like 0:front=2.61,back=2.9.")
+    return int(slot), measures
+
+
+def _read_measures(pairs: str, place: str) -> "MeasuredTool":
+    """What was measured of a tool, of `front=2.61,back=2.9`; `place` is for messages.
+
+    Raises:
+        UsageError: a measure is unknown, or no number.
+        ConfigError: a number is out of its range.
+    """
+    from fast.models.errors import UsageError
     from fast.models.validation import closest, load_record
     from fast.tasks.bench.print import MeasuredTool
 
-    slot, _, pairs = entry.partition(":")
     values: dict[str, float] = {}
     for pair in pairs.split(","):
         name, _, number = pair.partition("=")
         if name not in MEASURES:
-            raise UsageError(f"--measured `{entry}`: unknown measure `{name}`; {closest(name, list(MEASURES))}")
+            raise UsageError(f"{place}: unknown measure `{name}`; {closest(name, list(MEASURES))}")
         try:
             values[MEASURES[name]] = float(number)
         except ValueError as error:
-            raise UsageError(f"--measured `{entry}`: `{number}` is not a number; write e.g. 0:front=2.61.") from error
-    if not slot.isdigit():
-        raise UsageError(f"--measured `{entry}` has no slot; write it like 0:front=2.61,back=2.9.")
-    return int(slot), load_record(MeasuredTool, values, f"--measured {entry}")
+            raise UsageError(f"{place}: `{number}` is not a number; write e.g. front=2.61.") from error
+    return load_record(MeasuredTool, values, place.replace("`", ""))

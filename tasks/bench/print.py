@@ -154,6 +154,28 @@ def confirm_told(lake: Lake, campaign_id: str, tools: Sequence[ProposedTool], op
     lake.append(rows, stored_provenance(lake, campaign_id))
 
 
+def measure_printed(lake: Lake, tool_id: str, measured: MeasuredTool, operator: str) -> ToolRow:
+    """Keep what a person measured of a printed tool after it was confirmed; what is left out stays as it was.
+
+    The surrogate learns from the finger as measured from then on, and a gap search simulates it so.
+
+    Raises:
+        UsageError: there is no such tool, it was rejected, or nothing was measured.
+    """
+    rows = lake.records(ToolRow, tool_id=tool_id)
+    if not rows or rows[-1].status == "rejected":
+        why = "was rejected when it was printed" if rows else "is not among the printed tools of this lake"
+        raise UsageError(f"tool {tool_id} {why}; nothing was changed: name it like quick/B01T0.")
+    found = measured.model_dump(exclude_none=True)
+    if not found:
+        raise UsageError("nothing was measured; give front=MM, back=MM, rib=MM or hardness=SHORE_A.")
+    row = rows[-1].model_copy(update=found)
+    lake.append([row], stored_provenance(lake, row.campaign_id))
+    words = ", ".join(f"{name} {value:g}" for name, value in found.items())
+    append_event(lake, row.campaign_id, "tool_measured", f"{operator} measured {tool_id}: {words}")
+    return row
+
+
 def open_slots(lake: Lake, campaign_id: str, batch: int) -> list[int]:
     """Slots of a proposed batch of which nobody has said what became of them.
 

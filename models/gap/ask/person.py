@@ -32,7 +32,10 @@ class Measurement:
     nothing: float = 0.0
 
 
-_WALLS = "measure both walls and the ribs of three fingers with callipers, and take the mean of what is more than drawn"
+_WALLS = (
+    "measure both walls and the ribs of three fingers with callipers, and take the mean of what is more than drawn; or "
+    "measure those of every tool, and say them with `fast print measured`"
+)
 _BOW = "photograph three fingers from the side with a scale, and measure by how much the ribs are bowed"
 _WEIGHT = "take the tool off, tare, hang 1 kg on the load cell, and note by how much it reads more than 9.81 N"
 _BARS = "pull two tensile bars, printed upright and flat, and take the ratio of their moduli, upright over flat, less 1"

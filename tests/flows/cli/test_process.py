@@ -22,8 +22,8 @@ COMMANDS = [
     "gantry diagnose", "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
     "gantry replay", "gantry tare", "gantry tool", "init", "lake check", "lake compact", "lake export", "lake import",
     "lake lineage", "lake publish", "lake stats", "objects add", "objects check", "objects draw", "objects list",
-    "objects print", "print confirm", "print mounted", "print sheet", "report", "serve", "simulate", "sql", "tell",
-    "view", "virtual start",
+    "objects print", "print confirm", "print measured", "print mounted", "print sheet", "report", "serve", "simulate",
+    "sql", "tell", "view", "virtual start",
 ]  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from fast.lake.tables.campaign import ToolRow
+from fast.lake.tables.campaign import EventRow, ToolRow
 from fast.models.design.space import FIN_RAYS, PARAMETERS, to_unit
 from fast.models.errors import UsageError
 from fast.tasks.bench.print import (
@@ -8,11 +8,13 @@ from fast.tasks.bench.print import (
     PrintConfirmation,
     Printed,
     confirm_print,
+    measure_printed,
     open_slots,
     print_folder,
     write_tray,
 )
 from fast.tasks.scientist.propose import propose_initial
+from tests.flows.cli.cli_lakes import Fast
 
 
 @pytest.fixture
@@ -114,3 +116,30 @@ def test_a_tool_has_one_fate(proposed):
     with pytest.raises(UsageError, match="slot 1 is to be printed again, so nothing else can be said of it"):
         confirm_print(proposed.lake, "small", 1, word)
     assert open_slots(proposed.lake, "small", 1) == [0, 1]
+
+
+def test_walls_measured_later_are_kept_beside_what_was_said_before(proposed):
+    said = PrintConfirmation(operator="ada", material_lot="L7", measured={0: MeasuredTool(hardness_shore_a=31)})
+    confirm_print(proposed.lake, "small", 1, said)
+    tool_id = "small/B01T0"
+    with pytest.raises(UsageError, match="nothing was measured; give front=MM"):
+        measure_printed(proposed.lake, tool_id, MeasuredTool(), "bo")
+    with pytest.raises(UsageError, match="small/B09T0 is not among the printed tools of this lake"):
+        measure_printed(proposed.lake, "small/B09T0", MeasuredTool(hardness_shore_a=30), "bo")
+    measure_printed(proposed.lake, tool_id, MeasuredTool(measured_front_thickness_mm=2.75), "bo")
+    (row,) = proposed.lake.records(ToolRow, tool_id=tool_id)
+    assert (row.operator, row.material_lot, row.hardness_shore_a) == ("ada", "L7", 31)
+    (tool,) = [tool for tool in proposed.state().tools if tool.tool_id == tool_id]
+    front = PARAMETERS.index("front_thickness_mm")
+    assert tool.mounted_point(FIN_RAYS)[front] == pytest.approx(0.75)
+    assert "bo measured small/B01T0" in proposed.lake.rows(EventRow, kind="tool_measured")[0]["message"]
+
+
+def test_walls_are_told_from_the_command_line(proposed, capsys):
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada"))
+    words = ("print", "measured", "small/B01T0")
+    lake = ("--operator", "bo", "--lake", proposed.lake.address)
+    assert Fast(capsys)(*words, "front=2.61,rib=2.4", *lake, "--json").json["measured_rib_thickness_mm"] == 2.4
+    assert "unknown measure `side`" in Fast(capsys).refused(*words, "side=2", *lake)
+    assert "`thick` is not a number" in Fast(capsys).refused(*words, "front=thick", *lake)
+    assert "at most 5" in Fast(capsys).refused(*words, "front=26", *lake)

@@ -13,7 +13,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import ToolRow
 from fast.lake.tables.material import MaterialRow
 from fast.models.gap.ask.answers import Answers, Reading
-from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print, measure_printed
 from fast.tasks.gap import rounds
 from fast.tasks.gap.readings import is_answered, read_readings, write_reading
 from tests.flows.cli.cli_lakes import proposed_lake
@@ -67,3 +67,19 @@ def test_without_one_lot_a_bar_is_an_answer_to_its_search_alone(lake: Lake) -> N
     write_reading(lake, "quick", "A1", BAR, "ada")
     assert not lake.ids(MaterialRow)
     assert read_readings(lake, "quick") == (BAR,)
+
+
+def measure_all(lake: Lake, but: int = 0) -> None:
+    for tool_id in sorted(lake.ids(ToolRow))[but:]:
+        walls = MeasuredTool(
+            measured_front_thickness_mm=2.6, measured_back_thickness_mm=2.7, measured_rib_thickness_mm=2.4
+        )
+        measure_printed(lake, tool_id, walls, "ada")
+
+
+def test_walls_of_every_tool_leave_nothing_for_walls_to_explain(lake: Lake) -> None:
+    write_reading(lake, "quick", "A1", Reading(kind="walls", value=0.1), "ada")
+    measure_all(lake, but=1)
+    assert read_readings(lake, "quick") == (Reading(kind="walls", value=0.1),)  # one tool is not measured yet
+    measure_all(lake)
+    assert read_readings(lake, "quick") == (Reading(kind="walls", value=0.0),)

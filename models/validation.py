@@ -79,7 +79,8 @@ def load_record(record_type: type[R], data: Any, source: str) -> R:
         absent = [_path(fault) for fault in faults if fault["type"] == "missing"]
         sentences = [_missing_sentence(absent)] if absent else []
         sentences += [_sentence(record_type, fault) for fault in faults if fault["type"] != "missing"]
-        raise ConfigError(f"{source}: " + " ".join(sentences)) from error
+        told = " ".join(" ".join(sentences).split())  # values may hold line breaks
+        raise ConfigError(f"{source}: {told}") from error
     _refuse_booleans(values, dict(_values(record.model_dump())), source)
     return record
 

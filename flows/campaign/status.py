@@ -3,6 +3,7 @@
 import tomllib
 from typing import Any
 
+from fast.flows.campaign.batch_folder import is_told
 from fast.flows.campaign.progress import count_work
 from fast.hardware.safety.safe_state import Verb
 from fast.lake.leases import holder_of
@@ -44,7 +45,10 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     campaign = at_present(read_campaign(lake, campaign_id))
     state = campaign.state()
     load = count_work(campaign, state)
-    waiting = [batch for batch in sorted({t.batch for t in state.tools}) if not state.is_confirmed(batch)]
+    batches = sorted({t.batch for t in state.tools})
+    is_folder = campaign.config.bench.is_folder  # whose tools count as printed once a grasp of them is told
+    untold = [batch for batch in batches if is_folder and not is_told(campaign, state, batch)]
+    waiting = [batch for batch in batches if not is_folder and not state.is_confirmed(batch)]
     tools = rank_tools(lake, campaign_id)
     events = lake.query(_LAST_EVENT, [campaign_id])["message"].to_pylist()
     return {
@@ -53,6 +57,7 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "grasps": f"{load.grasps_done}/{load.grasps_total}",
         "simulated": f"{load.simulated_done}/{load.simulated_total}",
         "waiting_for_print": [f"{campaign_id}/B{batch:02d}" for batch in waiting],
+        "waiting_for_grasps": [f"{campaign_id}/B{batch:02d}" for batch in untold],
         "best_tool": tools[0]["tool_id"] if tools else None,
         "best_n": tools[0]["tool_quality_n"] if tools else None,
         "last_event": events[0] if events else None,
@@ -73,6 +78,7 @@ def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "grasps": f"{n_grasps}/{n_grasps}",
         "simulated": f"{n_simulated}/{n_simulated}",
         "waiting_for_print": [],
+        "waiting_for_grasps": [],
         "best_tool": tools[0]["tool_id"] if tools else None,
         "best_n": tools[0]["tool_quality_n"] if tools else None,
         "last_event": None,
@@ -91,6 +97,8 @@ def format_status(status: dict[str, Any]) -> str:
         lines.append(f"best tool  {status['best_tool']}  {status['best_n']:.2f} N")
     for batch in status["waiting_for_print"]:
         lines.append(f"waiting    for batch {batch}: fast print confirm {batch} --operator NAME")
+    for batch in status["waiting_for_grasps"]:
+        lines.append(f"waiting    for grasps of batch {batch}: fast tell CONFIG results.csv --operator NAME")
     return "\n".join(lines)
 
 

@@ -112,3 +112,19 @@ def test_a_full_folder_is_refused_before_anything_is_proposed(fast: Fast) -> Non
     Path("B01").mkdir()
     Path("B01/notes.txt").write_text("mine")
     assert "not empty; nothing was written" in fast.refused("ask", "pull.toml", "--out", "B01")
+
+
+def test_another_labs_campaign_is_continued_as_the_page_says(fast: Fast) -> None:
+    ask, tell = commands_of(BENCH)[:2]
+    fast(*ask)
+    measure(Path("B01/results.csv"))
+    fast(*tell)
+    assert fast("lake", "export", "handoff", "--campaign", "pull").status == 0
+    take, ask_theirs = [words for words in commands_of(BENCH) if "continued" in words]
+    assert fast(*take).status == 0
+    Path("theirs.toml").write_text(PULL.replace('name = "pull"', 'name = "theirs"', 1))
+    words = ["B02" if word == "B03" else word for word in ask_theirs]  # they had one batch here, on the page two
+    assert fast(*words, "--json").json["batch"] == "theirs/B02"
+    status = fast("campaign", "status", "theirs", "--lake", "continued")
+    assert "waiting    for grasps of batch theirs/B02: fast tell" in status.out
+    assert "best tool  pull/B01T3" in status.out

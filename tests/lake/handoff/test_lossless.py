@@ -89,7 +89,7 @@ def test_peaks_alone_need_no_traces_file(lake: Lake, small_rows, make_grasp, tmp
         ("status", "lost", "must be ok or failed, or empty for ok"),
         ("status", "failed", "must say why the grasp failed"),
         ("bench", "../x", "must be virtual, real, or a name"),
-        ("world_hash", "not hex", "must be a hash in hex digits"),
+        ("world_hash", "no hash", "must be a hash of letters and digits"),
         ("peak_force_n", "1e9", "must be a number of at most 2000 N"),
         ("attempt", "-1", "must be an integer from 0 to 1000"),
     ],

@@ -14,13 +14,13 @@ from pathlib import Path
 from queue import Queue
 from typing import Any
 
-from fast.flows.campaign.batch_folder import is_told, write_batch
+from fast.flows.campaign.batch_folder import write_batch
 from fast.lake.leases import exclusive, is_held
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow, CampaignRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.records import Design, GraspRequest
-from fast.tasks.bench.folder import plan_batch
+from fast.tasks.bench.folder import is_told, plan_batch
 from fast.tasks.bench.machine_csv import read_format, read_pull
 from fast.tasks.bench.reference_tools import ask_references
 from fast.tasks.bench.told import Taken, take_told

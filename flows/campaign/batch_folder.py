@@ -11,14 +11,8 @@ from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.print import write_tray
 from fast.tasks.bench.reference_tools import ask_references
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.state import CampaignState
 
 PRINT = "print"  # folder of what the printer is given
-
-
-def is_told(campaign: Campaign, state: CampaignState, batch: int) -> bool:
-    """Whether every grasp of a batch is told, or nobody will make it."""
-    return state.is_confirmed(batch) and not plan_batch(campaign, state, batch)
 
 
 def write_batch(campaign: Campaign, batch: int, folder: Path) -> tuple[GraspRequest, ...]:

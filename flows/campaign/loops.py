@@ -9,13 +9,13 @@ from typing import Any, Protocol
 
 from prefect.futures import PrefectFuture
 
-from fast.flows.campaign.batch_folder import is_told
 from fast.flows.campaign.told_step import ToldPrompts, await_batch
 from fast.flows.progress import ProgressReporter
 from fast.hardware.bench import Bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.safety.safe_state import Verb
 from fast.models.records import Design
+from fast.tasks.bench.folder import is_told
 from fast.tasks.bench.measure import OpenBench
 from fast.tasks.bench.mount import MountPrompts
 from fast.tasks.bench.print import OperatorPrompts

@@ -3,7 +3,6 @@
 import tomllib
 from typing import Any
 
-from fast.flows.campaign.batch_folder import is_told
 from fast.flows.campaign.progress import count_work
 from fast.hardware.safety.safe_state import Verb
 from fast.lake.leases import holder_of
@@ -12,6 +11,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
 from fast.lake.tables.imported import IMPORTED, importing_campaign, is_imported
 from fast.models.validation import load_record
+from fast.tasks.bench.folder import is_told
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.requests import GAP_LEASE, lease_name, requested_verb

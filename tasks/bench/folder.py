@@ -28,3 +28,8 @@ def plan_batch(campaign: Campaign, state: CampaignState, batch: int) -> tuple[Gr
         for object_id, repeat in state.owed_grasps(tool, order_cells(campaign, tool), limit):
             requests.append(GraspRequest(tool_id=tool.tool_id, object_id=object_id, repeat=repeat, setup=setup))
     return tuple(requests)
+
+
+def is_told(campaign: Campaign, state: CampaignState, batch: int) -> bool:
+    """Whether every grasp of a batch is told, or nobody will make it."""
+    return state.is_confirmed(batch) and not plan_batch(campaign, state, batch)

@@ -410,6 +410,7 @@ class FitRow(Row):
 
     `is_log`: forces are modelled as ln(1 + force / 1 N), and standard deviations and means are of these. `n_sim` 0: the
     simulations were left aside, since measured designs are predicted better without; errors are those with them.
+    `n_prior` 0 says the same of designs that prior campaigns measured.
     """
 
     table: ClassVar[str] = "fits"
@@ -440,6 +441,9 @@ class FitRow(Row):
     measured_only_loo_rmse_n: float | None = None
     n_outliers: int | None = None
     is_log: bool | None = None
+    n_prior: int | None = None
+    priors_json: str | None = Field(default=None, description="correlation, gain and mean of each prior campaign, as named in the config")
+    without_prior_loo_rmse_n: float | None = None
 
 
 class EventRow(Row):

@@ -219,6 +219,11 @@ class ScientistSettings(Record):
     constraint: str | None = Field(
         default=None, description="`module:function` of one's own that says whether a design may be made"
     )
+    prior_campaigns: tuple[str, ...] = Field(
+        default=(),
+        max_length=8,
+        description="campaigns of the lake whose measured tools the surrogate learns from, each as a task of its own",
+    )
     manufacturable: bool = Field(default=False, description="propose only what keeps the rules of `printing`")
     printing: PrintingRules = PrintingRules()
 

@@ -19,6 +19,7 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig, differences, read_toml, relative_to
 from fast.tasks.campaign.material import store_lot
 from fast.tasks.campaign.own_designs import OWN
+from fast.tasks.scientist.prior import check_prior
 
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
 
@@ -53,9 +54,10 @@ def enter(campaign: Campaign, config_path: Path) -> None:
 
     Raises:
         ConfigError: the lake has a campaign of this name with another config, the lot's file cannot be used, or the
-            file of designs changed what is proposed already.
+            file of designs changed what is proposed already, or a prior campaign teaches nothing.
     """
     _check_own_designs(campaign)
+    check_prior(campaign)
     register(campaign, config_path.read_text(encoding="utf-8"))
     if campaign.config.material is not None:
         store_lot(campaign.lake, relative_to(config_path, campaign.config.material))

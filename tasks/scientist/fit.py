@@ -1,16 +1,17 @@
 """Fit the surrogate before a decision, or take the last fit again; fits go to the lake."""
 
+import json
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 from fast.lake.tables.campaign import FitRow
 from fast.models.blas import one_blas_thread
-from fast.models.ids import content_id
-from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
+from fast.models.ids import canonical_json, content_id
+from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior, trust_simulations
 from fast.models.scientist.surrogate.health import health_of
 from fast.models.scientist.surrogate.observations import ObservationSet
-from fast.models.scientist.surrogate.parameters import SurrogateParameters
+from fast.models.scientist.surrogate.parameters import PriorLink, SurrogateParameters
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.settings import LOG
@@ -27,12 +28,16 @@ def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str
     `rows` are the ids of the grasps and simulations behind `data`.
     """
     seed = campaign.seed("fit", batch)
-    surrogate = chosen = fit_surrogate(in_units_of(campaign, data), None, seed=seed)
+    surrogate = fit_surrogate(in_units_of(campaign, data), None, seed=seed)
+    trusted = chosen = trust_prior(surrogate, seed)
     if surrogate.data.is_log:
-        chosen = trust_simulations(surrogate, seed)
+        chosen = trust_simulations(trusted, seed)
     row = _fit_row(campaign, tools_fit_id(campaign, batch, data), batch, chosen, seed, "tools")
     campaign.lake.append([_with_health(row, surrogate)], campaign.provenance(seed, rows))
-    if chosen is not surrogate:
+    if trusted is not surrogate:
+        words = "prior campaigns are left aside for the choice of tools: measured tools are predicted better without"
+        logger.warning("%s, before B%02d: %s", campaign.campaign_id, batch, words)
+    if chosen is not trusted:
         words = "simulations are left aside for the choice of tools: measured tools are predicted better without them"
         logger.warning("%s, before B%02d: %s", campaign.campaign_id, batch, words)
     return chosen
@@ -56,7 +61,7 @@ def surrogate_for_simulation(
     if last is not None and not _is_outgrown(last, data):
         return fitted_before(last, data), last["fit_id"]
     seed = campaign.seed("simulation fit", batch)
-    surrogate = fit_surrogate(data, _parameters(last) if last else None, seed=seed)
+    surrogate = trust_prior(fit_surrogate(data, _parameters(last) if last else None, seed=seed), seed)
     fit_id = _simulation_fit_id(campaign, batch, index)
     row = _fit_row(campaign, fit_id, batch, surrogate, seed, "simulations")
     campaign.lake.append([row], campaign.provenance(seed, rows()))
@@ -64,9 +69,10 @@ def surrogate_for_simulation(
 
 
 def fitted_before(row: Mapping[str, Any], data: ObservationSet) -> Surrogate:
-    """The surrogate of a row of `fits`, conditioned on `data`."""
+    """The surrogate of a row of `fits`, conditioned on `data`; prior campaigns that it left aside stay so."""
+    parameters = _parameters(row)
     with one_blas_thread():
-        return Surrogate.condition(data, _parameters(row))
+        return Surrogate.condition(data if parameters.priors else data.of_this_campaign(), parameters)
 
 
 def _last_fit(campaign: Campaign, batch: int) -> dict[str, Any] | None:
@@ -91,6 +97,10 @@ def _parameters(row: Mapping[str, Any]) -> SurrogateParameters:
         nugget=row["nugget_n"],
         mean_sim=row["mean_sim_n"],
         mean_real=row["mean_real_n"],
+        priors=tuple(
+            PriorLink(**{key: link[key] for key in PriorLink.model_fields})
+            for link in json.loads(row["priors_json"] or "[]")
+        ),
     )
 
 
@@ -132,6 +142,8 @@ def _fit_row(
         mean_sim_n=parameters.mean_sim,
         mean_real_n=parameters.mean_real,
         is_log=data.is_log,
+        n_prior=data.n_prior,
+        priors_json=canonical_json([link.model_dump() for link in parameters.priors]),
     )
 
 
@@ -139,4 +151,6 @@ def _with_health(row: FitRow, surrogate: Surrogate) -> FitRow:
     health = health_of(surrogate)
     for finding in health.findings:
         logger.warning("%s, before B%02d: %s", row.campaign_id, row.batch, finding)
-    return row.model_copy(update=health.model_dump(include=set(FitRow.model_fields) - {"n_real", "n_sim", "rho"}))
+    return row.model_copy(
+        update=health.model_dump(include=set(FitRow.model_fields) - {"n_real", "n_sim", "n_prior", "rho"})
+    )

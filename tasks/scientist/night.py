@@ -73,7 +73,7 @@ def _thin_out(data: ObservationSet, rng: np.random.Generator) -> ObservationSet:
         rows = rows[np.argsort(-data.y[rows], kind="stable")]
         best, others = np.split(rows, [_N_FITTED // 2])
         rows = np.concatenate([best, rng.choice(others, _N_FITTED - len(best), replace=False)])
-    rows = np.sort(np.concatenate([rows, np.flatnonzero(data.s == REAL)]))
+    rows = np.sort(np.concatenate([rows, np.flatnonzero(data.s != SIM)]))
     return data.take(rows)
 
 

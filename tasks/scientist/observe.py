@@ -7,11 +7,12 @@ import numpy as np
 
 from fast.models.records import Design, SimulatorVersion
 from fast.models.scientist.surrogate.imputation import mean_over_objects
-from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
 from fast.tasks.bench.plan import find_missing_runs
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState, ProposedTool, tuples
+from fast.tasks.scientist.prior import prior_designs, read_prior
 
 # Grasps that a search asked for say nothing of a tool's quality.
 _ORDINARY = "grasps WHERE campaign_id = ? AND status = 'ok' AND request_id IS NULL"
@@ -46,9 +47,10 @@ def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) ->
 
     A measured tool counts as the finger that was printed, with its thicknesses as measured, not as the one that was
     asked for. Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
-    Simulations of an older simulator version are scaled, mapped or left out, never taken as they are.
+    Simulations of an older simulator version are scaled, mapped or left out, never taken as they are. Tools of prior
+    campaigns are fidelities of their own, 2 and up.
     """
-    tools, designs = _measured_tools(state, batches), proposed_designs(state)
+    tools, designs = _measured_tools(state, batches), _simulated_designs(campaign, state)
     point_of = {t.tool_id: t.mounted_point(campaign.space) for t in tools} | dict(
         zip(designs, campaign.space.to_unit(list(designs.values())), strict=True)
     )
@@ -56,17 +58,26 @@ def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) ->
     simulated = _simulated_means(campaign, state, designs)
     older = [part.means for part in _older(campaign, designs, simulated)]
     parts = [(REAL, measured), *((SIM, means) for means in (simulated, *older))]
+    prior = read_prior(campaign)
+    own_x = np.array([point_of[i] for _, means in parts for i in means.ids]).reshape(-1, campaign.space.n_dims)
+    sizes = [(fidelity, len(means.ids)) for fidelity, means in parts]
+    sizes += [(FIRST_PRIOR + place, len(one.mean_n)) for place, one in enumerate(prior)]
     return ObservationSet(
-        x=np.array([point_of[i] for _, means in parts for i in means.ids]).reshape(-1, campaign.space.n_dims),
-        s=np.concatenate([np.full(len(means.ids), fidelity) for fidelity, means in parts]),
-        y=np.concatenate([means.y for _, means in parts]),
-        noise_variance=np.concatenate([means.variance for _, means in parts]),
+        x=np.concatenate([own_x, *(one.points for one in prior)]),
+        s=np.concatenate([np.full(n, fidelity) for fidelity, n in sizes]),
+        y=np.concatenate([*(means.y for _, means in parts), *(one.mean_n for one in prior)]),
+        noise_variance=np.concatenate([*(means.variance for _, means in parts), *(one.variance_n2 for one in prior)]),
     )
+
+
+def _simulated_designs(campaign: Campaign, state: CampaignState) -> dict[str, Design]:
+    """Designs whose simulations count: those that the campaign or a prior one has proposed, by id."""
+    return prior_designs(campaign) | proposed_designs(state)
 
 
 def older_simulations(campaign: Campaign, state: CampaignState) -> list[OlderSimulations]:
     """What `observe` makes of simulations of older simulator versions, newest version first."""
-    designs = proposed_designs(state)
+    designs = _simulated_designs(campaign, state)
     return _older(campaign, designs, _simulated_means(campaign, state, designs))
 
 
@@ -76,7 +87,8 @@ def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[in
     sql = f"SELECT grasp_id, tool_id, object_id FROM {_ORDINARY}"
     grasps = tuples(campaign.lake, sql, campaign.campaign_id)
     rows = [row_id for row_id, tool_id, object_id in grasps if tool_id in tools and object_id in objects]
-    designs = proposed_designs(state)
+    rows += [grasp_id for one in read_prior(campaign) for grasp_id in one.grasp_ids]
+    designs = _simulated_designs(campaign, state)
     used = {campaign.version: set(_complete(campaign, state, designs))}
     for part in older_simulations(campaign, state):
         if part.line is not None:

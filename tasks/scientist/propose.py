@@ -152,7 +152,7 @@ def propose_tools(
     n_tools = campaign.config.schedule.tools_of(batch) - len(own)
     model: Surrogate | OwnSurrogate = surrogate
     if is_own(scientist.surrogate):
-        model = make_own_surrogate(scientist.surrogate, data, seed)
+        model = make_own_surrogate(scientist.surrogate, data.of_this_campaign(), seed)
     proposals = (
         []
         if n_tools == 0

@@ -27,7 +27,7 @@ _NOTHING = 1e-6  # of the simulations' spread: stands for a discrepancy that is 
 def propose_improvement(campaign: Campaign, batch: int, index: int, state: CampaignState) -> None:
     """One more design to simulate, by expected improvement of the simulated force itself."""
     seed = campaign.seed("simulation", batch, index)
-    data = observe(campaign, state, ())
+    data = observe(campaign, state, ()).of_this_campaign()
     surrogate, fit_id = surrogate_for_simulation(
         campaign, batch, index, data, lambda: observed_rows(campaign, state, ())
     )
@@ -55,7 +55,7 @@ def propose_best_simulated(campaign: Campaign, batch: int, state: CampaignState)
     means = means_of_simulations(campaign, campaign.version, designs)
     best = np.argsort(-means.y, kind="stable")[: campaign.config.schedule.tools_of(batch)]
     proposals = [Proposal(designs[means.ids[row]], float(means.y[row])) for row in best]
-    choice = Choice(BEST_SIMULATED, campaign.seed("tools", batch), observe(campaign, state, ()))
+    choice = Choice(BEST_SIMULATED, campaign.seed("tools", batch), observe(campaign, state, ()).of_this_campaign())
     append_tools(campaign, batch, proposals, choice)
 
 

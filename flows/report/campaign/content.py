@@ -72,6 +72,11 @@ class Content:
     provenance = _asked("provenance", queries.PROVENANCE)  # code versions, config hashes and benches of the rows
     designs = _asked("designs", queries.DESIGNS)  # of the mounted tools
 
+    @property
+    def prior_campaigns(self) -> list[str]:
+        """Campaigns that the surrogate learns from, as the config names them."""
+        return list(tomllib.loads(self.campaign.config_toml).get("scientist", {}).get("prior_campaigns", []))
+
     @cached_property
     def tools(self) -> list[Tool]:
         """All tools."""

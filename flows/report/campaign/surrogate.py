@@ -1,5 +1,6 @@
 """The section on the surrogate: its health as it chose each batch, and which parameters it finds to matter."""
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,12 +28,16 @@ _COLUMNS: dict[str, Column] = {
 }
 
 
+_PRIOR_COLUMNS: dict[str, Column] = {"prior": ("n_prior", 0), "no prior (N)": ("without_prior_loo_rmse_n", 2)}
+
+
 def write_surrogate(content: Content, folder: Folder) -> Markup:
     """Leave-one-out errors and coverage of every fit that chose tools; lengthscales and findings of the last."""
     fits = content.result("fits", queries.FITS)
     if not fits.rows:
         return section("surrogate", "The surrogate", paragraph("The surrogate has not been fitted yet."))
     last = fits.rows[-1]
+    has_prior = any(row["without_prior_loo_rmse_n"] is not None for row in fits.rows)
     figure = folder.figure("relevance", draw_relevance(last, content.space.names), "Relevance of each design parameter")
     return section(
         "surrogate",
@@ -42,7 +47,8 @@ def write_surrogate(content: Content, folder: Folder) -> Markup:
             "what the simulation says, plus the discrepancy, which only measurements show (Eq. 1 of the paper)."
         ),
         *(paragraph(finding, "note") for finding in _findings(last)),
-        record_table(fits.rows, _COLUMNS),
+        record_table(fits.rows, _COLUMNS | (_PRIOR_COLUMNS if has_prior else {})),
+        *([paragraph(_prior_words(last, content.prior_campaigns), "note")] if has_prior else []),
         paragraph(
             "Each row is the fit that chose the tools of a batch. Measured, simulated: the designs that it knew. Rho: "
             "how many newtons on the bench go with one in the simulation. Shared: part of the variance that measured "
@@ -86,6 +92,18 @@ def draw_relevance(fit: Mapping[str, Any], names: Sequence[str]) -> Figure:
     axes.set_xlabel("1 / length scale, per range of the parameter")
     figure.legend(loc="outside upper left")
     return figure
+
+
+def _prior_words(fit: Mapping[str, Any], names: Sequence[str]) -> str:
+    links = json.loads(fit["priors_json"] or "[]")
+    told = ", ".join(f"{name} {link['correlation']:.2f}" for name, link in zip(names, links, strict=False))
+    now = "in the last fit they were left aside, as measured designs are predicted better so"
+    if told:
+        now = f"correlation with the own measurements in the last fit: {told}"
+    return (
+        "Prior: tools of prior campaigns that the fit knew, each campaign with a scale and a mean of its own. No "
+        f"prior: the error without them. {now[0].upper()}{now[1:]}."
+    )
 
 
 def _findings(fit: Mapping[str, Any]) -> tuple[str, ...]:

@@ -10,8 +10,7 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from fast.models.gaussian_process.matern import matern52_cross_with_slope
-from fast.models.scientist.surrogate.observations import REAL
-from fast.models.scientist.surrogate.posterior import Surrogate, prior_covariance
+from fast.models.scientist.surrogate.posterior import Surrogate, loadings, prior_covariance
 
 
 def pull_back(
@@ -39,9 +38,9 @@ def _through_covariance(
 ) -> np.ndarray:
     """Gradient of sum(weights * covariance of (x1, s1) with (x2, s2)) with respect to the second points, m x 9."""
     p = surrogate.parameters
-    c1, c2 = np.where(s1 == REAL, p.rho, 1.0), np.where(s2 == REAL, p.rho, 1.0)
+    (h1, e1), (h2, e2) = loadings(p, s1), loadings(p, s2)
     gradient = np.zeros_like(x2)
-    processes = ((p.lengthscales_h, p.sd_h, c1, c2), (p.lengthscales_e, p.sd_e, s1 == REAL, s2 == REAL))
+    processes = ((p.lengthscales_h, p.sd_h, h1, h2), (p.lengthscales_e, p.sd_e, e1, e2))
     for lengthscales, sd, scale1, scale2 in processes:
         slope = matern52_cross_with_slope(x1, x2, np.array(lengthscales), sd).slope
         slope *= weights * scale1[:, None] * scale2[None, :]

@@ -39,6 +39,18 @@ def fit_surrogate(data: ObservationSet, previous: SurrogateParameters | None = N
         return _fit(data.sims_first(), previous, np.random.default_rng(seed))
 
 
+def trust_prior(surrogate: Surrogate, seed: int = 0) -> Surrogate:
+    """The surrogate, or one fitted without prior campaigns where that predicts the own measurements better.
+
+    Compared as in `trust_simulations`. What prior campaigns say of something else costs little so: they share
+    lengthscales and noise with the own data, whatever their correlation is.
+    """
+    data = surrogate.data
+    if not data.n_prior or data.n_real < MIN_OBSERVATIONS:
+        return surrogate
+    return _better(surrogate, fit_surrogate(data.of_this_campaign(), seed=seed))
+
+
 def trust_simulations(surrogate: Surrogate, seed: int = 0) -> Surrogate:
     """The surrogate, or one fitted to the measurements alone where that predicts each of them better from the others.
 
@@ -48,8 +60,11 @@ def trust_simulations(surrogate: Surrogate, seed: int = 0) -> Surrogate:
     data = surrogate.data
     if not data.n_sim or data.n_real < MIN_OBSERVATIONS:
         return surrogate
-    alone = fit_surrogate(data.take(data.s == REAL), seed=seed)
-    return alone if _left_out_density(alone) > _left_out_density(surrogate) else surrogate
+    return _better(surrogate, fit_surrogate(data.take(data.s != SIM), seed=seed))
+
+
+def _better(surrogate: Surrogate, without: Surrogate) -> Surrogate:
+    return without if _left_out_density(without) > _left_out_density(surrogate) else surrogate
 
 
 def _left_out_density(surrogate: Surrogate) -> float:
@@ -63,7 +78,7 @@ def _fit(data: ObservationSet, previous: SurrogateParameters | None, rng: np.ran
     units = Standardisation.of(data)
     standardised = units.apply(data)
     starts = _cold_starts(standardised, rng)
-    if previous is not None:
+    if previous is not None and len(previous.priors) == data.n_prior_campaigns:
         starts.append(Vector.from_parameters(previous, units))
     values = [log_posterior(start, standardised)[0] for start in starts]
     best, value = _climb(starts[int(np.argmax(values))], standardised, POLISH_ITERATIONS)
@@ -78,18 +93,18 @@ def _fit(data: ObservationSet, previous: SurrogateParameters | None, rng: np.ran
 
 def _cold_starts(data: ObservationSet, rng: np.random.Generator) -> list[Vector]:
     subset = data if len(data) <= SUBSET_SIZE else data.take(_subset(data, rng))
-    mode = prior_mode(data.x.shape[1])
+    mode = prior_mode(data.x.shape[1], data.n_prior_campaigns)
     starts = [mode]
     if data.n_real and data.n_sim:
-        unrelated = mode.values.copy()
-        unrelated[-4], unrelated[-1] = 0.0, 0.1  # discrepancy of the size of the data, almost no shared part
-        starts.append(Vector(unrelated))
+        unrelated, sds = mode.values.copy(), 2 * mode.n_dims
+        unrelated[sds + 1], unrelated[sds + 4] = 0.0, 0.1  # discrepancy of the size of the data, almost no shared part
+        starts.append(Vector(unrelated, mode.n_prior))
     return [_climb(start, subset, SEARCH_ITERATIONS)[0] for start in starts]
 
 
 def _subset(data: ObservationSet, rng: np.random.Generator) -> np.ndarray:
-    """Rows, in order: up to half of the subset real, the rest simulated, each drawn at random."""
-    real, sim = np.flatnonzero(data.s == REAL), np.flatnonzero(data.s == SIM)
+    """Rows, in order: up to half of the subset measured, the rest simulated, each drawn at random."""
+    real, sim = np.flatnonzero(data.s != SIM), np.flatnonzero(data.s == SIM)
     n_real = min(len(real), max(SUBSET_SIZE // 2, SUBSET_SIZE - len(sim)))
     n_sim = min(len(sim), SUBSET_SIZE - n_real)
     rows = [rng.choice(sim, n_sim, replace=False), rng.choice(real, n_real, replace=False)]
@@ -100,7 +115,7 @@ def _climb(start: Vector, data: ObservationSet, max_iterations: int) -> tuple[Ve
     """L-BFGS on the log posterior within the box; returns the best vector and its value."""
 
     def objective(values: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = log_posterior(Vector(values), data)
+        value, gradient = log_posterior(Vector(values, start.n_prior), data)
         # A finite wall keeps the line search going where the covariance is numerically singular.
         return (-value, -gradient) if np.isfinite(value) else (1e10, gradient)
 
@@ -109,7 +124,7 @@ def _climb(start: Vector, data: ObservationSet, max_iterations: int) -> tuple[Ve
         start.values,
         jac=True,
         method="L-BFGS-B",
-        bounds=bounds(data.x.shape[1]),
+        bounds=bounds(start.n_dims, start.n_prior),
         options={"maxiter": max_iterations, "maxcor": 15},
     )
-    return Vector(result.x), -float(result.fun) if result.fun < 1e10 else -np.inf
+    return Vector(result.x, start.n_prior), -float(result.fun) if result.fun < 1e10 else -np.inf

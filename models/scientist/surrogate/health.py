@@ -21,8 +21,9 @@ class SurrogateHealth(Record):
     Coverage is the share of observations inside their own central 90 % interval: far below 0.9 means overconfident.
     `loo_q2` is the share of the variance predicted. `measured_only_loo_rmse_n` is the error of a surrogate that was
     fitted to the measurements alone. `shared_variance` is the share of the measured outcome's prior variance that comes
-    through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 + sd_e^2). `n_outliers` counts measured designs more than
-    `OUTLIER_SD` from their prediction. None: fewer than two observations.
+    through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 + sd_e^2). `n_prior` designs were measured in prior campaigns;
+    `without_prior_loo_rmse_n` is the error of a surrogate fitted without them. `n_outliers` counts measured designs
+    more than `OUTLIER_SD` from their prediction. None: fewer than two observations.
     """
 
     n_real: int
@@ -37,6 +38,15 @@ class SurrogateHealth(Record):
     sim_loo_q2: float | None
     measured_only_loo_rmse_n: float | None
     n_outliers: int = 0
+    n_prior: int = 0
+    without_prior_loo_rmse_n: float | None = None
+
+    @property
+    def prior_gain(self) -> float | None:
+        """Share by which prior campaigns reduce the error at measured designs; negative where they mislead."""
+        if self.loo_rmse_n is None or not self.without_prior_loo_rmse_n:
+            return None
+        return 1.0 - self.loo_rmse_n / self.without_prior_loo_rmse_n
 
     @property
     def simulation_gain(self) -> float | None:
@@ -52,6 +62,7 @@ class SurrogateHealth(Record):
             sentence
             for sentence in (
                 self._simulation_finding(),
+                self._prior_finding(),
                 self._coverage_finding(),
                 self._error_finding(),
                 self._outlier_finding(),
@@ -66,6 +77,16 @@ class SurrogateHealth(Record):
         return (
             f"Simulation is not informative: with it the error at measured designs is {self.loo_rmse_n:.2f} N, without "
             f"it {self.measured_only_loo_rmse_n:.2f} N; calibrate the simulator or find what it lacks."
+        )
+
+    def _prior_finding(self) -> str:
+        gain = self.prior_gain
+        if gain is None:
+            return ""
+        verdict = "help" if gain > 0 else "do not help"
+        return (
+            f"{self.n_prior} tools of prior campaigns {verdict}: with them the error at measured designs is "
+            f"{self.loo_rmse_n:.2f} N, without them {self.without_prior_loo_rmse_n:.2f} N."
         )
 
     def _coverage_finding(self) -> str:
@@ -116,6 +137,8 @@ def health_of(surrogate: Surrogate) -> SurrogateHealth:
         sim_loo_q2=sim[2],
         measured_only_loo_rmse_n=_measured_only_rmse_n(surrogate),
         n_outliers=int(np.count_nonzero(_outliers(surrogate, loo))),
+        n_prior=surrogate.data.n_prior,
+        without_prior_loo_rmse_n=_without_prior_rmse_n(surrogate),
     )
 
 
@@ -126,11 +149,20 @@ def _outliers(surrogate: Surrogate, loo: LeaveOneOut) -> np.ndarray:
 
 
 def _measured_only_rmse_n(surrogate: Surrogate) -> float | None:
-    """Leave-one-out error of a surrogate without the simulations; None without any, or with too few measurements."""
+    """Leave-one-out error without the simulations; None where there are none, or too few measurements."""
     data = surrogate.data
     if data.n_sim == 0 or data.n_real < MIN_OBSERVATIONS:
         return None
-    alone = fit_surrogate(data.take(data.s == REAL))
+    alone = fit_surrogate(data.take(data.s != SIM))
+    return _fidelity(alone, alone.leave_one_out(), REAL)[0]
+
+
+def _without_prior_rmse_n(surrogate: Surrogate) -> float | None:
+    """Leave-one-out error of a surrogate without prior campaigns; None without any, or with too few measurements."""
+    data = surrogate.data
+    if data.n_prior == 0 or data.n_real < MIN_OBSERVATIONS:
+        return None
+    alone = fit_surrogate(data.of_this_campaign())
     return _fidelity(alone, alone.leave_one_out(), REAL)[0]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from fast.models.errors import UsageError
 
 SIM, REAL = 0, 1
+FIRST_PRIOR = 2  # fidelity of the first prior campaign; the next are 3, 4, ...
 MIN_OBSERVATIONS = 3  # that a surrogate is fitted to
 LOG_UNIT_N = 1.0  # forces well above it count by their ratios, those below by their differences
 
@@ -15,7 +16,8 @@ LOG_UNIT_N = 1.0  # forces well above it count by their ratios, those below by t
 class ObservationSet:
     """n observed designs.
 
-    x: n x d, unit cube of the design space. s: n, fidelity (0 sim, 1 real). y: n, mean force over the objects, N.
+    x: n x d, unit cube of the design space. s: n, fidelity: 0 simulated, 1 measured, 2 and up measured in the first,
+    second ... prior campaign. y: n, mean force over the objects, N.
     noise_variance: n, known extra variance of `y` (missing objects), N^2. is_log: `y` is ln(1 + force / 1 N) instead,
     and `noise_variance` that of it; see `in_logs`.
     """
@@ -30,7 +32,7 @@ class ObservationSet:
         """Check shapes and values once, at the boundary.
 
         Raises:
-            UsageError: shapes differ, a value is not finite, a fidelity is neither 0 nor 1, a variance is negative.
+            UsageError: shapes differ, a value is not finite, fidelities are not 0, 1, 2 ..., a variance is negative.
         """
         n = len(self.y)
         if self.x.ndim != 2 or len(self.x) != n or self.s.shape != (n,) or self.noise_variance.shape != (n,):
@@ -44,8 +46,10 @@ class ObservationSet:
                 raise UsageError(
                     f"observation {row} has a {name} that is not finite; leave the design out or impute it."
                 )
-        if not np.isin(self.s, (SIM, REAL)).all():
-            raise UsageError(f"fidelities are {np.unique(self.s).tolist()}; they must be 0 (sim) or 1 (real).")
+        if (self.s < SIM).any() or (self.s != np.round(self.s)).any():
+            raise UsageError(
+                f"fidelities are {np.unique(self.s).tolist()}; they must be 0 (sim), 1 (real), or 2 and up (prior)."
+            )
         if (self.noise_variance < 0).any():
             raise UsageError(f"a noise variance is {self.noise_variance.min():g} N^2; it must be at least 0.")
 
@@ -61,6 +65,20 @@ class ObservationSet:
     def n_real(self) -> int:
         """Number of measured designs."""
         return int(np.count_nonzero(self.s == REAL))
+
+    @property
+    def n_prior(self) -> int:
+        """Number of designs measured in prior campaigns."""
+        return len(self) - self.n_sim - self.n_real
+
+    @property
+    def n_prior_campaigns(self) -> int:
+        """Number of prior campaigns."""
+        return max(int(self.s.max(initial=REAL)) - REAL, 0)
+
+    def of_this_campaign(self) -> "ObservationSet":
+        """The observations without those of prior campaigns."""
+        return self.take(self.s <= REAL) if self.n_prior else self
 
     def take(self, rows: np.ndarray) -> "ObservationSet":
         """The observations with these row numbers (or mask), in that order."""

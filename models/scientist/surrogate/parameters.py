@@ -10,9 +10,21 @@ import numpy as np
 from pydantic import Field
 
 from fast.models.records import Record
-from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObservationSet
 
 FLAT_SCALE_N = 1.0  # stands in for the standard deviation of data that do not vary
+
+
+class PriorLink(Record):
+    """How the outcome f_p of a prior campaign hangs together with this campaign's measured outcome f.
+
+    (f_p - mean) / gain = correlation (f - mean_real) + sqrt(1 - correlation^2) g, with g an independent process of the
+    same covariance as f: at correlation 1 the campaigns measure the same but for units, at 0 they share nothing.
+    """
+
+    correlation: float = Field(ge=0, lt=1)
+    gain: float = Field(gt=0)
+    mean: float
 
 
 class SurrogateParameters(Record):
@@ -22,7 +34,8 @@ class SurrogateParameters(Record):
 
     Eq. 1-3 of the FAST paper: f = rho h + eps, with h and eps Matern-5/2 processes of standard deviation
     `sd_h` and `sd_e`. `noise_sd` is on measurements, `nugget` (a standard deviation) on simulations.
-    `mean_sim` and `mean_real` are the constants each fidelity is centred by.
+    `mean_sim` and `mean_real` are the constants each fidelity is centred by. `priors`: links to prior campaigns, in
+    the order of their fidelities.
     """
 
     rho: float
@@ -34,45 +47,57 @@ class SurrogateParameters(Record):
     nugget: float = Field(gt=0)
     mean_sim: float
     mean_real: float
+    priors: tuple[PriorLink, ...] = ()
 
 
 @dataclass(frozen=True)
 class Standardisation:
-    """Means and scales (N) that standardise each fidelity."""
+    """Means and scales (N) that standardise each fidelity; of prior campaigns one each, in their order."""
 
     mean_sim: float
     mean_real: float
     scale_sim: float
     scale_real: float
+    mean_prior: tuple[float, ...] = ()
+    scale_prior: tuple[float, ...] = ()
 
     @staticmethod
     def of(data: ObservationSet) -> "Standardisation":
-        """Mean and standard deviation per fidelity; a fidelity without data borrows the other's."""
+        """Mean and standard deviation per fidelity; a fidelity without data borrows another's."""
         sim, real = data.y[data.s == SIM], data.y[data.s == REAL]
+        priors = [data.y[data.s == FIRST_PRIOR + place] for place in range(data.n_prior_campaigns)]
+        if not sim.size and not real.size:
+            real = data.y
         return Standardisation(
             mean_sim=float(np.mean(sim if sim.size else real)),
             mean_real=float(np.mean(real if real.size else sim)),
             scale_sim=_scale(sim, real),
             scale_real=_scale(real, sim),
+            mean_prior=tuple(float(np.mean(y)) if y.size else 0.0 for y in priors),
+            scale_prior=tuple(_scale(y, real) for y in priors),
         )
 
     def apply(self, data: ObservationSet) -> ObservationSet:
         """The same observations with zero mean and unit spread per fidelity (dimensionless)."""
-        mean = np.where(data.s == REAL, self.mean_real, self.mean_sim)
-        scale = np.where(data.s == REAL, self.scale_real, self.scale_sim)
+        mean = np.array([self.mean_sim, self.mean_real, *self.mean_prior])[data.s.astype(int)]
+        scale = np.array([self.scale_sim, self.scale_real, *self.scale_prior])[data.s.astype(int)]
         return replace(data, y=(data.y - mean) / scale, noise_variance=data.noise_variance / scale**2)
 
 
 @dataclass(frozen=True)
 class Vector:
-    """Standardised parameters as one vector: log l_h (d), log l_e (d), log of sd_h, sd_e, nugget, noise_sd; rho."""
+    """Standardised parameters as one vector.
+
+    log l_h (d), log l_e (d), log of sd_h, sd_e, nugget, noise_sd; rho; the correlations with `n_prior` prior campaigns.
+    """
 
     values: np.ndarray
+    n_prior: int = 0
 
     @property
     def n_dims(self) -> int:
         """Number of inputs d."""
-        return (len(self.values) - 5) // 2
+        return (len(self.values) - 5 - self.n_prior) // 2
 
     @property
     def lengthscales_h(self) -> np.ndarray:
@@ -87,12 +112,17 @@ class Vector:
     @property
     def sds(self) -> np.ndarray:
         """sd_h, sd_e, nugget, noise_sd in standardised units."""
-        return np.exp(self.values[-5:-1])
+        return np.exp(self.values[2 * self.n_dims : 2 * self.n_dims + 4])
 
     @property
     def rho(self) -> float:
         """Standardised scale between the fidelities."""
-        return float(self.values[-1])
+        return float(self.values[2 * self.n_dims + 4])
+
+    @property
+    def correlations(self) -> np.ndarray:
+        """Correlation with each prior campaign, n_prior."""
+        return self.values[2 * self.n_dims + 5 :]
 
     def to_parameters(self, units: Standardisation) -> SurrogateParameters:
         """The same parameters in N."""
@@ -107,6 +137,12 @@ class Vector:
             noise_sd=noise_sd * units.scale_real,
             mean_sim=units.mean_sim,
             mean_real=units.mean_real,
+            priors=tuple(
+                PriorLink(correlation=correlation, gain=scale / units.scale_real, mean=mean)
+                for correlation, scale, mean in zip(
+                    self.correlations.tolist(), units.scale_prior, units.mean_prior, strict=True
+                )
+            ),
         )
 
     @staticmethod
@@ -115,9 +151,10 @@ class Vector:
         sds = np.array([parameters.sd_h, parameters.sd_e, parameters.nugget, parameters.noise_sd])
         sds /= [units.scale_sim, units.scale_real, units.scale_sim, units.scale_real]
         logs = np.log([*parameters.lengthscales_h, *parameters.lengthscales_e, *sds])
-        values = np.append(logs, parameters.rho * units.scale_sim / units.scale_real)
-        lower, upper = np.array(bounds(len(parameters.lengthscales_h))).T
-        return Vector(np.clip(values, lower, upper))
+        correlations = [link.correlation for link in parameters.priors]
+        values = np.array([*logs, parameters.rho * units.scale_sim / units.scale_real, *correlations])
+        lower, upper = np.array(bounds(len(parameters.lengthscales_h), len(correlations))).T
+        return Vector(np.clip(values, lower, upper), len(correlations))
 
 
 # Weak priors on the standardised parameters: (median, sd of the log) and the optimiser's box.
@@ -131,31 +168,34 @@ _SDS = (
 )
 RHO_MEAN, RHO_SD = 0.8, 0.5  # about the sim/real correlation; negative values stay possible
 _RHO_BOX = (-4.0, 6.0)
+CORRELATION_MEAN, CORRELATION_SD = 0.7, 0.4  # with a prior campaign; one that contradicts ends at 0 and counts nothing
+_CORRELATION_BOX = (0.0, 0.999)
 
 
-def bounds(n_dims: int) -> list[tuple[float, float]]:
-    """Box of the optimiser for the vector form, 2 d + 5 pairs."""
+def bounds(n_dims: int, n_prior: int = 0) -> list[tuple[float, float]]:
+    """Box of the optimiser for the vector form, 2 d + 5 + n_prior pairs."""
     rows = [_LENGTHSCALE] * (2 * n_dims) + list(_SDS)
-    return [(float(np.log(low)), float(np.log(high))) for _, _, low, high in rows] + [_RHO_BOX]
+    logs = [(float(np.log(low)), float(np.log(high))) for _, _, low, high in rows]
+    return [*logs, _RHO_BOX, *[_CORRELATION_BOX] * n_prior]
 
 
-def prior_mode(n_dims: int) -> Vector:
-    """The vector with the largest prior density: every median, and the mean of rho."""
-    return Vector(_prior_moments(n_dims)[0])
+def prior_mode(n_dims: int, n_prior: int = 0) -> Vector:
+    """The vector with the largest prior density: every median, and the means of rho and the correlations."""
+    return Vector(_prior_moments(n_dims, n_prior)[0], n_prior)
 
 
 def log_prior(vector: Vector) -> tuple[float, np.ndarray]:
-    """Log prior density of the vector form (without its constant) and its gradient, 2 d + 5."""
-    mean, sd = _prior_moments(vector.n_dims)
+    """Log prior density of the vector form (without its constant) and its gradient, 2 d + 5 + n_prior."""
+    mean, sd = _prior_moments(vector.n_dims, vector.n_prior)
     deviation = (vector.values - mean) / sd
     return float(-0.5 * deviation @ deviation), -deviation / sd
 
 
-def _prior_moments(n_dims: int) -> tuple[np.ndarray, np.ndarray]:
+def _prior_moments(n_dims: int, n_prior: int) -> tuple[np.ndarray, np.ndarray]:
     rows = [_LENGTHSCALE] * (2 * n_dims) + list(_SDS)
-    mean = np.array([np.log(median) for median, _, _, _ in rows] + [RHO_MEAN])
-    sd = np.array([log_sd for _, log_sd, _, _ in rows] + [RHO_SD])
-    return mean, sd
+    mean = [np.log(median) for median, _, _, _ in rows] + [RHO_MEAN] + [CORRELATION_MEAN] * n_prior
+    sd = [log_sd for _, log_sd, _, _ in rows] + [RHO_SD] + [CORRELATION_SD] * n_prior
+    return np.array(mean), np.array(sd)
 
 
 def _scale(values: np.ndarray, others: np.ndarray) -> float:

@@ -9,7 +9,7 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from fast.models.blas import one_blas_thread
 from fast.models.errors import FastError
 from fast.models.gaussian_process.matern import matern52
-from fast.models.scientist.surrogate.observations import REAL, ObservationSet
+from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.parameters import SurrogateParameters
 
 _JITTERS = (0.0, 1e-10, 1e-8, 1e-6)  # relative to the largest prior variance, tried in order
@@ -82,9 +82,9 @@ class Surrogate:
         """Predictive mean at m points `x` (m x 9) of fidelity `s`, m, N (Eq. 5)."""
         p, fidelity = self.parameters, np.broadcast_to(s, len(x))
         n_sim = self.data.n_sim
-        weights = self.weights * np.where(self.data.s == REAL, p.rho, 1.0)
+        weights = self.weights * self._loading_h
         mean = np.where(fidelity == REAL, p.rho, 1.0) * (self._cross_h(x).T @ weights)
-        mean += fidelity * (self._cross_e(x).T @ self.weights[n_sim:])
+        mean += fidelity * (self._cross_e(x).T @ (self.weights * self._shares)[n_sim:])
         return mean + _means(p, fidelity)
 
     def posterior(self, x: np.ndarray, s: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
@@ -106,11 +106,12 @@ class Surrogate:
 
     def whitened_cross(self, x: np.ndarray) -> WhitenedCross:
         """L^-1 K(data, x) per process; with the sims first, the discrepancy needs only the real block of L."""
-        n_sim, p = self.data.n_sim, self.parameters
-        cross = self._cross_h(x) * np.where(self.data.s == REAL, p.rho, 1.0)[:, None]
+        n_sim = self.data.n_sim
+        cross = self._cross_h(x) * self._loading_h[:, None]
         h = solve_triangular(self.factor, cross, lower=True, check_finite=False)
         e = np.zeros_like(h)
-        e[n_sim:] = solve_triangular(self.factor[n_sim:, n_sim:], self._cross_e(x), lower=True, check_finite=False)
+        cross_e = self._cross_e(x) * self._shares[n_sim:, None]
+        e[n_sim:] = solve_triangular(self.factor[n_sim:, n_sim:], cross_e, lower=True, check_finite=False)
         return WhitenedCross(h, e)
 
     def whitened(self, x: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -126,6 +127,14 @@ class Surrogate:
         precision = np.diagonal(inverse)
         return LeaveOneOut(self.data.y - self.weights / precision, 1.0 / np.sqrt(precision))
 
+    @property
+    def _shares(self) -> np.ndarray:
+        return shares(self.parameters, self.data.s)
+
+    @property
+    def _loading_h(self) -> np.ndarray:
+        return loadings(self.parameters, self.data.s)[0]
+
     def _cross_h(self, x: np.ndarray) -> np.ndarray:
         p = self.parameters
         return matern52(self.data.x, x, np.array(p.lengthscales_h), p.sd_h)
@@ -135,31 +144,58 @@ class Surrogate:
         return matern52(self.data.x[self.data.n_sim :], x, np.array(p.lengthscales_e), p.sd_e)
 
 
+def shares(parameters: SurrogateParameters, s: np.ndarray) -> np.ndarray:
+    """How much of the outcome of these fidelities is that of this campaign: 1, or gain times correlation of a prior."""
+    priors = [link.gain * link.correlation for link in parameters.priors]
+    return np.asarray(np.array([1.0, 1.0, *priors])[np.asarray(s, dtype=int)])
+
+
+def loadings(parameters: SurrogateParameters, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the processes h and eps are multiplied with in the outcome of these fidelities, n each."""
+    share = shares(parameters, s)
+    return np.where(s == SIM, 1.0, parameters.rho) * share, np.where(s == SIM, 0.0, share)
+
+
 def prior_covariance(
     parameters: SurrogateParameters, x1: np.ndarray, s1: np.ndarray, x2: np.ndarray, s2: np.ndarray
 ) -> np.ndarray:
-    """Covariance of the two-fidelity outcome before any data, n x m, N^2 (Eq. 3 of the FAST paper)."""
-    c1, c2 = np.where(s1 == REAL, parameters.rho, 1.0), np.where(s2 == REAL, parameters.rho, 1.0)
+    """Covariance of the outcomes before any data, n x m, N^2 (Eq. 3 of the FAST paper, and `PriorLink`)."""
+    (h1, e1), (h2, e2) = loadings(parameters, s1), loadings(parameters, s2)
     K = matern52(x1, x2, np.array(parameters.lengthscales_h), parameters.sd_h)
-    K *= c1[:, None]
-    K *= c2[None, :]
-    real1, real2 = np.flatnonzero(s1 == REAL), np.flatnonzero(s2 == REAL)
-    if real1.size and real2.size:
-        e = matern52(x1[real1], x2[real2], np.array(parameters.lengthscales_e), parameters.sd_e)
-        K[np.ix_(real1, real2)] += e
+    K *= h1[:, None]
+    K *= h2[None, :]
+    rows, columns = np.flatnonzero(e1), np.flatnonzero(e2)
+    if rows.size and columns.size:
+        e = matern52(x1[rows], x2[columns], np.array(parameters.lengthscales_e), parameters.sd_e)
+        K[np.ix_(rows, columns)] += e * e1[rows, None] * e2[None, columns]
+    for place, link in enumerate(parameters.priors):
+        rows, columns = np.flatnonzero(s1 == FIRST_PRIOR + place), np.flatnonzero(s2 == FIRST_PRIOR + place)
+        if rows.size and columns.size:
+            own = link.gain**2 * (1.0 - link.correlation**2)
+            K[np.ix_(rows, columns)] += own * _measured_covariance(parameters, x1[rows], x2[columns])
     return K
 
 
+def _measured_covariance(parameters: SurrogateParameters, x1: np.ndarray, x2: np.ndarray) -> np.ndarray:
+    """Covariance of this campaign's measured outcome, n x m, N^2."""
+    p = parameters
+    h = matern52(x1, x2, np.array(p.lengthscales_h), p.sd_h)
+    return p.rho**2 * h + matern52(x1, x2, np.array(p.lengthscales_e), p.sd_e)
+
+
 def prior_variance(parameters: SurrogateParameters, s: np.ndarray) -> np.ndarray:
-    """Diagonal of `prior_covariance`, n."""
+    """Diagonal of `prior_covariance` of what this campaign simulates and measures, n."""
     p = parameters
     return np.where(s == REAL, p.rho**2 * p.sd_h**2 + p.sd_e**2, p.sd_h**2)
 
 
 def observation_variance(parameters: SurrogateParameters, s: np.ndarray) -> np.ndarray:
     """Variance of one observation around the outcome: noise for measurements, nugget for simulations, n, N^2."""
-    return np.where(s == REAL, parameters.noise_sd**2, parameters.nugget**2)
+    noise_sd = parameters.noise_sd
+    sds = [parameters.nugget, noise_sd, *(link.gain * noise_sd for link in parameters.priors)]
+    return np.asarray(np.array(sds)[np.asarray(s, dtype=int)] ** 2)
 
 
 def _means(parameters: SurrogateParameters, s: np.ndarray) -> np.ndarray:
-    return np.where(s == REAL, parameters.mean_real, parameters.mean_sim)
+    means = [parameters.mean_sim, parameters.mean_real, *(link.mean for link in parameters.priors)]
+    return np.asarray(np.array(means)[np.asarray(s, dtype=int)])

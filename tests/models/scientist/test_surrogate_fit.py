@@ -189,8 +189,8 @@ def test_observations_are_checked_on_entry():
     data = observations(3, 0)
     with pytest.raises(UsageError, match="observation 1 has a y that is not finite"):
         dataclasses.replace(data, y=np.array([1.0, np.nan, 2.0]))
-    with pytest.raises(UsageError, match=r"fidelities are \[1, 2\]"):
-        dataclasses.replace(data, s=np.array([1, 2, 1]))
+    with pytest.raises(UsageError, match=r"fidelities are \[-1, 1\]"):
+        dataclasses.replace(data, s=np.array([1, -1, 1]))
     with pytest.raises(UsageError, match="variance is -1 N"):
         dataclasses.replace(data, noise_variance=np.array([0.0, -1.0, 0.0]))
     with pytest.raises(UsageError, match=r"x \(2, 9\)"):

@@ -58,3 +58,8 @@ def seed_from(*parts: Any) -> int:
 def tool_label(batch: int, slot: int) -> str:
     """Short label of a tool as the paper prints it: batch 7, slot 8 is `B07T8`."""
     return f"B{batch:02d}T{slot}"
+
+
+def id_in_lab(id_: str, lab: str | None) -> str:
+    """`<lab>.<id>`, so that ids of two labs never meet; the id itself where the lab has no name, or is in it."""
+    return id_ if lab is None or id_.startswith(f"{lab}.") else f"{lab}.{id_}"

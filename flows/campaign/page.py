@@ -50,11 +50,12 @@ class CampaignPage:
         self._marks: list[Mark] = []
         self._picture: tuple[int, str] = (0, "")
         name = campaign.campaign_id
+        key = name.replace(".", "-")  # of artifacts: Prefect takes letters, digits and dashes
         # Called from a synchronous flow they return the id, not a coroutine.
         self._progress = cast(
-            UUID, create_progress_artifact(0.0, f"{name}-progress", "grasps done, measured and simulated")
+            UUID, create_progress_artifact(0.0, f"{key}-progress", "grasps done, measured and simulated")
         )
-        page = create_markdown_artifact(self.text(with_picture=False), f"{name}-page", f"Campaign {name}")
+        page = create_markdown_artifact(self.text(with_picture=False), f"{key}-page", f"Campaign {name}")
         self._page = cast(UUID, page)
 
     def update(self, *, now: bool = False) -> None:

@@ -1,6 +1,7 @@
 """`fast lake`: import, export, check, compact and measure the lake; where a row comes from."""
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,12 +35,14 @@ def import_(
             negative="", help="NAME=VALUE of how grasps were made where the files do not say it, e.g. closed_gap_mm=30."
         ),
     ] = None,
+    lab: Annotated[
+        str | None,
+        Parameter(help="Who measured, where the files do not say it; stands in front of the ids of grasps."),
+    ] = None,
     dry_run: Annotated[bool, Parameter(negative="", help="Only check and count, write nothing.")] = False,
     json: AsJson = False,
 ) -> None:
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
-    from dataclasses import asdict
-
     from fast.lake.handoff.files import read_handoff
     from fast.lake.handoff.import_folder import check_campaign_id, count_all, import_handoff
     from fast.lake.handoff.readers import handoff_folder, load_reader
@@ -47,6 +50,7 @@ def import_(
     from fast.lake.store import Lake
 
     setup = _read_setup(set or [])
+    _check_lab(lab)
     if campaign is not None:
         check_campaign_id(campaign)
     source = directory.resolve().stem if directory.is_file() else directory.resolve().name
@@ -62,9 +66,27 @@ def import_(
             show(asdict(taken) | {"is_dry": dry_run}, f"{words}.", json)
             return
         counts = import_handoff(
-            found, folder, current_provenance(), campaign_id=campaign, setup=setup, source=source, is_dry=dry_run
+            found,
+            folder,
+            current_provenance(),
+            campaign_id=campaign,
+            setup=setup,
+            source=source,
+            lab=lab,
+            is_dry=dry_run,
         )
     show_import(counts, is_dry=dry_run, as_json=json)
+
+
+def _check_lab(lab: str | None) -> None:
+    """Raises ConfigError for a name that no lab can have."""
+    from fast.lake.handoff.cells import lab_name
+    from fast.models.errors import ConfigError
+
+    try:
+        lab_name(lab or "")
+    except ValueError as error:
+        raise ConfigError(f"--lab `{lab}`: it {error}") from error
 
 
 def _read_setup(settings: list[str]) -> "GraspSetup":
@@ -131,6 +153,35 @@ def export(
         _check_campaign(found, campaign)
     counts = export_handoff(found, directory, campaign_id=campaign)
     show(counts._asdict(), _counts_text("exported", counts._asdict()), json)
+
+
+@app.command
+def labs(
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    out: Annotated[Path | None, Parameter(help="Folder for the page; default: labs, in the lake's outputs.")] = None,
+    json: AsJson = False,
+) -> None:
+    """Compare labs that measured the same fingers: bias, scatter by object and finger, and their fits."""
+    from fast.flows.report.labs import format_bias, write_labs_report
+    from fast.lake.store import Lake
+
+    found = Lake.open(lake)
+    page, shown = write_labs_report(found, out or (found.root or Path()) / "outputs" / "labs")
+    compared = shown.compared
+    rows = [
+        {"lab": lab.lab, "grasps": lab.n_grasps, "pairs": lab.n_cells, "bias": format_bias(lab)}
+        for lab in compared.labs
+    ]
+    sds = [compared.overall.repeat_sd_n, compared.overall.lab_sd_n, compared.overall.reproducibility_sd_n]
+    told = ["not known" if sd is None else f"{sd:.2f} N" for sd in sds]
+    words = f"SD of repeats {told[0]}, between labs {told[1]}, of one grasp in any lab {told[2]}; page: {page}"
+    data = {
+        "labs": [{**row, "bias": lab.bias._asdict()} for row, lab in zip(rows, compared.labs, strict=True)],
+        "overall": asdict(compared.overall),
+        "report": str(page),
+    }
+    show(data, f"{table_text(rows)}\n\n{words}", json)
 
 
 @app.command

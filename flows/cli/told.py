@@ -32,7 +32,7 @@ def ask(
 
     asked = ask_next(config, lake, out, say_progress)
     if asked is None:
-        best = rank_tools(Lake.open(lake), load_config(config).name)[:1]
+        best = rank_tools(Lake.open(lake), load_config(config).campaign_id)[:1]
         words = f"; best tool {best[0]['tool_id']}, {best[0]['tool_quality_n']:.2f} N" if best else ""
         text = f"the schedule is complete{words}. Raise schedule.guided_batches for more."
         show({"batch": None, "best_tool": best[0] if best else None}, text, json)

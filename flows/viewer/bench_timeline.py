@@ -67,6 +67,7 @@ class BenchTimeline:
         self._curves = Curves(stream, objects, full_n)
         self._tips_mm = self._layout.mount_height_mm - GraspSetup().tip_below_mm
         self._sent: set[str] = set()
+        self._n_grasps = 0
         self._drawn: set[int] = set()
         self._newest: dict[str, Any] = {}
         self._peaks: dict[str, dict[int, list[float]]] = {}
@@ -84,7 +85,7 @@ class BenchTimeline:
     @property
     def n_grasps(self) -> int:
         """Grasps sent so far."""
-        return sum(row.startswith("K") for row in self._sent)
+        return self._n_grasps
 
     def update(self) -> int:
         """Send grasps and proposals that were not sent before; returns how many grasps."""
@@ -96,6 +97,7 @@ class BenchTimeline:
             for row in self._lake.query(_GRASPS.format(tool=literal(tool["tool_id"]))).to_pylist():
                 if row["grasp_id"] not in self._sent:
                     self._sent.add(row["grasp_id"])
+                    self._n_grasps += 1
                     self._send_grasp(row)
         self._send_quality()
         self._send_proposals()

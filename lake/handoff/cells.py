@@ -67,6 +67,13 @@ def bench_name(text: str) -> str:
     return text or "real"
 
 
+def lab_name(text: str) -> str | None:
+    """The name of the lab that made a grasp; or nothing."""
+    if text and not _BENCH.fullmatch(text):
+        raise ValueError("must be a name of at most 41 of a-z, 0-9 and -, or empty.")
+    return text or None
+
+
 def optional_hash(text: str) -> str | None:
     """The hash of a virtual world; or nothing."""
     if text and not _HASH.fullmatch(text):

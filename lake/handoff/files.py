@@ -23,6 +23,7 @@ from fast.lake.handoff.cells import (
     design_number,
     fidelity,
     integer,
+    lab_name,
     limits,
     number_or_nan,
     one_of,
@@ -51,7 +52,7 @@ GRASP_COLUMNS = ("grasp_id", "design_id", "object_id", "repeat", "fidelity", "to
 SETTING_COLUMNS = (*GraspSetup.model_fields, *PLACEMENT)
 HOW_COLUMNS = (*SETTING_COLUMNS, "request_id")
 # Where a grasp was made and how it ended. A grasp without samples has a peak, or is a failure with its reason.
-END_COLUMNS = ("bench", "world_hash", "attempt", "status", "reason", "peak_force_n")
+END_COLUMNS = ("lab", "bench", "world_hash", "attempt", "status", "reason", "peak_force_n")
 # What a person measured of tools and of the lots of material that they are printed of.
 TOOL_COLUMNS = (
     "tool_id", "design_id", "status", "reason", "operator", "material_lot", "measured_front_thickness_mm",
@@ -121,6 +122,7 @@ class HandoffGrasp:
     request_id: str
     trace: Trace | None
     simulation: dict[str, float | None] | None
+    lab: str | None = None
     bench: str = "real"
     world_hash: str | None = None
     attempt: int = 0
@@ -326,6 +328,7 @@ def _read_grasps(reader: _Reader, design_ids: set[str], own_objects: set[int]) -
 
 
 _ENDS: dict[str, Callable[[str], Any]] = {
+    "lab": lab_name,
     "bench": bench_name,
     "world_hash": optional_hash,
     "attempt": lambda text: integer(0, 1000)(text) if text else 0,

@@ -10,6 +10,7 @@ another format in `lake.handoff.readers`.
 import re
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,7 +45,7 @@ from fast.lake.tables.material import MaterialRow
 from fast.lake.tables.requests import setup_columns
 from fast.models import traces as features
 from fast.models.errors import UsageError
-from fast.models.ids import canonical_json, content_id
+from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.records import GraspSetup, Trace
 
 _CAMPAIGN_ID = re.compile(r"[^\W_][\w .+-]{0,99}")
@@ -69,6 +70,7 @@ def import_handoff(
     campaign_id: str | None = None,
     setup: GraspSetup | None = None,
     source: str | None = None,
+    lab: str | None = None,
     is_dry: bool = False,
 ) -> HandoffCounts:
     """Import a hand-off folder; importing it again changes nothing. Returns what was written.
@@ -77,7 +79,8 @@ def import_handoff(
     `import-<source>`), simulated ones `simulations` and `sim_traces`. Grasps that the lake has as part of
     another campaign, or simulated itself, stay as they are. `setup` is how grasps were made where the files do not
     say it, by default the one of the format (open gap 70, closed gap 16, tips 5 mm below the object); `source` names
-    where the data come from, by default the folder. `is_dry`: only check and count.
+    where the data come from, by default the folder. `lab` names who measured, where the files do not; it stands in
+    front of the ids of these grasps. `is_dry`: only check and count.
 
     Raises:
         HandoffError: something is wrong; every fault is named and nothing was written.
@@ -86,7 +89,7 @@ def import_handoff(
     """
     directory = Path(directory)
     known_designs = lake.ids(DesignRow)
-    handoff = read_handoff(directory, known_designs)
+    handoff = _with_lab(read_handoff(directory, known_designs), lab)
     source = source or directory.resolve().name
     real = [grasp for grasp in handoff.grasps if grasp.fidelity == "real"]
     there = lake.ids(GraspRow, grasp_id=[grasp.grasp_id for grasp in real])
@@ -118,6 +121,19 @@ def import_handoff(
     if rows and not is_dry:
         lake.append(_unique(rows), _with_config(provenance, content_hash))
     return _counts(len(set(handoff.designs) - known_designs), new, len(handoff.grasps) - len(new))
+
+
+def _with_lab(handoff: Handoff, lab: str | None) -> Handoff:
+    """The hand-off with this lab in the measured grasps that name none."""
+    if lab is None:
+        return handoff
+    grasps = [
+        replace(grasp, lab=lab, grasp_id=id_in_lab(grasp.grasp_id, lab))
+        if grasp.fidelity == "real" and grasp.lab is None
+        else grasp
+        for grasp in handoff.grasps
+    ]
+    return replace(handoff, grasps=grasps)
 
 
 def check_campaign_id(campaign_id: str) -> None:
@@ -248,6 +264,7 @@ def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any], pla
         peak_force_n=features.peak_force_n(trace) if trace and is_pull else grasp.peak_force_n,
         work_j=features.work_j(trace) if trace and is_pull else None,
         initial_force_n=features.initial_force_n(trace) if trace and is_pull else None,
+        lab=grasp.lab,
         bench=grasp.bench,
         world_hash=grasp.world_hash,
         request_id=grasp.request_id or None,

@@ -17,7 +17,7 @@ from fast.lake.tables.material import MaterialRow
 from fast.lake.tables.requests import GraspRequestRow, read_placement
 from fast.lake.tables.row import Channel, Row, Status
 from fast.models.design.space import PARAMETERS
-from fast.models.ids import canonical_json, content_id
+from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.objects.catalogue import RigidObject
 from fast.models.records import Design, FinRay, Placement, SimulatorVersion, Trace
 
@@ -354,6 +354,7 @@ class GraspRow(Row):
     )
     yaw_deg: float | None = Field(default=None, description="asked for, of the object between the fingers; empty: 0")
     request_id: str | None = Field(default=None, description="of `grasp_requests`; empty: an ordinary grasp")
+    lab: str | None = Field(default=None, description="who measured it; empty: a lab that gave itself no name")
 
     @property
     def placement(self) -> Placement:
@@ -361,10 +362,12 @@ class GraspRow(Row):
         return read_placement(self.__dict__)
 
     @staticmethod
-    def make_id(tool_id: str, object_id: int, repeat: int, attempt: int = 0, request_id: str = "") -> str:
-        """Id derived from which grasp it is, so that redoing it duplicates nothing."""
+    def make_id(
+        tool_id: str, object_id: int, repeat: int, attempt: int = 0, request_id: str = "", lab: str | None = None
+    ) -> str:
+        """Id derived from which grasp it is, so that redoing it duplicates nothing; the lab's name stands in front."""
         asked = [request_id] if request_id else []
-        return content_id("K", [tool_id, object_id, repeat, attempt, *asked])
+        return id_in_lab(content_id("K", [tool_id, object_id, repeat, attempt, *asked]), lab)
 
 
 class TraceRow(_SampleColumns):
@@ -442,7 +445,7 @@ class FitRow(Row):
     n_outliers: int | None = None
     is_log: bool | None = None
     n_prior: int | None = None
-    priors_json: str | None = Field(default=None, description="correlation, gain and mean of each prior campaign, as named in the config")
+    priors_json: str | None = Field(default=None, description="correlation, gain and mean of each prior campaign")
     without_prior_loo_rmse_n: float | None = None
 
 

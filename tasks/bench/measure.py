@@ -184,7 +184,7 @@ def _append_grasp(
     tool, asked = work.tool, grasp.request
     key = (grasp.object_id, grasp.repeat) if asked is None else asked.request_id
     attempt, request_id = work.attempts.get(key, 0), asked.request_id if asked is not None else ""
-    grasp_id = GraspRow.make_id(tool.tool_id, grasp.object_id, grasp.repeat, attempt, request_id)
+    grasp_id = GraspRow.make_id(tool.tool_id, grasp.object_id, grasp.repeat, attempt, request_id, campaign.config.lab)
     ok = grasp.status == "ok"
     row = GraspRow(
         grasp_id=grasp_id,
@@ -209,6 +209,7 @@ def _append_grasp(
         world_hash=world_hash,
         details_json=canonical_json(grasp.details),
         request_id=request_id or None,
+        lab=campaign.config.lab,
         **setup_columns(grasp.setup, asked.placement if asked is not None else Placement()),
     )
     provenance = campaign.provenance(seed_of_order(campaign, tool), [tool.tool_id, tool.design.design_id])

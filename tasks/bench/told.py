@@ -307,9 +307,10 @@ def _grasp_row(
 ) -> GraspRow:
     """A success replaces the row of an earlier success; after a failure it is a new attempt."""
     attempt = 0 if before is None else before.attempt + (before.status != "ok")
+    lab = campaign.config.lab
     trace, force_n = one.trace, one.force_n
     return GraspRow(
-        grasp_id=GraspRow.make_id(tool.tool_id, one.object_id, one.repeat, attempt, request.request_id),
+        grasp_id=GraspRow.make_id(tool.tool_id, one.object_id, one.repeat, attempt, request.request_id, lab),
         campaign_id=campaign.campaign_id,
         tool_id=tool.tool_id,
         batch=tool.batch,
@@ -326,6 +327,7 @@ def _grasp_row(
         initial_force_n=None if trace is None else initial_force_n(trace),
         bench=campaign.config.bench.name,
         request_id=request.request_id or None,
+        lab=lab,
         **setup_columns(request.setup, request.placement),
     )
 

@@ -23,6 +23,7 @@ from fast.models.validation import closest, load_record
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
 from fast.tasks.gap.bank import read_bank_thetas
+from fast.tasks.gap.trace_rows import require_one_bench
 from fast.tasks.simulation.plan import SimulationPlan
 
 LEAST_SHARE = 0.5  # of the objects a tool must have been measured on to count
@@ -72,7 +73,7 @@ def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[st
     """
     where = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"
     sql = f"""SELECT grasp_id, campaign_id, tool_id, design_id, object_id, peak_force_n, setup_json,
-            bench || ' ' || coalesce(world_hash, ''), setup_id, request_id FROM grasps
+            coalesce(lab, ''), bench || ' ' || coalesce(world_hash, ''), setup_id, request_id FROM grasps
         WHERE status = 'ok' {"AND campaign_id = ?" if campaign_id else ""}
         ORDER BY sequence, created_at, "order", tool_id, grasp_id"""
     every = [
@@ -84,8 +85,10 @@ def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[st
             f"{where} has no measured grasps, so there is nothing to calibrate with; measure tools with "
             "`fast campaign run` or import data with `fast lake import`."
         )
-    grasp_ids, campaigns, tools, designs, objects, peaks_n, setup_texts, benches = map(list, zip(*rows, strict=True))
-    _require_one_bench(benches, where)
+    grasp_ids, campaigns, tools, designs, objects, peaks_n, setup_texts, labs, benches = map(
+        list, zip(*rows, strict=True)
+    )
+    require_one_bench(zip(labs, benches, strict=True), where)
     object_ids = _common_objects(campaigns, objects)
     forces_n = _mean_table(tools, objects, peaks_n, object_ids)
     tool_ids = list(dict.fromkeys(tools))
@@ -249,15 +252,6 @@ def _keep_base(rows: Sequence[tuple[Any, ...]]) -> tuple[list[tuple[Any, ...]], 
         f"means are compared at one grasp setup: {n_others} of {len(rows)} grasps were made at another or asked for by "
         "a search, and are left out.",
     )
-
-
-def _require_one_bench(benches: Sequence[str], where: str) -> None:
-    found = list(dict.fromkeys(benches))
-    if len(found) > 1:
-        raise UsageError(
-            f"{where} has measurements of {len(found)} benches ({', '.join(name.strip() for name in found)}), which "
-            "one calibration cannot compare; give one --campaign that has a single one."
-        )
 
 
 def _common_objects(campaigns: Sequence[str], objects: Sequence[int]) -> tuple[int, ...]:

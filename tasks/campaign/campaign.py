@@ -18,7 +18,7 @@ from fast.tasks.campaign.state import CampaignState, derive_state
 
 @dataclass(frozen=True)
 class Campaign:
-    """A config and the lake in which the campaign lives; its id is the config's name.
+    """A config and the lake in which the campaign lives; its id is the config's name, after that of its lab.
 
     `versions`: simulator versions of its stages so far, oldest first; none is the config's. `config_path`: its file,
     None where the config comes from the lake. `own_designs`: those of the config's file of designs, by batch.
@@ -33,7 +33,7 @@ class Campaign:
     @property
     def campaign_id(self) -> str:
         """The name under which everything of the campaign is stored."""
-        return self.config.name
+        return self.config.campaign_id
 
     @property
     def version(self) -> SimulatorVersion:
@@ -86,8 +86,8 @@ class Campaign:
         return derive_state(self.lake, self.campaign_id, self.config.grasp.setup_id, present, older)
 
     def seed(self, *parts: str | int) -> int:
-        """A random seed for one decision, the same whenever it is taken again."""
-        return seed_from(self.config.seed, self.campaign_id, *parts)
+        """A random seed for one decision, the same whenever it is taken again, and in every lab with this config."""
+        return seed_from(self.config.seed, self.config.name, *parts)
 
     def provenance(self, seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
         """Provenance of rows written for this campaign."""

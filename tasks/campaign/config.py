@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from fast.hardware.cell.diagnostics import DiagnosticPlan
 from fast.models.errors import ConfigError, UsageError
-from fast.models.ids import canonical_json, content_id
+from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.material import TABLE_3, MaterialLot
 from fast.models.records import GraspSetup, Record, check_tier
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
@@ -26,6 +26,7 @@ from fast.tasks.campaign.settings import (
 )
 
 LOT_SUFFIX = ".toml"
+NAME = r"^[a-z0-9][a-z0-9-]{0,40}$"
 _N_TRIED = 4  # designs drawn of a space that is not the paper's, to see whether they can be made
 _LOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,60}")
 
@@ -40,7 +41,7 @@ class BenchChoice(Record):
     real: str | None = Field(default=None, description="path of the bench file with ports and addresses")
     name: str = Field(
         default="foreign",
-        pattern=r"^[a-z0-9][a-z0-9-]{0,40}$",
+        pattern=NAME,
         description="lower-case letters, digits, hyphens; what `grasps.bench` says of a bench of one's own",
     )
     max_force_n: float = Field(
@@ -66,9 +67,12 @@ class BenchChoice(Record):
 
 
 class CampaignConfig(Record):
-    """Everything that defines a campaign. All but `execution` decides results and is part of its hash."""
+    """Everything that defines a campaign. All but `execution` and `lab` decides results and is part of its hash."""
 
-    name: str = Field(pattern=r"^[a-z0-9][a-z0-9-]{0,40}$", description="lower-case letters, digits, hyphens")
+    name: str = Field(pattern=NAME, description="lower-case letters, digits, hyphens")
+    lab: str | None = Field(
+        default=None, pattern=NAME, description="lower-case letters, digits, hyphens; who prints and measures"
+    )
     seed: int = Field(default=0, ge=0)
     material: str | None = Field(
         default=None, description="path of the file of the material lot, relative to the config"
@@ -119,6 +123,11 @@ class CampaignConfig(Record):
         return self
 
     @property
+    def campaign_id(self) -> str:
+        """The name under which everything of the campaign is stored: `<name>`, or `<lab>.<name>`."""
+        return id_in_lab(self.name, self.lab)
+
+    @property
     def max_grasp_attempts(self) -> int:
         """Failures after which a grasp is given up; one that a person tells of a bench of their own is final."""
         return 1 if self.bench.is_folder else self.execution.max_grasp_attempts
@@ -127,7 +136,8 @@ class CampaignConfig(Record):
     def science(self) -> dict[str, Any]:
         """The part that decides results, as JSON data."""
         # What a config does not use of later sections and keys leaves it the hash that it had before there were any.
-        unused: dict[str, Any] = {"execution": True} | ({"material": True} if not self.material else {})
+        # The lab is no part of it: two labs with one config do the same.
+        unused: dict[str, Any] = {"execution": True, "lab": True} | ({"material": True} if not self.material else {})
         unused |= {"designs": True} if self.designs is None else {}
         unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
         unused |= {"schedule": {"reference_tools"}} if not self.schedule.reference_tools else {}

@@ -1,7 +1,7 @@
 """Rows that studies of traces begin with: the measured grasps that count, their designs, and samples by id."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -24,13 +24,25 @@ def measured_grasps(lake: Lake, campaign_id: str | None) -> list[GraspRow]:
     if not last:
         raise UsageError(f"{place} has no measured grasps; measure tools, or import data with `fast lake import`.")
     _refuse_duplicates(place, rows)
-    benches = {f"{row.bench} {row.world_hash or ''}".strip() for row in last.values()}
-    if len(benches) > 1:
-        raise UsageError(
-            f"{place} has grasps of {len(benches)} benches ({', '.join(sorted(benches))}), which one calibration "
-            "cannot compare; give a campaign that has a single one."
-        )
+    require_one_bench(((row.lab or "", f"{row.bench} {row.world_hash or ''}") for row in last.values()), place)
     return [last[key] for key in sorted(last)]
+
+
+def require_one_bench(pairs: Iterable[tuple[str, str]], place: str) -> None:
+    """Raises UsageError where a lab measured on several benches; those of several labs are fitted jointly.
+
+    pairs: (lab, bench) of each grasp, lab empty where it has no name.
+    """
+    benches: dict[str, set[str]] = {}
+    for lab, bench in pairs:
+        benches.setdefault(lab, set()).add(bench.strip())
+    for lab, found in benches.items():
+        if len(found) > 1:
+            of_lab = f" of the lab {lab}" if lab else ""
+            raise UsageError(
+                f"{place} has grasps of {len(found)} benches{of_lab} ({', '.join(sorted(found))}), which one "
+                "calibration cannot compare; give one --campaign that has a single one."
+            )
 
 
 def find_base_setup(rows: Sequence[GraspRow]) -> GraspSetup:
@@ -73,9 +85,9 @@ def read_traces(
         yield row_id.as_py(), trace
 
 
-def _key(row: GraspRow) -> tuple[str, int, int, str, str]:
+def _key(row: GraspRow) -> tuple[str, int, int, str, str, str]:
     """Which grasp a row is an attempt of."""
-    return row.tool_id, row.object_id, row.repeat, row.setup_id, row.request_id or ""
+    return row.tool_id, row.object_id, row.repeat, row.setup_id, row.request_id or "", row.lab or ""
 
 
 def _refuse_duplicates(place: str, rows: Sequence[GraspRow]) -> None:

@@ -21,9 +21,9 @@ COMMANDS = [
     "campaign status", "campaign stop", "compare", "doctor", "features", "gap", "gap answer", "gap next",
     "gantry diagnose", "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
     "gantry replay", "gantry tare", "gantry tool", "init", "lake check", "lake compact", "lake export", "lake import",
-    "lake lineage", "lake publish", "lake stats", "objects add", "objects check", "objects draw", "objects list",
-    "objects print", "print confirm", "print measured", "print mounted", "print sheet", "report", "serve", "simulate",
-    "sql", "tell", "view", "virtual start",
+    "lake labs", "lake lineage", "lake publish", "lake stats", "objects add", "objects check", "objects draw",
+    "objects list", "objects print", "print confirm", "print measured", "print mounted", "print sheet",
+    "report", "serve", "simulate", "sql", "tell", "view", "virtual start",
 ]  # fmt: skip
 
 

@@ -92,12 +92,13 @@ def test_peaks_alone_need_no_traces_file(lake: Lake, small_rows, make_grasp, tmp
         ("world_hash", "no hash", "must be a hash of letters and digits"),
         ("peak_force_n", "1e9", "must be a number of at most 2000 N"),
         ("attempt", "-1", "must be an integer from 0 to 1000"),
+        ("lab", "The Lab", "must be a name of at most 41 of a-z"),
     ],
 )
 def test_a_wrong_end_of_a_grasp_is_named(tmp_path: Path, lake: Lake, column: str, value: str, words: str) -> None:
     folder = good_folder(tmp_path / "their-lab")
     rows = read_csv(folder / "grasps.csv")
-    extra = {"status": "", "reason": "", "bench": "", "world_hash": "", "peak_force_n": "", "attempt": ""}
+    extra = {"status": "", "reason": "", "lab": "", "bench": "", "world_hash": "", "peak_force_n": "", "attempt": ""}
     write_csv(folder / "grasps.csv", [row | extra | ({column: value} if i == 0 else {}) for i, row in enumerate(rows)])
     with pytest.raises(HandoffError, match=words):
         import_handoff(lake, folder, PROVENANCE)
@@ -120,3 +121,31 @@ def test_a_wrong_tool_or_lot_is_named(tmp_path: Path, lake: Lake, name: str, row
     write_csv(folder / name, [row])
     with pytest.raises(HandoffError, match=words):
         import_handoff(lake, folder, PROVENANCE)
+
+
+def test_a_lab_is_given_to_grasps_without_one_and_stands_in_their_ids(tmp_path: Path, lake: Lake) -> None:
+    folder = good_folder(tmp_path / "their-lab")
+    rows = read_csv(folder / "grasps.csv")
+    labs = ("", "turin", "", "")
+    write_csv(folder / "grasps.csv", [row | {"lab": lab} for row, lab in zip(rows, labs, strict=True)])
+    for n_new in (2, 0):  # importing again changes nothing
+        assert import_handoff(lake, folder, PROVENANCE, lab="delft").n_real == n_new
+    found = {row.grasp_id: row.lab for row in lake.records(GraspRow)}
+    assert found == {"delft.a": "delft", "b": "turin"}
+    export_handoff(lake, tmp_path / "out")
+    exported = {row["grasp_id"]: row["lab"] for row in read_csv(tmp_path / "out" / "grasps.csv")}
+    assert exported == {"delft.a": "delft", "b": "turin", "s": "", "t": ""}
+
+
+def test_two_labs_may_use_the_same_ids(tmp_path: Path, lake: Lake) -> None:
+    folder = good_folder(tmp_path / "their-lab")
+    import_handoff(lake, folder, PROVENANCE, lab="delft")
+    table = read_csv(folder / "traces.csv")
+    write_csv(folder / "traces.csv", [row | {"force_n": 1.1 * float(row["force_n"])} for row in table])
+    grasps = [row for row in read_csv(folder / "grasps.csv") if row["fidelity"] == "real"]
+    write_csv(folder / "grasps.csv", grasps)
+    known = {row["grasp_id"] for row in grasps}
+    write_csv(folder / "traces.csv", [row for row in read_csv(folder / "traces.csv") if row["grasp_id"] in known])
+    (folder / "simulations.csv").unlink(missing_ok=True)
+    import_handoff(lake, folder, PROVENANCE, lab="turin", campaign_id="turin")
+    assert sorted(lake.ids(GraspRow)) == ["delft.a", "delft.b", "turin.a", "turin.b"]

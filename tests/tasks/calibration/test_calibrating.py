@@ -266,6 +266,8 @@ def test_measurements_that_cannot_be_compared_are_one_sentence(tmp_path):
     (row, *_) = lake.records(GraspRow, campaign_id="other")
     lake.append([row.model_copy(update={"world_hash": "W2"})], PROVENANCE)
     assert "2 benches (virtual W1, virtual W2)" in refused(lake)
+    lake.append([row.model_copy(update={"world_hash": "W2", "lab": "delft"})], PROVENANCE)  # of another lab
+    assert "benches" not in refused(lake)
     lake.append([row.model_copy(update={"object_id": 30})], PROVENANCE)
     assert "different objects (small: 3, other: 4)" in refused(lake)
     lake.append([row.model_copy(update={"design_id": "Dlost"})], PROVENANCE)

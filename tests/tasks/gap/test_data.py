@@ -202,6 +202,13 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, change: dict[str, ob
         read_grasps(_lake_of(tmp_path, rows), None)
 
 
+def test_benches_of_two_labs_are_fitted_jointly(tmp_path: Path) -> None:
+    rows = [row for repeat in range(2) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
+    rows[3] = rows[3].model_copy(update={"bench": "real", "repeat": 0, "lab": "delft"})
+    measured = read_grasps(_lake_of(tmp_path, rows), None)
+    assert len(measured.grasps.grasp_ids) == 2
+
+
 def test_too_little_is_refused_before_anything_is_simulated(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="has no measured grasps"):
         split_measurements(Lake.open(tmp_path / "none", create=True), None, 0)

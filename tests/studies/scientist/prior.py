@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.scientist.landscape import landscape_of
+from fast.flows.scientist.landscape import Landscape, landscape_of
 from fast.flows.scientist.landscape_bank import LandscapeBank
 from fast.models.design.space import random_unit
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior
@@ -48,7 +48,9 @@ def measure_prior(options: Options) -> Tables:
     return {"prior": rows}
 
 
-def _errors(own, other, n_own: int, is_shuffled: bool, rng: np.random.Generator) -> tuple[float, float, float, float]:
+def _errors(
+    own: Landscape, other: Landscape, n_own: int, is_shuffled: bool, rng: np.random.Generator
+) -> tuple[float, float, float, float]:
     """Root mean square relative errors at unseen designs: alone, pooled, as a task; and the correlation found."""
     x, x_prior, unseen = (random_unit(n, rng) for n in (n_own, N_PRIOR, N_UNSEEN))
     y, y_prior = (np.maximum(world.measure(at, rng), 0.1) for world, at in ((own, x), (other, x_prior)))

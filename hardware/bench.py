@@ -4,7 +4,7 @@ import logging
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from fast.hardware.cell.cell import CellDevices, GraspCell
+from fast.hardware.cell.cell import CellDevices, GraspCell, MeasuredGrasp
+from fast.hardware.cell.diagnostics import Item
 from fast.hardware.cell.force_sensor import ForceSensor
 from fast.hardware.cell.gantry import Gantry
 from fast.hardware.cell.layout import BenchLayout
@@ -20,6 +21,7 @@ from fast.hardware.cell.pneumatics import Pneumatics
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
+from fast.hardware.grasp_bench import Leave
 from fast.hardware.laumas.codec import PLAIN_DIVISIONS, Scale
 from fast.hardware.laumas.continuous import ContinuousTransmitter
 from fast.hardware.laumas.driver import LaumasTransmitter
@@ -27,7 +29,7 @@ from fast.hardware.laumas.source import WeightSource
 from fast.hardware.laumas.strings import least_baud_rate
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
 from fast.hardware.safety.lost_steps import PositionCheck
-from fast.hardware.safety.safe_state import StopAskedError
+from fast.hardware.safety.safe_state import StopAskedError, Verb
 from fast.hardware.safety.supervisor import Supervisor
 from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
 from fast.hardware.tools.changer import ToolChanger
@@ -41,7 +43,7 @@ from fast.hardware.wire.log_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, Wi
 from fast.hardware.wire.modbus import ModbusLink, rtu_link, tcp_link
 from fast.hardware.wire.serial import SerialTransport, Transport
 from fast.models.errors import DeviceError, FastError
-from fast.models.records import Record
+from fast.models.records import GraspSetup, Record
 
 logger = logging.getLogger(__name__)
 
@@ -123,6 +125,31 @@ class Bench:
     settings: BenchSettings
     virtual: VirtualBench | None = None
     wire_session: str | None = None
+
+    # What a campaign asks of any bench (`hardware.grasp_bench.GraspBench`)
+
+    def set_leave(self, leave: Leave) -> None:
+        """Have `leave` asked before every motion from now on."""
+        self.gantry.require_leave = leave
+
+    def ask(self, verb: Verb) -> None:
+        """Stop or abort now, from any thread."""
+        self.supervisor.ask(verb)
+
+    def measure_tool(
+        self,
+        slot: int,
+        plan: Sequence[Item],
+        setup: GraspSetup,
+        on_grasp: Callable[[MeasuredGrasp], None],
+        should_stop: Callable[[], bool],
+    ) -> None:
+        """Take the tool of a slot, make the planned grasps in order, hang the tool back; see `GraspCell`."""
+        self.cell.measure_tool(slot, plan, setup, on_grasp, should_stop)
+
+    def check_position(self) -> tuple[float, float, float]:
+        """Slip of the gantry by axis, mm; see `PositionCheck`."""
+        return self.position.run()
 
     @property
     def endpoints(self) -> Endpoints:

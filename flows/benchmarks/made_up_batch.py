@@ -9,6 +9,7 @@ from pathlib import Path
 from fast.flows.benchmarks.fingerprints import Label, fingerprint
 from fast.hardware.bench import Bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.lake.store import Lake
@@ -86,7 +87,7 @@ def measure_missing(
     if not tools:
         return
 
-    def measure(bench: Bench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def measure(bench: GraspBench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measure_tool(
             campaign, bench, work, world_hash=world.world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
         )

@@ -9,6 +9,7 @@ from fast.flows.dependencies import CAMPAIGN, require
 from fast.flows.progress import ProgressReporter
 from fast.flows.server.crashed_runs import end_crashed_runs
 from fast.flows.server.server import configure_client, server
+from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
 from fast.hardware.virtual.world.file import World
 from fast.lake.leases import exclusive
@@ -17,12 +18,12 @@ from fast.models.errors import ConfigError
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import CampaignConfig, load_config, relative_to, world_path
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
-from fast.tasks.campaign.setup import enter, read_bench, read_world
+from fast.tasks.campaign.setup import enter, read_real_bench, read_world
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
 
-ConfirmReal = Callable[[Path, BenchSettings], None]  # bench file and what it says; raises when there is no leave
+ConfirmReal = Callable[[Path, BenchSettings | ArmSettings], None]  # raises when there is no leave to move
 
 
 def run_campaign(
@@ -46,7 +47,7 @@ def run_campaign(
     require(CAMPAIGN)
     config = load_config(config_path)
     own_designs = read_own_designs(config_path, config)
-    bench: World | BenchSettings | None = None
+    bench: World | BenchSettings | ArmSettings | None = None
     if confirm_real is not None:
         bench = _real_bench(config, config_path, confirm_real)
     elif not config.bench.is_folder:
@@ -73,12 +74,12 @@ def run_campaign(
         return run_in_process(campaign, bench, auto_print=auto_print, reporter=reporter)
 
 
-def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> BenchSettings:
+def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> BenchSettings | ArmSettings:
     if config.bench.is_folder:
         raise ConfigError(f'{config_path}: bench.kind is "folder", so there is nothing to drive; leave out --real.')
     if config.bench.real is None:
         raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
     path = relative_to(config_path, config.bench.real)
-    settings = read_bench(path)
+    settings = read_real_bench(path)
     confirm(path, settings)
     return settings

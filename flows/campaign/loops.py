@@ -11,8 +11,8 @@ from prefect.futures import PrefectFuture
 
 from fast.flows.campaign.told_step import ToldPrompts, await_batch
 from fast.flows.progress import ProgressReporter
-from fast.hardware.bench import Bench
 from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.safety.safe_state import Verb
 from fast.models.records import Design
 from fast.tasks.bench.folder import is_told
@@ -47,7 +47,7 @@ class CampaignRun:
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
     asked: Verb | None = None
-    _bench: Bench | None = None
+    _bench: GraspBench | None = None
     _requests: Requests | None = None
 
     def requested_verb(self) -> Verb | None:
@@ -61,15 +61,15 @@ class CampaignRun:
         self.stopping.set()
         self.asked = verb
         if self._bench is not None:
-            self._bench.supervisor.ask(verb)
+            self._bench.ask(verb)
 
     @contextmanager
-    def heard_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:
+    def heard_bench(self, tools: Sequence[ProposedTool]) -> Iterator[GraspBench]:
         """The bench, opened so that it hears what a person asks."""
         with self.open_bench(tools) as bench:
             self._bench = bench
             if self.asked is not None:
-                bench.supervisor.ask(self.asked)
+                bench.ask(self.asked)
             try:
                 yield bench
             finally:

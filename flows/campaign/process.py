@@ -20,9 +20,12 @@ from fast.flows.campaign.notify import notifier
 from fast.flows.campaign.operator_prompts import FolderPrompts, MountPrompts, PrintPrompts
 from fast.flows.campaign.progress import CampaignProgress
 from fast.flows.progress import Bar, ProgressReporter, format_report
-from fast.hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_bench
+from fast.hardware.arm.bench import open_arm_bench
+from fast.hardware.arm.settings import ArmSettings
+from fast.hardware.bench import BenchSettings, open_real_bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.safety.safe_state import Verb
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
@@ -59,7 +62,11 @@ class CampaignOutcome:
 
 
 def run_in_process(
-    campaign: Campaign, setup: World | BenchSettings | None, *, auto_print: bool, reporter: ProgressReporter
+    campaign: Campaign,
+    setup: World | BenchSettings | ArmSettings | None,
+    *,
+    auto_print: bool,
+    reporter: ProgressReporter,
 ) -> CampaignOutcome:
     """Run the campaign's flow until its schedule is complete or someone asks to stop.
 
@@ -136,8 +143,11 @@ def with_run_page(reporter: ProgressReporter) -> ProgressReporter:
 
 @contextmanager
 def open_campaign_bench(
-    campaign: Campaign, setup: World | BenchSettings | None, physics: PhysicsCache, tools: Sequence[ProposedTool]
-) -> Iterator[Bench]:
+    campaign: Campaign,
+    setup: World | BenchSettings | ArmSettings | None,
+    physics: PhysicsCache,
+    tools: Sequence[ProposedTool],
+) -> Iterator[GraspBench]:
     """The campaign's bench with these tools in its rack, connected and homed."""
     if setup is None:
         raise ConfigError(f'campaign {campaign.campaign_id} has no gantry: its bench.kind is "folder".')
@@ -150,6 +160,11 @@ def open_campaign_bench(
             setup, mounted, physics=physics, wires="memory", fault_log_folder=logs, layout=layout
         ) as bench:
             yield bench
+        return
+    if isinstance(setup, ArmSettings):
+        with open_arm_bench(setup, mounted) as arm:
+            append_event(campaign.lake, campaign.campaign_id, "bench_opened", f"arm at {setup.host} connected")
+            yield arm
         return
     there = setup.model_copy(update={"layout": objects.stand_on(setup.layout)})
     with open_real_bench(there, mounted, log_folder=logs) as bench:

@@ -12,6 +12,7 @@ from fast.flows.cli.real import YesMove
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
+    from fast.hardware.arm.settings import ArmSettings
     from fast.hardware.bench import BenchSettings
     from fast.lake.store import Lake
 
@@ -46,7 +47,7 @@ def run(
     from fast.flows.cli.live import open_reporter
     from fast.flows.cli.real import ask_leave
 
-    def confirm(bench_file: Path, settings: "BenchSettings") -> None:
+    def confirm(bench_file: Path, settings: "BenchSettings | ArmSettings") -> None:
         ask_leave(bench_file, settings, None, yes_move)
 
     leave = confirm if real else None

@@ -16,6 +16,7 @@ from cyclopts import Parameter
 from fast.flows.cli.common import tell
 
 if TYPE_CHECKING:
+    from fast.hardware.arm.settings import ArmSettings
     from fast.hardware.bench import BenchSettings
     from fast.hardware.tools.mounted import MountedTool
 
@@ -27,7 +28,10 @@ BUILD_VARIABLE = "CI"
 
 
 def ask_leave(
-    bench_file: Path, settings: "BenchSettings", tools: "Mapping[int, MountedTool] | None", yes_move: str | None
+    bench_file: Path,
+    settings: "BenchSettings | ArmSettings",
+    tools: "Mapping[int, MountedTool] | None",
+    yes_move: str | None,
 ) -> None:
     """Print what will move, then have a person type the name of the bench (or take `yes_move` for it).
 
@@ -65,8 +69,12 @@ def has_terminal() -> bool:
     return sys.stdin is not None and sys.stdin.isatty()
 
 
-def is_rehearsal(settings: "BenchSettings") -> bool:
+def is_rehearsal(settings: "BenchSettings | ArmSettings") -> bool:
     """Whether all addresses are of this computer's own pty and loopback: a virtual bench, nothing that can move."""
+    from fast.hardware.arm.settings import ArmSettings
+
+    if isinstance(settings, ArmSettings):
+        return _is_loopback(settings.host)
     ports = [settings.serial_port, settings.transmitter_serial_port]
     hosts = [settings.plc_host] if settings.transmitter_serial_port else [settings.plc_host, settings.transmitter_host]
     return all(port is None or os.path.realpath(port).startswith("/dev/pts/") for port in ports) and all(
@@ -74,8 +82,14 @@ def is_rehearsal(settings: "BenchSettings") -> bool:
     )
 
 
-def what_moves(name: str, settings: "BenchSettings", tools: "Mapping[int, MountedTool] | None") -> str:
+def what_moves(name: str, settings: "BenchSettings | ArmSettings", tools: "Mapping[int, MountedTool] | None") -> str:
     """What a bench will do when it is let: axes, box, speeds, tools, air and valves."""
+    from fast.hardware.arm.settings import ArmSettings
+
+    rehearsal = " (a rehearsal: all its addresses are virtual)" if is_rehearsal(settings) else ""
+    first = f"--real moves hardware: bench `{name}`{rehearsal}"
+    if isinstance(settings, ArmSettings):
+        return "\n".join([first, *_arm_lines(settings)])
     from fast.hardware.click import tags
     from fast.hardware.grbl.profile import GrblProfile
     from fast.hardware.grbl.workspace import Workspace
@@ -84,9 +98,8 @@ def what_moves(name: str, settings: "BenchSettings", tools: "Mapping[int, Mounte
     x_mm, y_mm, z_mm = Workspace.nominal(profile).size_mm
     x_speed, y_speed, z_speed = profile.max_speed_mm_per_s
     ends = "".join("+" if profile.homes_to_plus_end(axis) else "-" for axis in range(3))
-    rehearsal = " (a rehearsal: all its addresses are virtual)" if is_rehearsal(settings) else ""
     lines = [
-        f"--real moves hardware: bench `{name}`{rehearsal}",
+        first,
         f"  gantry     {settings.serial_port}: homes to the ends {ends[2]}Z, then {ends[0]}X and {ends[1]}Y, "
         f"at {profile.seek_mm_per_s:g} mm/s",
         f"  box        x 0 to {x_mm:g}, y 0 to {y_mm:g}, z 0 to {z_mm:g} mm, at up to {x_speed:g}, {y_speed:g}, "
@@ -95,7 +108,18 @@ def what_moves(name: str, settings: "BenchSettings", tools: "Mapping[int, Mounte
         f"{tags.GRIP_OUTPUT}, tool lock {tags.LOCK_OUTPUT}, by the PLC at {settings.plc_host}:{settings.plc_port}",
         f"  load cell  {_transmitter(settings)}",
     ]
-    return "\n".join([*lines, *_tool_lines(settings, tools)])
+    return "\n".join([*lines, *_tool_lines(settings.tool_mass_kg, tools)])
+
+
+def _arm_lines(settings: "ArmSettings") -> list[str]:
+    return [
+        f"  arm        {settings.host}: straight lines at up to {settings.travel_speed_mm_per_s:g} mm/s, between "
+        f"places with the flange at {settings.travel_z_mm:g} mm",
+        f"  places     {len(settings.rack_mm)} of the rack, {len(settings.mounts_mm)} of objects",
+        f"  air        output {settings.grip_output} closes the gripper, output {settings.lock_output} locks the tool",
+        f"  force      of the wrist; a grasp ends above {settings.most_force_n:g} N",
+        *_tool_lines({}, None),
+    ]
 
 
 def _transmitter(settings: "BenchSettings") -> str:
@@ -104,12 +128,12 @@ def _transmitter(settings: "BenchSettings") -> str:
     return f"{settings.transmitter_host}:{settings.transmitter_port}"
 
 
-def _tool_lines(settings: "BenchSettings", tools: "Mapping[int, MountedTool] | None") -> list[str]:
+def _tool_lines(weighed: "Mapping[int, float]", tools: "Mapping[int, MountedTool] | None") -> list[str]:
     if tools is None:
         return ["  tools      those of each batch, picked from slots 0 to 9 once a person has said they are mounted"]
     lines: list[str] = []
     for slot, tool in sorted(tools.items()):
-        weighed_kg = settings.tool_mass_kg.get(slot, tool.mass_kg)
+        weighed_kg = weighed.get(slot, tool.mass_kg)
         mass = f"{weighed_kg:.3f} kg weighed" if weighed_kg is not None else f"{tool.expected_mass_kg:.3f} kg estimated"
         lines.append(f"  {'tools' if not lines else '':<10} slot {slot}: {tool.tool_id}, {mass}")
     return lines or ["  tools      none"]

@@ -4,6 +4,7 @@ import json as json_module
 import signal
 import threading
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,6 +67,37 @@ def start(
             lines = [f"{name:<24} {address}" for name, address in addresses.items()]
             say("\n".join([*lines, "Ctrl-C stops the bench"]))
         wait_for(asked)
+
+
+@app.command
+def arm(
+    world: Annotated[Path, Parameter(help="World file, e.g. worlds/quick.toml.")],
+    *,
+    file: Annotated[Path, Parameter(help="Bench file to write, with this arm's address and places.")],
+    lake: Annotated[
+        str | None, Parameter(help="Lake whose newest printed tools hang in the rack; default: the designs.")
+    ] = None,
+    design: Designs = None,
+    host: Annotated[str, Parameter(help="Address on this computer; port 30004 must be free there.")] = "127.0.0.1",
+    speed_up: Annotated[float, Parameter(help="How much faster than real time.", validator=Number(gt=0))] = 1.0,
+) -> None:
+    """Serve a Universal Robots arm in a world, by RTDE and URScript, until Ctrl-C."""
+    from fast.hardware.virtual.arm.controller import VirtualArm
+    from fast.hardware.virtual.arm.server import ArmServer
+    from fast.hardware.virtual.world.physics import simulate_request
+    from fast.tasks.bench.arm_rack import read_rack, write_bench_file
+    from fast.tasks.campaign.setup import read_world
+
+    fresh = None if lake is None else partial(read_rack, lake)
+    asked = watch_signals()
+    server = ArmServer(VirtualArm(read_world(world), rack(design), simulate_request, fresh), host, speed_up)
+    server.start()
+    try:
+        write_bench_file(file, server.arm.settings(host, server.script_port))
+        say(f"arm at {host}, RTDE port 30004, URScript port {server.script_port}; bench file {file}\nCtrl-C stops it")
+        wait_for(asked)
+    finally:
+        server.stop()
 
 
 def read_fault(text: str) -> tuple[str, float]:

@@ -22,6 +22,7 @@ from fast.flows.scientist.strategies import Strategy
 from fast.hardware.bench import Bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
@@ -230,7 +231,7 @@ class _Runner:
         self._say(f"measuring {len(tools)} tools of B{batch:02d}")
         measure_batch(campaign, tools, self._open_bench, self._measure_tool, should_stop=_never, on_grasp=_ignore)
 
-    def _measure_tool(self, bench: Bench, work: ToolWork, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def _measure_tool(self, bench: GraspBench, work: ToolWork, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
         world_hash = self._world.world_hash
         measure_tool(self._campaign, bench, work, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
 

@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from itertools import count
 
-from fast.hardware.bench import Bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.diagnostics import NO_OBJECT
+from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.lake.leases import exclusive
 from fast.lake.provenance import Provenance
@@ -25,8 +25,8 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event, note_verbs, require_room
 from fast.tasks.campaign.state import ProposedTool, tuples
 
-OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[Bench]]
-MeasureTool = Callable[[Bench, ToolWork, Callable[[MeasuredGrasp], None]], None]
+OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[GraspBench]]
+MeasureTool = Callable[[GraspBench, ToolWork, Callable[[MeasuredGrasp], None]], None]
 
 CHECKED, LOST_STEPS = "position_checked", "lost_steps"  # kinds of events
 
@@ -75,7 +75,7 @@ def measure_batch(
     again = add_references(campaign, state, batch, mounted)
     mounted = [*mounted, *again]
 
-    def work_on(bench: Bench, work: ToolWork) -> None:
+    def work_on(bench: GraspBench, work: ToolWork) -> None:
         def count(grasp: MeasuredGrasp) -> None:
             references.count(work.tool, grasp)
             on_grasp(work.tool, grasp)
@@ -85,7 +85,7 @@ def measure_batch(
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
     owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(mounted) as bench:
-        bench.gantry.require_leave = gantry.require
+        bench.set_leave(gantry.require)
         every = campaign.config.execution.position_check_tools
         for tool in again:
             if should_stop():
@@ -107,7 +107,7 @@ def measure_batch(
 
 def measure_tool(
     campaign: Campaign,
-    bench: Bench,
+    bench: GraspBench,
     work: ToolWork,
     *,
     world_hash: str | None,
@@ -139,10 +139,10 @@ def measure_tool(
         require_room(campaign.lake)
         return should_stop()
 
-    bench.cell.measure_tool(work.tool.rack_slot, work.items, campaign.config.grasp, record, may_not_go_on)
+    bench.measure_tool(work.tool.rack_slot, work.items, campaign.config.grasp, record, may_not_go_on)
 
 
-def check_position(campaign: Campaign, bench: Bench, batch: int) -> None:
+def check_position(campaign: Campaign, bench: GraspBench, batch: int) -> None:
     """Check that the gantry is where it is counted, and keep the outcome as an event.
 
     Raises:
@@ -152,7 +152,7 @@ def check_position(campaign: Campaign, bench: Bench, batch: int) -> None:
     lake, name = campaign.lake, campaign.campaign_id
     since = lake.query(_SINCE_LAST_CHECK, {"campaign": name})["id"].to_pylist()
     try:
-        slip_mm = bench.position.run()
+        slip_mm = bench.check_position()
     except LostStepsError as error:
         what = {"batch": batch, "slip_mm": error.slip_mm, "limit_mm": SLIP_LIMIT_MM, "grasp_ids": since}
         append_event(lake, name, LOST_STEPS, f"{error} Suspect grasps: {len(since)}.", **what)

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from fast.hardware.bench import Bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.layout import N_SLOTS
+from fast.hardware.grasp_bench import GraspBench
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
@@ -92,7 +92,7 @@ def measure_asked(
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
     owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(tools) as bench:
-        bench.gantry.require_leave = gantry.require
+        bench.set_leave(gantry.require)
         for tool in tools:
             if should_stop():
                 break
@@ -100,5 +100,5 @@ def measure_asked(
         check_position(campaign, bench, tools[0].batch)
 
 
-def _measure_tool(bench: Bench, work: ToolWork, measure: MeasureTool, on_grasp: OnGrasp) -> None:
+def _measure_tool(bench: GraspBench, work: ToolWork, measure: MeasureTool, on_grasp: OnGrasp) -> None:
     measure(bench, work, lambda grasp: on_grasp(work.tool, grasp))

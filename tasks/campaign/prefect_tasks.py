@@ -9,8 +9,8 @@ from prefect.cache_policies import NO_CACHE
 from prefect.runtime import task_run
 from prefect.utilities.annotations import quote
 
-from fast.hardware.bench import Bench
 from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.grasp_bench import GraspBench
 from fast.models.records import Design
 from fast.tasks.bench import measure as measuring
 from fast.tasks.bench import mount as mounting
@@ -78,7 +78,7 @@ def print_batch(
 def measure_tool(
     label: str,
     campaign: Campaign,
-    bench: Bench,
+    bench: GraspBench,
     work: ToolWork,
     world_hash: str | None,
     should_stop: Callable[[], bool],
@@ -113,7 +113,7 @@ def measure_batch(
 ) -> None:
     """Measure the tools of a batch, each as a task of its own; errors as of `tasks.bench.measure.measure_batch`."""
 
-    def measure(bench: Bench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def measure(bench: GraspBench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measure_tool(
             f"{label} gantry, tool {work.tool.slot}",
             unmapped(campaign),
@@ -164,7 +164,7 @@ def measure_asked(
 ) -> None:
     """Make the grasps that a search asks for and that are missing; errors as of `tasks.bench.mount.measure_asked`."""
 
-    def measure(bench: Bench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def measure(bench: GraspBench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measuring.measure_tool(
             campaign, bench, work, world_hash=world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
         )

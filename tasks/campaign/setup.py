@@ -5,6 +5,7 @@ import tomllib
 from collections import defaultdict
 from pathlib import Path
 
+from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
 from fast.hardware.virtual.world.file import World, load_world
 from fast.lake.tables.campaign import CampaignRow, ProposalRow, ToolRow
@@ -24,13 +25,26 @@ from fast.tasks.scientist.prior import check_prior
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
 
 
-def read_bench(path: Path) -> BenchSettings:
-    """Read and check the file with the addresses of a real bench; its journal lies beside it.
+def read_real_bench(path: Path) -> BenchSettings | ArmSettings:
+    """Read and check the bench file of a gantry, or of an arm, which says `kind`.
 
     Raises:
         ConfigError: the file is missing, or has a wrong value or key.
     """
-    settings = load_record(BenchSettings, read_toml(path, "bench file"), str(path))
+    data = read_toml(path, "bench file")
+    return load_record(ArmSettings, data, str(path)) if "kind" in data else read_bench(path)
+
+
+def read_bench(path: Path) -> BenchSettings:
+    """Read and check the file with the addresses of a gantry; its journal lies beside it.
+
+    Raises:
+        ConfigError: the file is missing, or has a wrong value or key, or is of an arm.
+    """
+    data = read_toml(path, "bench file")
+    if "kind" in data:
+        raise ConfigError(f"{path} is the bench file of an arm, this is for gantries; use `fast campaign run --real`.")
+    settings = load_record(BenchSettings, data, str(path))
     journal = path.parent / settings.journal if settings.journal else path.with_suffix(".journal.jsonl")
     return settings.model_copy(update={"journal": str(journal.resolve())})
 

@@ -75,18 +75,20 @@ def build_request(
     object_id: int,
     setup: GraspSetup,
     offset_mm: tuple[float, float] = (0.0, 0.0),
+    yaw_deg: float = 0.0,
 ) -> PhysicsRequest:
     """The request of a world for one tool on one object, with the object's placement drawn.
 
-    `offset_mm`: how far in x and y the bench put the object off the middle of the fingers, on top of what is drawn. No
-    law of a world's grasps knows a speed: the bench plays the same answer at the speed at which it moves.
+    `offset_mm`, `yaw_deg`: how far in x and y the bench put the object off the middle of the fingers, and turned it, on
+    top of what is drawn. No law of a world's grasps knows a speed: the bench plays the same answer at the speed at
+    which it moves.
     """
     return PhysicsRequest(
         tool_id=tool_id,
         design=design,
         object_id=object_id,
         setup=setup.timed_as(GraspSetup()),
-        placement=_placement(world, tool_id, object_id, offset_mm),
+        placement=_placement(world, tool_id, object_id, offset_mm, yaw_deg),
         theta=_tool_theta(world, tool_id),
         mesh_edge_mm=world.mesh.edge_mm,
         mesh_layers=world.mesh.layers,
@@ -274,7 +276,7 @@ def _release_lift_mm(lift_mm: np.ndarray, force_n: np.ndarray, max_lift_mm: floa
     return float(lift_mm[touching[-1] + 1]) if touching[-1] + 1 < len(lift_mm) else float("inf")
 
 
-def _placement(world: World, tool_id: str, object_id: int, offset_mm: tuple[float, float]) -> Placement:
+def _placement(world: World, tool_id: str, object_id: int, offset_mm: tuple[float, float], yaw_deg: float) -> Placement:
     """Where the object sits in this mounting, and how the tool's fingers are turned."""
     scatter = world.scatter
     x, z = _draws(world, 2, "placement", tool_id, object_id)
@@ -284,7 +286,7 @@ def _placement(world: World, tool_id: str, object_id: int, offset_mm: tuple[floa
         offset_x_mm=offset_mm[0] + _unless_negligible(scatter.placement_sd_mm * x, NEGLIGIBLE_OFFSET_X_MM),
         offset_y_mm=offset_mm[1] + _unless_negligible(scatter.offset_y_sd_mm * y, NEGLIGIBLE_OFFSET_Y_MM),
         offset_z_mm=scatter.placement_sd_mm * z + 0.0,
-        yaw_deg=_unless_negligible(scatter.yaw_sd_deg * yaw, NEGLIGIBLE_TURN_DEG),
+        yaw_deg=yaw_deg + _unless_negligible(scatter.yaw_sd_deg * yaw, NEGLIGIBLE_TURN_DEG),
         roll_deg=_unless_negligible(scatter.roll_sd_deg * roll, NEGLIGIBLE_TURN_DEG),
     )
 

@@ -99,6 +99,7 @@ class WorldState:
         self._closing_psi = closing_psi(0.0)
         self.job = (-1, 0)
         self.setup = GraspSetup()
+        self.head_yaw_deg = 0.0  # of the gripper about the vertical axis; a gantry has none
         self.hung_kg = 0.0  # dead weight on the open gripper
         self.gross_n = 0.0
         self.n_readings = 0
@@ -306,7 +307,9 @@ class WorldState:
             return _Grasp(None, None, self.setup, z_mm)  # closed in the air over the object
         setup = self.setup.model_copy(update={"tip_below_mm": tip_below_mm})
         world = at_pressure(self.world, self.supply_psi / USUAL_PRESSURE_PSI)
-        request = build_request(world, self.tool.tool_id, self.tool.design, object_id, setup, offset_mm)
+        request = build_request(
+            world, self.tool.tool_id, self.tool.design, object_id, setup, offset_mm, -self.head_yaw_deg
+        )
         return _Grasp(self._solver(request), request, setup, z_mm)
 
     def _take_answer(self, grasp: _Grasp, answer: "Future[GraspSimulation]") -> None:

@@ -1,0 +1,403 @@
+"""Grasps on an arm: the same steps as on the gantry, by the wrist force sensor."""
+
+import logging
+import math
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+import numpy as np
+
+from fast.hardware.arm.link import ArmLink, ArmState, write_output
+from fast.hardware.arm.settings import ArmSettings, Point
+from fast.hardware.cell.cell import CLOSED_SETTLE_S, MeasuredGrasp, closing_s
+from fast.hardware.cell.diagnostics import DiagnosticRun, Item
+from fast.hardware.cell.recorder import CONTACT_READINGS
+from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
+from fast.hardware.grasp_bench import Leave
+from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM
+from fast.hardware.safety.safe_state import MEANINGS, StopAskedError, Verb
+from fast.hardware.tools.mounted import MountedTool
+from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import BENCH_FAULT, GraspRequest, GraspSetup, Placement, Trace
+
+logger = logging.getLogger(__name__)
+
+SETTLE_S = 0.3  # after travelling, before the tare
+BASELINE_S = 0.6
+NOT_RELEASED_N = 1.0  # left on the open gripper: an object came along
+LEAST_WEIGHT_SHARE = 0.3  # of the tool's expected weight, that the wrist must feel after it was picked
+_G = 9.80665
+
+
+class ArmBench:
+    """A connected arm with tools in its rack; has all that `hardware.grasp_bench.GraspBench` asks."""
+
+    wire_session = None
+
+    def __init__(self, settings: ArmSettings, tools: Mapping[int, MountedTool]) -> None:
+        self.settings = settings
+        self._tools = dict(tools)
+        self._link = ArmLink(settings, self._hear)
+        self._leave: Leave = lambda: None
+        self._asked: Verb | None = None
+        self._hanging_n = 0.0  # pull of the open gripper after its tool was picked
+        self._at_work: int | None = None  # thread that hears what a person asks
+
+    def set_leave(self, leave: Leave) -> None:
+        """Have `leave` asked before every motion from now on."""
+        self._leave = leave
+
+    def ask(self, verb: Verb) -> None:
+        """Stop or abort now, from any thread."""
+        if MEANINGS[verb].commands_safe_state:
+            self._asked = verb
+
+    def _hear(self) -> None:
+        if self._asked is not None and self._at_work == threading.get_ident():
+            raise StopAskedError(self._asked)
+
+    def open(self) -> None:
+        """Connect, and see that nothing hangs on the arm.
+
+        Raises:
+            InterlockError: a tool or an object is still held from an earlier session; nothing has moved.
+            DeviceError: the arm does not answer or is not ready.
+        """
+        self._link.connect()
+        state = self._link.read()
+        if state.is_on(self.settings.grip_output):
+            raise InterlockError(
+                f"The gripper is closed (output {self.settings.grip_output} is on); an object may hang in it. Look, "
+                "and switch the output off on the pendant."
+            )
+        if state.is_on(self.settings.lock_output):
+            raise InterlockError(
+                f"A tool is still locked (output {self.settings.lock_output} is on). Hold it, hang it back by hand, "
+                "and switch the output off on the pendant."
+            )
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._link.close()
+
+    def check_position(self) -> tuple[float, float, float]:
+        """Distance of the flange from where the controller wants it, x, y, z in mm.
+
+        Raises:
+            DeviceError: it is further away than a motion that has ended leaves it.
+        """
+        state = self._link.read()
+        x, y, z = (state.position_mm - state.target_mm).tolist()
+        if max(abs(x), abs(y), abs(z)) > SLIP_LIMIT_MM:
+            raise DeviceError(
+                f"The flange stands {x:+.2f}, {y:+.2f}, {z:+.2f} mm from where the arm's controller wants it, limit "
+                f"{SLIP_LIMIT_MM:g} mm; look what it touches."
+            )
+        return x, y, z
+
+    def measure_tool(
+        self,
+        slot: int,
+        plan: Sequence[Item],
+        setup: GraspSetup,
+        on_grasp: Callable[[MeasuredGrasp], None],
+        should_stop: Callable[[], bool],
+    ) -> None:
+        """Take the tool of a slot, make the planned grasps in order, hang the tool back; see `GraspBench`."""
+        tool, grasps = self._check_plan(slot, plan, setup)
+        if not plan or should_stop():
+            return
+        with self._guarded():
+            self._pick(slot, tool)
+            for grasp in grasps:
+                if should_stop():
+                    logger.info("Stop asked: hanging tool %s back", tool.tool_id)
+                    break
+                self._measure(tool, grasp, on_grasp)
+            self._hang_back(slot)
+
+    def _check_plan(self, slot: int, plan: Sequence[Item], setup: GraspSetup) -> tuple[MountedTool, list["_ArmGrasp"]]:
+        tool = self._tools.get(slot)
+        if tool is None or slot >= len(self.settings.rack_mm):
+            raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._tools)}.")
+        grasps = []
+        for item in plan:
+            if isinstance(item, DiagnosticRun):
+                raise UsageError("An arm makes no diagnostic runs; remove them from the config's [diagnostics].")
+            if isinstance(item, GraspRequest):
+                if item.tool_id != tool.tool_id:
+                    wanted = f"A grasp of tool {item.tool_id} is asked for"
+                    raise UsageError(
+                        f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for."
+                    )
+                grasp = _ArmGrasp(item.object_id, item.repeat, item.setup, item.placement, item)
+            else:
+                grasp = _ArmGrasp(*item, setup)
+            self.settings.limits.check(grasp.setup, grasp.placement)
+            self.settings.grasp_mm(tool.design, grasp.object_id, grasp.setup)
+            grasps.append(grasp)
+        return tool, grasps
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """Whatever ends the work early ends in the safe state: motion stops, grip and lock stay as they are."""
+        self._at_work = threading.get_ident()
+        try:
+            yield
+        except BaseException as error:
+            logger.warning("The arm stops: %s", error)
+            self._at_work = None  # a person was heard; the stop itself is not to be interrupted
+            try:
+                self._link.halt()
+            except FastError as silent:
+                logger.warning("The arm did not take the stop: %s", silent)
+            raise
+        finally:
+            self._at_work = None
+
+    # Motion
+
+    def _move(self, place_mm: Point, speed_mm_per_s: float, yaw_deg: float = 0.0) -> ArmState:
+        """Go straight there; returns the state at the end."""
+        self._leave()
+        here = self._link.read().position_mm
+        distance_mm = float(np.linalg.norm(np.array(place_mm) - here))
+        return self._link.run([self._link.write_move(place_mm, speed_mm_per_s, yaw_deg)], distance_mm / speed_mm_per_s)
+
+    def _travel(self, x_mm: float, y_mm: float, yaw_deg: float = 0.0) -> None:
+        """Up to travel height, then over the place."""
+        settings, here = self.settings, self._link.read().position_mm
+        if here[2] < settings.travel_z_mm - 0.5:
+            self._move((float(here[0]), float(here[1]), settings.travel_z_mm), settings.travel_speed_mm_per_s)
+        self._move((x_mm, y_mm, settings.travel_z_mm), settings.travel_speed_mm_per_s, yaw_deg)
+
+    def _switch(self, output: int, is_on: bool) -> None:
+        self._leave()
+        self._link.run([write_output(output, is_on)], 1.0)
+
+    def _wait(self, duration_s: float) -> list[ArmState]:
+        """All states of the next seconds of the arm's time."""
+        state = self._link.read()
+        states, end_s = [], state.time_s + duration_s
+        while state.time_s < end_s:
+            state = self._link.next(state.time_s)
+            states.append(state)
+        return states
+
+    def _feel_n(self, duration_s: float) -> np.ndarray:
+        """Downward pulls on the flange over some time, N."""
+        return np.array([-state.force_n[2] for state in self._wait(duration_s)])
+
+    def _pick(self, slot: int, tool: MountedTool) -> None:
+        x, y, z = self.settings.rack_mm[slot]
+        self._travel(x, y)
+        self._wait(SETTLE_S)
+        before_n = float(self._feel_n(BASELINE_S).mean())
+        self._move((x, y, z), self.settings.dock_speed_mm_per_s)
+        self._switch(self.settings.lock_output, True)
+        self._wait(self.settings.air_s)
+        self._move((x, y, self.settings.travel_z_mm), self.settings.dock_speed_mm_per_s)
+        self._wait(SETTLE_S)
+        self._hanging_n = float(self._feel_n(BASELINE_S).mean())
+        gained_n = self._hanging_n - before_n
+        least_n = LEAST_WEIGHT_SHARE * tool.expected_mass_kg * _G
+        if gained_n < least_n:
+            raise DeviceError(
+                f"Tool {tool.tool_id} was not picked from slot {slot}: the wrist feels {gained_n:.1f} N more, at least "
+                f"{least_n:.1f} N were expected; look at the rack."
+            )
+
+    def _hang_back(self, slot: int) -> None:
+        x, y, z = self.settings.rack_mm[slot]
+        self._travel(x, y)
+        self._move((x, y, z), self.settings.dock_speed_mm_per_s)
+        self._switch(self.settings.lock_output, False)
+        self._wait(self.settings.air_s)
+        self._move((x, y, self.settings.travel_z_mm), self.settings.dock_speed_mm_per_s)
+
+    # A grasp
+
+    def _measure(self, tool: MountedTool, grasp: "_ArmGrasp", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+        try:
+            self._grasp(tool, grasp)
+        except (FastError, KeyboardInterrupt, SystemExit) as error:
+            grasp.reason, grasp.end = grasp.reason or str(error), BENCH_FAULT
+            on_grasp(grasp.result())
+            raise
+        on_grasp(grasp.result())
+
+    def _grasp(self, tool: MountedTool, grasp: "_ArmGrasp") -> None:
+        settings, setup, placement = self.settings, grasp.setup, grasp.placement
+        x, y, z = settings.grasp_mm(tool.design, grasp.object_id, setup)
+        x, y = x - placement.offset_x_mm, y - placement.offset_y_mm
+        self._travel(x, y, -placement.yaw_deg)
+        self._wait(SETTLE_S)
+        free_n = self._feel_n(BASELINE_S)
+        grasp.tare_n, grasp.sd_n = float(free_n.mean()), float(free_n.std())
+        self._check_free(grasp, grasp.tare_n - self._hanging_n)
+        state = self._move((x, y, z), settings.dock_speed_mm_per_s, -placement.yaw_deg)
+        grasp.z_mm = float(state.position_mm[2])
+        self._close(grasp)
+        grasp.add(self._wait(closing_s(setup) + CLOSED_SETTLE_S + setup.dwell_s))
+        grasp.end = self._lift(grasp, (x, y, z), -placement.yaw_deg)
+        if not grasp.reason and not grasp.is_contact_seen():
+            grasp.reason = (
+                f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
+                "not counted; look at the mount."
+            )
+        self._release(grasp, (x, y, z))
+
+    def _close(self, grasp: "_ArmGrasp") -> None:
+        """Close the gripper and wait for its air."""
+        settings = self.settings
+        self._leave()
+        number = self._link.start([write_output(settings.grip_output, True)])
+        start = state = self._link.read()
+        grasp.start_s = start.time_s
+        while state.done != number or not self._has_air(state, start):
+            if state.time_s - start.time_s > settings.pressure_time_out_s + settings.air_s:
+                limit_s, output = settings.pressure_time_out_s, settings.grip_output
+                raise DeviceError(
+                    f"The gripper's line has no pressure {limit_s:g} s after output {output} was switched on; look at "
+                    f"the air and at input {settings.pressure_input}."
+                )
+            state = self._link.next(state.time_s)
+            grasp.add([state])
+
+    def _has_air(self, state: ArmState, start: ArmState) -> bool:
+        if self.settings.pressure_input is None:
+            return state.time_s - start.time_s >= self.settings.air_s
+        return state.is_input_on(self.settings.pressure_input)
+
+    def _lift(self, grasp: "_ArmGrasp", place_mm: Point, yaw_deg: float) -> str:
+        """Lift and record until the fingers have left the object; says how it ended."""
+        settings, setup = self.settings, grasp.setup
+        speed = setup.lift_speed_mm_per_s
+        top_mm = (place_mm[0], place_mm[1], place_mm[2] + setup.max_lift_mm)
+        height_mm = get_object(grasp.object_id).height_mm
+        least_mm = min(setup.tip_below_mm + height_mm + TOP_MARGIN_MM, setup.max_lift_mm)
+        self._leave()
+        number = self._link.start([self._link.write_move(top_mm, speed, yaw_deg)])
+        state = self._link.read()
+        deadline_s = state.time_s + setup.max_lift_mm / speed + 10.0
+        while state.time_s < deadline_s:
+            state = self._link.next(state.time_s)
+            grasp.add([state])
+            force_n, lift_mm = grasp.forces_n[-1], grasp.lifts_mm[-1]
+            if force_n > settings.most_force_n:
+                self._link.halt()
+                limit_n = settings.most_force_n
+                grasp.reason = f"The pull of {force_n:.0f} N is above most_force_n, {limit_n:g} N; the grasp was ended."
+                self._wait(SETTLE_S)
+                return "overload"
+            if state.done == number:
+                return "max_lift"
+            if lift_mm >= least_mm and is_free(grasp.recent_n(WINDOW_MM / speed), grasp.sd_n):
+                self._link.halt()
+                self._wait(SETTLE_S)
+                return "separated"
+        raise DeviceError(f"The lift reached {grasp.lifts_mm[-1]:.1f} of {setup.max_lift_mm:g} mm and did not end.")
+
+    def _release(self, grasp: "_ArmGrasp", place_mm: Point) -> None:
+        """Lower what may still hang, open, go up, and make sure that nothing came along."""
+        if grasp.end != "separated":
+            self._move(place_mm, self.settings.dock_speed_mm_per_s)
+        self._switch(self.settings.grip_output, False)
+        self._wait(self.settings.air_s)
+        self._travel(place_mm[0], place_mm[1])
+        self._wait(SETTLE_S)
+        left_n = float(self._feel_n(BASELINE_S).mean()) - grasp.tare_n
+        grasp.details["after_release_n"] = left_n
+        self._check_free(grasp, left_n)
+
+    def _check_free(self, grasp: "_ArmGrasp", change_n: float) -> None:
+        """Raises DeviceError where the open gripper has become heavier or lighter."""
+        if abs(change_n) > NOT_RELEASED_N:
+            raise DeviceError(
+                f"At object {grasp.object_id} the wrist feels {change_n:+.1f} N on the open gripper: an object came "
+                "along, or the tool lost a part; look."
+            )
+
+
+@dataclass
+class _ArmGrasp:
+    """What is known of a grasp while it is made."""
+
+    object_id: int
+    repeat: int
+    setup: GraspSetup
+    placement: Placement = Placement()
+    request: GraspRequest | None = None
+    started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
+    tare_n: float = 0.0
+    sd_n: float = 0.0
+    z_mm: float = math.nan
+    start_s: float = 0.0
+    times_s: list[float] = field(default_factory=list)
+    lifts_mm: list[float] = field(default_factory=list)
+    forces_n: list[float] = field(default_factory=list)
+    reason: str = ""
+    end: str = ""
+    details: dict[str, float | str] = field(default_factory=dict)
+
+    def add(self, states: Sequence[ArmState]) -> None:
+        """Samples of the wrist, tared."""
+        for state in states:
+            if not self.times_s or state.time_s - self.start_s > self.times_s[-1]:
+                self.times_s.append(state.time_s - self.start_s)
+                self.lifts_mm.append(float(state.position_mm[2]) - self.z_mm)
+                self.forces_n.append(-float(state.force_n[2]) - self.tare_n)
+
+    def recent_n(self, duration_s: float) -> np.ndarray:
+        """Readings of the last `duration_s`, tared, in N."""
+        first = np.searchsorted(self.times_s, self.times_s[-1] - duration_s)
+        return np.array(self.forces_n[first:])
+
+    def is_contact_seen(self) -> bool:
+        """Whether the mean of a quarter of a second leaves zero by more than the free gripper does."""
+        force_n = np.array(self.forces_n)
+        n = min(CONTACT_READINGS, len(force_n))
+        means = np.convolve(force_n, np.full(n, 1.0 / n), "valid") if n else np.zeros(1)
+        return bool(np.abs(means).max() > max(FORCE_BACK_N, 3.0 * self.sd_n))
+
+    def result(self) -> MeasuredGrasp:
+        """The grasp as measured; failed when a reason was noted. The lift of a resting arm is exactly 0."""
+        lift_mm = np.round(np.array(self.lifts_mm), 3)
+        lift_mm = np.maximum.accumulate(np.where(lift_mm < 0.02, 0.0, lift_mm)) if lift_mm.size else lift_mm
+        trace = Trace(np.round(np.array(self.times_s), 4), lift_mm, np.array(self.forces_n))
+        self.details.update(end=self.end, baseline_sd_n=self.sd_n)
+        separation = find_separation(trace, self.sd_n) if self.end == "separated" else None
+        if separation is not None:
+            self.details.update(separation_mm=separation.lift_mm, zero_drift_n=separation.zero_drift_n)
+        return MeasuredGrasp(
+            object_id=self.object_id,
+            repeat=self.repeat,
+            started_at=self.started_at,
+            trace=trace,
+            status="failed" if self.reason else "ok",
+            reason=self.reason,
+            tare_force_n=self.tare_n,
+            details=self.details,
+            setup=self.setup,
+            request=self.request,
+        )
+
+
+@contextmanager
+def open_arm_bench(settings: ArmSettings, tools: Mapping[int, MountedTool]) -> Iterator[ArmBench]:
+    """The arm at this address, connected. The caller has asked for leave to move.
+
+    Raises:
+        InterlockError: something hangs on the arm from an earlier session; nothing has moved.
+        DeviceError: it does not answer or is not ready.
+    """
+    bench = ArmBench(settings, tools)
+    try:
+        bench.open()
+        yield bench
+    finally:
+        bench.close()

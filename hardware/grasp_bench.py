@@ -1,0 +1,61 @@
+"""What a campaign asks of a bench, and no more: whoever has these methods can be driven by it.
+
+`hardware.bench.Bench` (the gantry) and `hardware.arm.bench.ArmBench` are two; `docs/how-to/write-a-bench-driver.md`
+says how to write another, and `tests/hardware/bench_contract.py` tests one.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.cell.diagnostics import Item
+from fast.hardware.safety.safe_state import Verb
+from fast.models.records import GraspSetup
+
+Leave = Callable[[], None]
+"""Raises when this process may no longer move the bench, because another one has taken it over."""
+
+
+class GraspBench(Protocol):
+    """An open bench with its tools in the rack."""
+
+    @property
+    def wire_session(self) -> str | None:
+        """Name of the logs of what was said to the devices in this session; None where there are none."""
+        ...
+
+    def set_leave(self, leave: Leave) -> None:
+        """Have `leave` asked before every motion from now on."""
+        ...
+
+    def ask(self, verb: Verb) -> None:
+        """Stop or abort now, from any thread: what is under way ends in the safe state with `StopAskedError`."""
+        ...
+
+    def measure_tool(
+        self,
+        slot: int,
+        plan: Sequence[Item],
+        setup: GraspSetup,
+        on_grasp: Callable[[MeasuredGrasp], None],
+        should_stop: Callable[[], bool],
+    ) -> None:
+        """Take the tool of a slot, make the planned grasps in order, hang the tool back.
+
+        `on_grasp` gets each grasp as soon as it is measured, a failed one with its reason; `should_stop` is asked
+        before each and ends the plan early, with the tool hung back.
+
+        Raises:
+            UsageError: the plan cannot be carried out; nothing has moved.
+            DeviceError: the bench cannot go on and stands in its safe state; the grasp in progress was given to
+                `on_grasp` as failed by the bench.
+        """
+        ...
+
+    def check_position(self) -> tuple[float, float, float]:
+        """How far the head is from where it is believed to be, x, y, z in mm.
+
+        Raises:
+            DeviceError: too far; `LostStepsError` where the grasps since the last check are suspect.
+        """
+        ...

@@ -1,0 +1,205 @@
+"""The arm against its controller's protocols, in a process of its own, and the gantry by the same contract."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fast.hardware.arm.bench import ArmBench, open_arm_bench
+from fast.hardware.arm.link import ArmLink
+from fast.hardware.arm.settings import ArmSettings
+from fast.hardware.bench import Bench, open_virtual_bench
+from fast.hardware.safety.safe_state import EmergencyStopError
+from fast.hardware.virtual.arm.urscript import Move, Output, Register, Stop, read_program
+from fast.hardware.virtual.world.file import Sensor, World
+from fast.models.errors import DeviceError, InterlockError, UsageError
+from fast.models.records import BENCH_FAULT, GraspSetup
+from fast.models.traces import peak_force_n
+from tests.hardware.arm.bench_contract import SETUP, TOOLS, BenchContract
+from tests.hardware.cell.test_cell import physics
+
+ROOT = Path(__file__).parents[3]
+SPEED_UP = 25.0
+_ADDRESSES = count(10)  # 127.0.x.y, so that tests side by side have port 30004 each
+
+
+class ArmProcess:
+    """A controller that listens, and what a test does to it."""
+
+    def __init__(self) -> None:
+        host = f"127.0.{os.getpid() % 200 + 20}.{next(_ADDRESSES)}"
+        command = [sys.executable, "-m", "tests.hardware.arm.arm_process", host, str(SPEED_UP)]
+        self._process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.settings = ArmSettings.model_validate(self._answer())
+
+    def _answer(self) -> dict:
+        assert self._process.stdout is not None
+        return json.loads(self._process.stdout.readline())
+
+    def tell(self, command: str) -> dict:
+        """Send a command; returns tool on the flange, tools in the rack and height."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{command}\n")
+        self._process.stdin.flush()
+        return self._answer()
+
+    def end(self) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+@pytest.fixture
+def controller() -> Iterator[ArmProcess]:
+    process = ArmProcess()
+    yield process
+    process.end()
+
+
+class TestArm(BenchContract):
+    @pytest.fixture
+    def bench(self, controller: ArmProcess) -> Iterator[ArmBench]:
+        with open_arm_bench(controller.settings, TOOLS) as bench:
+            yield bench
+
+
+class TestGantry(BenchContract):
+    middle_of_a_grasp_s = 0.3
+
+    @pytest.fixture
+    def bench(self) -> Iterator[Bench]:
+        world = World(seed=7, sensor=Sensor(noise_sd_n=0.05))
+        with open_virtual_bench(world, TOOLS, physics, wires="memory") as bench:
+            yield bench
+
+
+def measure(bench: ArmBench, plan, setup: GraspSetup = SETUP, on_grasp=None) -> list:
+    grasps = []
+    bench.measure_tool(3, plan, setup, on_grasp or grasps.append, lambda: False)
+    return grasps
+
+
+def test_an_object_that_is_missing_fails_its_grasp_and_the_plan_goes_on(controller):
+    controller.tell("inject object_missing")
+    with open_arm_bench(controller.settings, TOOLS) as bench:
+        grasps = []
+
+        def put_back(grasp):
+            grasps.append(grasp)
+            controller.tell("clear object_missing")
+
+        measure(bench, [(0, 0), (0, 1)], on_grasp=put_back)
+    assert [g.status for g in grasps] == ["failed", "ok"]
+    assert "it is missing or moved" in grasps[0].reason
+    assert controller.tell("state") == {"tool": None, "docked": [0, 3], "z_mm": controller.settings.travel_z_mm}
+
+
+@pytest.mark.parametrize(
+    ("command", "error", "words"),
+    [
+        ("inject estop_pressed", EmergencyStopError, "emergency stop is pressed"),
+        ("protective on", DeviceError, "protective stop"),
+        ("power off", DeviceError, "brakes are closed"),
+    ],
+)
+def test_a_stop_of_the_controller_is_a_sentence_and_keeps_the_grasp(controller, command, error, words):
+    with open_arm_bench(controller.settings, TOOLS) as bench:
+        grasps = []
+
+        def stop(grasp):
+            grasps.append(grasp)
+            controller.tell(command)
+
+        with pytest.raises(error, match=words):
+            measure(bench, [(0, 0), (0, 1)], on_grasp=stop)
+    assert [(g.status, g.details["end"]) for g in grasps] == [("ok", "separated"), ("failed", BENCH_FAULT)]
+
+
+def test_a_tool_that_is_not_there_is_noticed_by_its_weight(controller):
+    with (
+        open_arm_bench(controller.settings, TOOLS | {5: TOOLS[0]}) as bench,
+        pytest.raises(DeviceError, match="was not picked from slot 5"),
+    ):
+        bench.measure_tool(5, [(0, 0)], SETUP, print, lambda: False)
+
+
+def test_a_pull_beyond_the_limit_ends_the_grasp(controller):
+    settings = controller.settings.model_copy(update={"most_force_n": 4.0})
+    with open_arm_bench(settings, TOOLS) as bench:
+        (grasp,) = measure(bench, [(0, 0)])
+    assert grasp.status == "failed"
+    assert "is above most_force_n, 4 N" in grasp.reason
+    assert grasp.trace.force_n.max() < 6.0
+
+
+def test_an_object_that_comes_along_stops_the_bench(controller):
+    with open_arm_bench(controller.settings, TOOLS) as bench:
+
+        def stick(grasp):
+            controller.tell("inject object_sticks")
+
+        with pytest.raises(DeviceError, match="an object came along"):
+            measure(bench, [(0, 0), (0, 1), (0, 2)], on_grasp=stick)
+
+
+def test_what_an_earlier_session_left_on_the_arm_is_refused(controller):
+    link = ArmLink(controller.settings)
+    link.connect()
+    link.run(["set_standard_digital_out(0, True)"], 1.0)
+    with pytest.raises(InterlockError, match="The gripper is closed"), open_arm_bench(controller.settings, TOOLS):
+        pass
+    link.run(["set_standard_digital_out(0, False)", "set_standard_digital_out(1, True)"], 1.0)
+    with pytest.raises(InterlockError, match="A tool is still locked"), open_arm_bench(controller.settings, TOOLS):
+        pass
+    link.close()
+
+
+def test_an_arm_that_does_not_answer_is_named():
+    settings = ArmSettings(
+        kind="ur", host="127.0.250.250", travel_z_mm=500, rack_mm=((0, 0, 0),), mounts_mm={0: (0, 0, 0)}
+    )
+    with (
+        pytest.raises(DeviceError, match=r"127\.0\.250\.250 does not answer on port 30004"),
+        open_arm_bench(settings, TOOLS),
+    ):
+        pass
+
+
+def test_a_lift_that_ends_above_the_travel_height_is_refused(controller):
+    settings = controller.settings.model_copy(update={"travel_z_mm": 300.0})
+    with open_arm_bench(settings, TOOLS) as bench, pytest.raises(UsageError, match="travel_z_mm is 300; raise it"):
+        measure(bench, [(0, 0)])
+
+
+def test_the_arm_measures_what_the_gantry_measures(controller):
+    world = World(seed=7, sensor=Sensor(rate_hz=125, noise_sd_n=0.05))
+    with open_arm_bench(controller.settings, TOOLS) as arm:
+        by_arm = measure(arm, [(0, 0), (2, 0)])
+    with open_virtual_bench(world, TOOLS, physics, wires="memory") as gantry:
+        by_gantry = measure(gantry, [(0, 0), (2, 0)])
+    peaks_n = np.array([[peak_force_n(grasp.trace) for grasp in grasps] for grasps in (by_arm, by_gantry)])
+    np.testing.assert_allclose(peaks_n[0], peaks_n[1], atol=0.25)
+
+
+def test_programs_are_read_or_refused():
+    text = (
+        "def fast():\n  movel(p[0.1, -0.2, 0.3, 0.0, 3.14, 0.0], a=0.5, v=0.25)\n  set_standard_digital_out(1, True)\n"
+        "  stopl(0.5)\n  write_output_integer_register(12, 7)\nend\n"
+    )
+    move, *rest = read_program(text)
+    assert isinstance(move, Move)
+    assert (move.speed_m_per_s, move.pose.tolist()) == (0.25, [0.1, -0.2, 0.3, 0.0, 3.14, 0.0])
+    assert rest == [Output(1, True), Stop(), Register(12, 7)]
+    for wrong in ("movel()", text.replace("movel", "movej"), text.removesuffix("end\n"), text.replace("-0.2", "x")):
+        with pytest.raises(ValueError, match="function|understood"):
+            read_program(wrong)
+
+
+def test_outputs_that_are_the_same_are_refused():
+    with pytest.raises(ValueError, match="a tool would fall"):
+        ArmSettings(kind="ur", host="h", travel_z_mm=1, rack_mm=((0, 0, 0),), mounts_mm={0: (0, 0, 0)}, grip_output=1)

@@ -1,7 +1,7 @@
 """What a campaign asks of a bench, and no more: whoever has these methods can be driven by it.
 
 `hardware.bench.Bench` (the gantry) and `hardware.arm.bench.ArmBench` are two; `docs/how-to/write-a-bench-driver.md`
-says how to write another, and `tests/hardware/bench_contract.py` tests one.
+says how to write another, and `tests/hardware/arm/bench_contract.py` tests one.
 """
 
 from collections.abc import Callable, Sequence

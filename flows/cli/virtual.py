@@ -80,6 +80,7 @@ def arm(
     design: Designs = None,
     host: Annotated[str, Parameter(help="Address on this computer; port 30004 must be free there.")] = "127.0.0.1",
     speed_up: Annotated[float, Parameter(help="How much faster than real time.", validator=Number(gt=0))] = 1.0,
+    json: AsJson = False,
 ) -> None:
     """Serve a Universal Robots arm in a world, by RTDE and URScript, until Ctrl-C."""
     from fast.hardware.virtual.arm.controller import VirtualArm
@@ -94,7 +95,9 @@ def arm(
     server.start()
     try:
         write_bench_file(file, server.arm.settings(host, server.script_port))
-        say(f"arm at {host}, RTDE port 30004, URScript port {server.script_port}; bench file {file}\nCtrl-C stops it")
+        addresses = {"host": host, "rtde_port": 30004, "script_port": server.script_port, "file": str(file)}
+        words = f"arm at {host}, RTDE port 30004, URScript port {server.script_port}; bench file {file}"
+        say(json_module.dumps(addresses) if json else f"{words}\nCtrl-C stops it")
         wait_for(asked)
     finally:
         server.stop()

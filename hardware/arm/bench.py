@@ -139,6 +139,7 @@ class ArmBench:
                 grasp = _ArmGrasp(*item, setup)
             self.settings.limits.check(grasp.setup, grasp.placement)
             self.settings.grasp_mm(tool.design, grasp.object_id, grasp.setup)
+            grasp.details["arm"] = self.settings.host
             grasps.append(grasp)
         return tool, grasps
 

@@ -36,7 +36,6 @@ class ArmSettings(Record):
     travel_z_mm: float = Field(description="height of the flange between places, over everything")
     rack_mm: tuple[Point, ...] = Field(min_length=1, max_length=10, description="flange when the tool of a slot hangs")
     mounts_mm: dict[int, Point] = Field(min_length=1, description="by object: middle of the top of its mount")
-    object_height_mm: float = Field(default=50.0, gt=0, description="of the tallest object")
     travel_speed_mm_per_s: float = Field(default=250.0, gt=0, le=1000)
     dock_speed_mm_per_s: float = Field(default=50.0, gt=0, le=250, description="into and out of the rack and the grasp")
     acceleration_mm_per_s2: float = Field(default=500.0, gt=0, le=5000)

@@ -343,7 +343,7 @@ class GraspRow(Row):
     tare_force_n: float | None = None
     setup_id: str
     setup_json: str
-    bench: str = Field(description="virtual, real (this program's gantry), or the name of a foreign bench")
+    bench: str = Field(description="virtual, real (this program drives it), or the name of a foreign bench")
     world_hash: str | None = None
     details_json: str = "{}"
     offset_x_mm: float | None = Field(

@@ -23,7 +23,8 @@ COMMANDS = [
     "gantry replay", "gantry tare", "gantry tool", "init", "lake check", "lake compact", "lake export", "lake import",
     "lake labs", "lake lineage", "lake publish", "lake stats", "objects add", "objects check", "objects draw",
     "objects list", "objects print", "print confirm", "print measured", "print mounted", "print sheet",
-    "report", "serve", "simulate", "sql", "tell", "view", "virtual start",
+    "report", "serve", "simulate", "sql", "tell", "view", "virtual arm",
+    "virtual start",
 ]  # fmt: skip
 
 

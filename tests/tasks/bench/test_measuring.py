@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -75,7 +74,7 @@ def measure(campaign: Campaign, cell: Cell, tool: ProposedTool) -> Callable[...,
     def run(max_grasps: int = 99) -> None:
         made: list[MeasuredGrasp] = []
         options = {"world_hash": "w"}
-        bench = SimpleNamespace(cell=cell)
+        bench = cell
         stop = lambda: len(made) >= max_grasps  # noqa: E731 - read beside what it counts
         measure_tool(
             campaign,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
 
 if TYPE_CHECKING:
     from fast.lake.handoff.import_folder import HandoffCounts
@@ -55,6 +55,7 @@ def import_(
         check_campaign_id(campaign)
     source = directory.resolve().stem if directory.is_file() else directory.resolve().name
     with handoff_folder(directory, load_reader(reader) if reader else None) as folder:
+        _note_usual_setup(folder, setup, set or [])
         if not Lake.exists(lake):
             handoff = read_handoff(folder, frozenset())  # a folder that cannot be imported makes no lake
             if dry_run:
@@ -76,6 +77,25 @@ def import_(
             is_dry=dry_run,
         )
     show_import(counts, is_dry=dry_run, as_json=json)
+
+
+def _note_usual_setup(folder: Path, setup: "GraspSetup", settings: list[str]) -> None:
+    """Say which settings are taken as usual, where neither the folder nor the command gives those that matter most."""
+    from fast.lake.handoff.files import TELLING_COLUMNS
+
+    table = folder / "grasps.csv"
+    if not table.is_file():
+        return
+    with table.open(encoding="utf-8-sig", errors="replace") as file:
+        there = file.readline().strip().split(",")
+    given = [setting.partition("=")[0] for setting in settings]
+    missing = [name for name in TELLING_COLUMNS if name not in there and name not in given]
+    if missing:
+        taken = ", ".join(f"{name} {getattr(setup, name):g}" for name in missing)
+        tell(
+            f"grasps.csv does not say how the grasps were made; taken as usual: {taken}. If that is not so, forces are "
+            f"compared with those of another grasp: import with {' '.join(f'--set {name}=...' for name in missing)}."
+        )
 
 
 def _check_lab(lab: str | None) -> None:

@@ -20,11 +20,13 @@ from fast.lake.handoff.files import (
     MATERIAL_COLUMNS,
     OBJECTS_FILE,
     SIMULATION_COLUMNS,
+    TELLING_COLUMNS,
     THETA_COLUMNS,
     TOOL_COLUMNS,
     TRACE_COLUMNS,
 )
 from fast.lake.handoff.import_folder import HandoffCounts
+from fast.lake.provenance import PACKAGE
 from fast.lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (
@@ -125,9 +127,10 @@ def _write_objects(path: Path, rows: Sequence[ObjectRow]) -> None:
 
 
 def _list_told(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Columns of how a grasp was made that say more than the format takes for granted."""
+    """Columns of how a grasp was made: those that matter most, and others that differ from the usual."""
     usual: dict[str, Any] = GraspSetup().model_dump()
-    return [name for name in HOW_COLUMNS if any((row[name] or None) != (usual.get(name) or None) for row in rows)]
+    differing = {name for name in HOW_COLUMNS if any((row[name] or None) != (usual.get(name) or None) for row in rows)}
+    return [name for name in HOW_COLUMNS if name in differing or name in TELLING_COLUMNS]
 
 
 def _exported_real(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
@@ -135,7 +138,12 @@ def _exported_real(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:
     traced = lake.ids(TraceRow)
     rows = [_as_text(row) for row in lake.rows(GraspRow, **filters)]
     untold = {"peak_force_n": None}  # of a grasp with samples: it follows from them
-    return [row | (untold if row["grasp_id"] in traced else {}) for row in rows]
+    return [
+        row
+        | ({"software": f"{PACKAGE} {row['code_version']}"} if row["software"] is None else {})  # our own
+        | (untold if row["grasp_id"] in traced else {})
+        for row in rows
+    ]
 
 
 def _exported_sim(lake: Lake, campaign_id: str | None) -> list[dict[str, Any]]:

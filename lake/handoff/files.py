@@ -51,8 +51,9 @@ GRASP_COLUMNS = ("grasp_id", "design_id", "object_id", "repeat", "fidelity", "to
 # How a grasp was made, and what asked for it; what is left out means the usual setup, and that nobody asked.
 SETTING_COLUMNS = (*GraspSetup.model_fields, *PLACEMENT)
 HOW_COLUMNS = (*SETTING_COLUMNS, "request_id")
+TELLING_COLUMNS = ("closed_gap_mm", "tip_below_mm")  # settings that change a force most: an export always says them
 # Where a grasp was made and how it ended. A grasp without samples has a peak, or is a failure with its reason.
-END_COLUMNS = ("lab", "bench", "world_hash", "attempt", "status", "reason", "peak_force_n")
+END_COLUMNS = ("lab", "bench", "world_hash", "attempt", "status", "reason", "peak_force_n", "software")
 # What a person measured of tools and of the lots of material that they are printed of.
 TOOL_COLUMNS = (
     "tool_id", "design_id", "status", "reason", "operator", "material_lot", "measured_front_thickness_mm",
@@ -129,6 +130,7 @@ class HandoffGrasp:
     status: Literal["ok", "failed"] = "ok"
     reason: str = ""
     peak_force_n: float | None = None
+    software: str = ""
 
 
 @dataclass(frozen=True)
@@ -335,6 +337,7 @@ _ENDS: dict[str, Callable[[str], Any]] = {
     "status": one_of("ok", "failed"),
     "reason": str,
     "peak_force_n": optional_force,
+    "software": str,
 }
 
 

@@ -268,6 +268,7 @@ def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any], pla
         bench=grasp.bench,
         world_hash=grasp.world_hash,
         request_id=grasp.request_id or None,
+        software=grasp.software,
         **setup,
     )
     return [row] if trace is None else [row, TraceRow.of(grasp.grasp_id, trace)]

@@ -17,6 +17,7 @@ from fast.lake.handoff.files import FILE_NAMES, THETA_COLUMNS
 from fast.lake.handoff.import_folder import HandoffCounts
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, GraspRow
 from fast.models.errors import MissingDependencyError, UsageError
 from fast.models.units import spell_name, unit_of
 
@@ -34,6 +35,7 @@ _ABOUT = {
     "materials.csv": "what was measured of the lots of printing material",
     "objects.json": "shapes of test objects beyond the 36 of FAST",
 }
+SHAPES = "shapes"  # folder of STL files
 _INTEGERS = {"object_id", "repeat", "order", "attempt", "rib_count", "n"}
 _NUMBERS = {"force_n", "value", "sd", *THETA_COLUMNS}
 _README = """\
@@ -49,6 +51,8 @@ Numbers are in the units that end their names: `_mm`, `_n` (newton), `_s`, `_deg
 `tool_id` join the files. Forces are positive where the object pulls the gripper down. `started_at` is UTC.
 `grasps.csv` says how each grasp was made where that differs from the usual: jaws 70 mm open and 16 mm closed, tips 5 mm
 below the object, closing at 20 mm/s, lift at 5 mm/s.
+
+`shapes/` holds each measured finger and each object on its mount as STL files, in mm.
 
 `datapackage.json` describes every column (Frictionless data package), `ro-crate-metadata.json` the whole (RO-Crate).
 With Python, `pandas.read_csv("grasps.csv")` and `pandas.read_parquet("traces.parquet")` read it. FAST reads it back:
@@ -100,10 +104,42 @@ def publish(
         "version": current_provenance().code_version,
     }
     files = [directory / name for name in FILE_NAMES if (directory / name).exists()]
+    files += _write_shapes(lake, directory / SHAPES, campaign_id)
     _write_readme(directory, files, about)
     _write_package(directory, files, about)
     _write_crate(directory, [*files, directory / "README.md", directory / "datapackage.json"], about)
     return counts
+
+
+def _write_shapes(lake: Lake, folder: Path, campaign_id: str | None) -> list[Path]:
+    """What was printed and what was grasped, as STL files: measured designs by id, objects with their mounts."""
+    from fast.models.design.finger import finger_bodies  # loads meshing
+    from fast.models.objects.catalogue import get_object
+    from fast.models.objects.mount import printable_mesh
+
+    where = {"campaign_id": campaign_id} if campaign_id else {}
+    measured = lake.rows(GraspRow, **where)
+    wanted = sorted({row["design_id"] for row in measured})
+    files = []
+    folder.mkdir(exist_ok=True)
+    for number, row in enumerate(lake.records(DesignRow, design_id=wanted), start=1):
+        bodies = finger_bodies(row.design, str(number))  # the mark that a print carries
+        for name, body in (("compliant", bodies.compliant), ("rigid", bodies.rigid)):
+            files.append(folder / f"{row.design_id}_{name}.stl")
+            body.export(files[-1])
+    for object_id in sorted({row["object_id"] for row in measured}):
+        files.append(folder / f"object_{object_id}.stl")
+        printable_mesh(get_object(object_id)).export(files[-1])
+    return files
+
+
+def _tell_about(path: Path) -> str:
+    if path.parent.name != SHAPES:
+        return _ABOUT[path.name]
+    if path.stem.startswith("object_"):
+        return f"object {path.stem.removeprefix('object_')} on its mount, mm"
+    design_id, _, part = path.stem.rpartition("_")
+    return f"{part} part of a finger of design {design_id}, mm"
 
 
 def _write_readme(directory: Path, files: Sequence[Path], about: dict[str, Any]) -> None:
@@ -111,7 +147,7 @@ def _write_readme(directory: Path, files: Sequence[Path], about: dict[str, Any])
     text = _README.format(
         **about | {"authors": ", ".join(about["authors"]), "licence": name},
         url=url,
-        files="\n".join(f"| `{path.name}` | {_ABOUT[path.name]} |" for path in files),
+        files="\n".join(f"| `{path.name}` | {_ABOUT[path.name]} |" for path in files if path.name in _ABOUT),
     )
     (directory / "README.md").write_text(text, encoding="utf-8")
 
@@ -138,9 +174,9 @@ def _write_package(directory: Path, files: Sequence[Path], about: dict[str, Any]
 def _describe(path: Path) -> dict[str, Any]:
     """A file as a Frictionless resource: where, how large, and of tables which columns."""
     described: dict[str, Any] = {
-        "name": path.name.replace(".", "-"),
-        "path": path.name,
-        "description": _ABOUT[path.name],
+        "name": path.name.lower().replace(".", "-").replace("_", "-"),
+        "path": _path_in_deposit(path),
+        "description": _tell_about(path),
         "format": path.suffix[1:],
         "bytes": path.stat().st_size,
         "hash": f"sha256:{_hash(path)}",
@@ -156,7 +192,11 @@ def _describe(path: Path) -> dict[str, Any]:
             "mediatype": "application/vnd.apache.parquet",
             "description": f"{described['description']}; columns: {columns}",
         }
-    return described | {"mediatype": "application/json"}
+    return described | {"mediatype": "model/stl" if path.suffix == ".stl" else "application/json"}
+
+
+def _path_in_deposit(path: Path) -> str:
+    return f"{SHAPES}/{path.name}" if path.parent.name == SHAPES else path.name
 
 
 def _describe_column(name: str) -> dict[str, str]:
@@ -182,8 +222,9 @@ def _write_crate(directory: Path, files: Sequence[Path], about: dict[str, Any]) 
         for number, author in enumerate(about["authors"], start=1)
     ]
     for path in files:
-        properties = {"name": _ABOUT.get(path.name, path.name), "contentSize": str(path.stat().st_size)}
-        crate.add_file(path, dest_path=path.name, properties=properties | {"sha256": _hash(path)})
+        about_file = path.name if path.name in ("README.md", "datapackage.json") else _tell_about(path)
+        properties = {"name": about_file, "contentSize": str(path.stat().st_size)}
+        crate.add_file(path, dest_path=_path_in_deposit(path), properties=properties | {"sha256": _hash(path)})
     crate.metadata.write(directory)
 
 

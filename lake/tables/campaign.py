@@ -354,6 +354,7 @@ class GraspRow(Row):
     )
     yaw_deg: float | None = Field(default=None, description="asked for, of the object between the fingers; empty: 0")
     request_id: str | None = Field(default=None, description="of `grasp_requests`; empty: an ordinary grasp")
+    software: str | None = Field(default=None, description="program that recorded an imported grasp, as told")
     lab: str | None = Field(default=None, description="who measured it; empty: a lab that gave itself no name")
 
     @property

@@ -3,7 +3,6 @@
 from concurrent.futures import Future
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -103,7 +102,7 @@ def measure(campaign, batch):
         }
         for _ in range(2):
             work = plan_tool(campaign, campaign.state(), tool)
-            measure_tool(campaign, SimpleNamespace(cell=Cell()), work, **options)
+            measure_tool(campaign, Cell(), work, **options)
 
 
 def run_campaign(campaign):

@@ -78,6 +78,7 @@ def test_export_gives_the_files_back(lake, folder, tmp_path, traces):
     assert export_handoff(lake, out, traces=traces) == (1, 2, 2, 20, 0)
     theirs, ours = read_csv(folder / "grasps.csv"), read_csv(out / "grasps.csv")
     theirs[0]["started_at"] = "2026-03-01T09:00:00+00:00"  # the same time, as UTC
+    theirs = [row | {"closed_gap_mm": "16.0", "tip_below_mm": "5.0"} for row in theirs]  # an export says what it took
     key = "grasp_id"
     assert sorted(ours, key=lambda r: r[key]) == sorted(theirs, key=lambda r: r[key])
     assert read_csv(out / "designs.csv") == read_csv(folder / "designs.csv")

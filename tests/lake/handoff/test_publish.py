@@ -46,7 +46,18 @@ def test_every_file_has_its_checksum(deposit: Path) -> None:
         assert resource["bytes"] == len(data)
         assert resource["hash"] == f"sha256:{hashlib.sha256(data).hexdigest()}"
     listed = {resource["path"] for resource in package["resources"]}
-    assert listed | {"README.md", "datapackage.json", "ro-crate-metadata.json"} == {p.name for p in deposit.iterdir()}
+    there = {path.relative_to(deposit).as_posix() for path in deposit.rglob("*") if path.is_file()}
+    assert listed | {"README.md", "datapackage.json", "ro-crate-metadata.json"} == there
+
+
+def test_measured_fingers_and_objects_are_there_to_print(deposit: Path) -> None:
+    import trimesh
+
+    shapes = {path.name: trimesh.load_mesh(path) for path in (deposit / "shapes").iterdir()}
+    fingers = [name for name in shapes if not name.startswith("object_")]
+    assert len(fingers) == 2  # of one design: the compliant part and the rigid one
+    assert {"object_4.stl", "object_5.stl"} & set(shapes)
+    assert all(mesh.is_watertight for mesh in shapes.values())
 
 
 def test_the_crate_says_who_what_and_under_which_licence(deposit: Path) -> None:

@@ -81,7 +81,7 @@ def import_(
 
 def _note_usual_setup(folder: Path, setup: "GraspSetup", settings: list[str]) -> None:
     """Say which settings are taken as usual, where neither the folder nor the command gives those that matter most."""
-    from fast.lake.handoff.files import TELLING_COLUMNS
+    from fast.lake.handoff.format import TELLING_COLUMNS
 
     table = folder / "grasps.csv"
     if not table.is_file():

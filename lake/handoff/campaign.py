@@ -13,7 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fast.lake.handoff.files import FILE_NAMES, HandoffGrasp
+from fast.lake.handoff.files import HandoffGrasp
+from fast.lake.handoff.format import FILE_NAMES
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow, CampaignRow, ObjectRow, Row, ToolRow
 from fast.lake.tables.catalogue_rows import object_rows

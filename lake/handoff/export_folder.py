@@ -10,7 +10,7 @@ from typing import Any, Literal
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fast.lake.handoff.files import (
+from fast.lake.handoff.format import (
     DESIGN_COLUMNS,
     END_COLUMNS,
     FAMILY_COLUMNS,

@@ -18,16 +18,9 @@ import numpy as np
 
 from fast.lake.handoff.answers import check_answers, find_settings
 from fast.lake.handoff.campaign import Place, bench_rows, campaign_row, source_hash, tool_places
-from fast.lake.handoff.files import (
-    CHANNELS,
-    FILE_NAMES,
-    THETA_COLUMNS,
-    Fault,
-    Handoff,
-    HandoffError,
-    HandoffGrasp,
-    read_handoff,
-)
+from fast.lake.handoff.files import Handoff, HandoffGrasp, read_handoff
+from fast.lake.handoff.format import CHANNELS, FILE_NAMES, THETA_COLUMNS
+from fast.lake.handoff.tables import Fault, HandoffError
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (

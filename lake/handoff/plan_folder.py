@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fast.lake.handoff.export_folder import list_design_columns, write_csv, write_files
-from fast.lake.handoff.files import FILE_NAMES, GRASP_COLUMNS, HOW_COLUMNS
+from fast.lake.handoff.format import FILE_NAMES, GRASP_COLUMNS, HOW_COLUMNS
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, GraspRow, ProposalRow, ToolRow
 from fast.models.errors import UsageError

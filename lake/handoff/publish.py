@@ -13,7 +13,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from fast.lake.handoff.export_folder import export_handoff
-from fast.lake.handoff.files import FILE_NAMES, THETA_COLUMNS
+from fast.lake.handoff.format import FILE_NAMES, THETA_COLUMNS
 from fast.lake.handoff.import_folder import HandoffCounts
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake

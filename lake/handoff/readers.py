@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
-from fast.lake.handoff.files import HandoffError
+from fast.lake.handoff.tables import HandoffError
 from fast.models.errors import UsageError
 
 

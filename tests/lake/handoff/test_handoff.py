@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from fast.lake.handoff.export_folder import export_handoff
-from fast.lake.handoff.files import HandoffError
 from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.tables import HandoffError
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (
     TABLES,

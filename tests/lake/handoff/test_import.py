@@ -8,9 +8,10 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from fast.lake.handoff.export_folder import export_handoff
-from fast.lake.handoff.files import GRASP_COLUMNS, SIMULATION_COLUMNS, TRACE_COLUMNS, HandoffError
+from fast.lake.handoff.format import GRASP_COLUMNS, SIMULATION_COLUMNS, TRACE_COLUMNS
 from fast.lake.handoff.import_folder import import_handoff
 from fast.lake.handoff.readers import HandoffTables, handoff_folder, load_reader
+from fast.lake.handoff.tables import HandoffError
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import TABLES, BatchRow, CampaignRow, GraspRow, ObjectRow, ToolRow
 from fast.models.design.space import LOWER, PARAMETERS, UPPER

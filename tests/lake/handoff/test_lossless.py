@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from fast.lake.handoff.export_folder import export_handoff
-from fast.lake.handoff.files import HandoffError
 from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.tables import HandoffError
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ToolRow
 from fast.lake.tables.material import MaterialRow

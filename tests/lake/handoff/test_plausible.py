@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from fast.lake.handoff.export_folder import export_handoff
-from fast.lake.handoff.files import HandoffError
 from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.tables import HandoffError
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ObjectRow
 from fast.models.errors import UsageError

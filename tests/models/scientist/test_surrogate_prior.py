@@ -132,3 +132,14 @@ def test_a_campaign_about_something_else_does_little_harm():
         correlations.append(correlation)
     assert np.mean(ratios) < 1.1
     assert np.mean(correlations) < 0.75
+
+
+def test_own_measurements_are_compared_from_three_on(monkeypatch):
+    fitted = []
+    monkeypatch.setattr("fast.models.scientist.surrogate.fit.fit_surrogate", lambda data, **_: fitted.append(data))
+    monkeypatch.setattr("fast.models.scientist.surrogate.fit._better", lambda whole, without: without)
+    for n_real, n_fits in ((2, 0), (3, 1)):
+        whole = Surrogate.condition(made_up(n_sim=4, n_real=n_real), PARAMETERS)
+        assert (trust_prior(whole) is whole) == (n_fits == 0)
+        assert len(fitted) == n_fits
+    assert fitted[0].n_prior == 0

@@ -1,0 +1,134 @@
+"""CSV tables of a hand-off folder as text, and the faults that are found while they are read."""
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fast.models.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong; `row` is None when it is the whole file or column."""
+
+    file: str
+    row: int | None
+    column: str | None
+    value: str | None
+    limit: str
+
+    def __str__(self) -> str:
+        place = self.file if self.row is None else f"{self.file} row {self.row}"
+        if self.column is not None:
+            place += f", {self.column}"
+        if self.value is not None:
+            place += f" = {self.value!r}"
+        return f"{place}: {self.limit}"
+
+
+class HandoffError(UsageError):
+    """The files cannot be imported; `faults` are all that is wrong with them."""
+
+    def __init__(self, directory: Path, faults: Sequence[Fault]) -> None:
+        self.faults = tuple(faults)
+        lines = "\n".join(f"  {fault}" for fault in self.faults)
+        noun = "fault" if len(faults) == 1 else "faults"
+        super().__init__(
+            f"{directory} was not imported, nothing was written: {len(faults)} {noun} to correct.\n{lines}"
+        )
+
+
+@dataclass
+class Table:
+    """Cells of a CSV file as text, by column, and the row number of each."""
+
+    name: str
+    columns: dict[str, list[str]]
+    rows: list[int]
+
+
+@dataclass
+class Reader:
+    """Collects faults while the files are read, so that all are named at once."""
+
+    directory: Path
+    faults: list[Fault] = field(default_factory=list)
+
+    def fault(self, file: str, row: int | None, column: str | None, value: object, limit: str) -> None:
+        """Note one thing that is wrong."""
+        shown = None if value is None else str(value)
+        self.faults.append(Fault(file, row, column, shown, limit))
+
+    def cell(self, table: Table, column: str, place: int, read: Callable[[str], Any]) -> Any:
+        """The value of a cell, or None and a fault."""
+        text = table.columns[column][place]
+        try:
+            return read(text)
+        except ValueError as error:
+            self.fault(table.name, table.rows[place], column, text, str(error))
+            return None
+
+
+def read_csv(reader: Reader, name: str, columns: tuple[str, ...], optional: tuple[str, ...] = ()) -> Table:
+    """Cells of a CSV file; an empty table and faults where it cannot be used."""
+    empty = Table(name, {column: [] for column in columns}, [])
+    try:
+        with (reader.directory / name).open(encoding="utf-8-sig", newline="") as file:
+            lines = csv.reader(file, strict=True)
+            header = [cell.strip() for cell in next(lines, [])]
+            if not has_columns(reader, name, header, columns, optional):
+                return empty
+            return _cells(reader, name, header, lines)
+    except FileNotFoundError:
+        reader.fault(name, None, None, None, "is missing; add it to the folder.")
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reader.fault(name, None, None, None, f"is not a readable CSV file in UTF-8 ({error}).")
+    return empty
+
+
+def _cells(reader: Reader, name: str, header: list[str], lines: Any) -> Table:
+    rows, body = [], []
+    for row, line in enumerate(lines, start=2):
+        if not line:
+            continue
+        if len(line) != len(header):
+            reader.fault(name, row, None, None, f"has {len(line)} cells, the header has {len(header)}.")
+            continue
+        rows.append(row)
+        body.append(line)
+    if not body:
+        reader.fault(name, None, None, None, "has no usable rows.")
+    cells: list[tuple[str, ...]] = list(zip(*body, strict=True)) if body else [()] * len(header)
+    return Table(
+        name, {column: [c.strip() for c in values] for column, values in zip(header, cells, strict=True)}, rows
+    )
+
+
+def has_columns(
+    reader: Reader, name: str, header: Sequence[str], columns: tuple[str, ...], optional: tuple[str, ...]
+) -> bool:
+    """Whether a file has its columns, each once and no others; names what is wrong."""
+    missing = [column for column in columns if column not in header and column not in optional]
+    for column in missing:
+        reader.fault(name, None, column, None, f"the column is missing; the columns are {', '.join(columns)}.")
+    for column in dict.fromkeys(header):
+        if column not in columns:
+            reader.fault(name, None, column, None, f"unknown column; the columns are {', '.join(columns)}.")
+        elif list(header).count(column) > 1:
+            reader.fault(name, None, column, None, "the column is there twice.")
+            missing.append(column)
+    return not missing
+
+
+def new_id(reader: Reader, table: Table, column: str, place: int, taken: dict[str, Any]) -> str | None:
+    """The id in a cell, which must be there and new; None and a fault otherwise."""
+    row_id = table.columns[column][place]
+    if not row_id:
+        reader.fault(table.name, table.rows[place], column, "", "must not be empty.")
+        return None
+    if row_id in taken:
+        reader.fault(table.name, table.rows[place], column, row_id, "must be unique, an earlier row has the same.")
+        return None
+    return row_id

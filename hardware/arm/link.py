@@ -79,7 +79,7 @@ class ArmLink:
             with socket.create_connection((host, 30004), timeout=_PORT_TIME_OUT_S):
                 pass
             self._rtde = RTDEReceiveInterface(host, self._settings.rate_hz, list(VARIABLES))
-        except (OSError, RuntimeError) as error:
+        except (OSError, RuntimeError, ValueError, TypeError) as error:  # the last two: no name of a host
             raise DeviceError(
                 f"The arm at {host} does not answer on port 30004 ({error}); switch it on and look at `host`."
             ) from error

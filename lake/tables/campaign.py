@@ -445,6 +445,7 @@ class FitRow(Row):
     measured_only_loo_rmse_n: float | None = None
     n_outliers: int | None = None
     is_log: bool | None = None
+    outcome: str | None = Field(default=None, description="what was fitted; empty: mean peak force")
     n_prior: int | None = None
     priors_json: str | None = Field(default=None, description="correlation, gain and mean of each prior campaign")
     without_prior_loo_rmse_n: float | None = None

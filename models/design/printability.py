@@ -39,7 +39,7 @@ def broken_rules(design: Design, rules: PrintingRules) -> list[str]:
         count = int(is_tight.sum())
         broken.append(f"{count} of {len(voids)} cavities narrower than {rules.min_cavity_mm:g} mm")
     if rules.max_mass_g is not None:
-        mass_g = _mass_g(design)
+        mass_g = estimate_mass_g(design)
         if mass_g > rules.max_mass_g:
             broken.append(f"mass {mass_g:.1f} g, limit {rules.max_mass_g:g} g")
     return broken
@@ -50,7 +50,8 @@ def printable(points: np.ndarray, rules: PrintingRules, space: DesignSpace = FIN
     return np.array([not broken_rules(design, rules) for design in space.from_unit(points)], dtype=bool)
 
 
-def _mass_g(design: Design) -> float:
+def estimate_mass_g(design: Design) -> float:
+    """Mass of one printed finger with its base, without support."""
     from fast.models.design.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
     from fast.models.design.profile import BASE_HEIGHT_MM
 

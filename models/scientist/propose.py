@@ -1,6 +1,6 @@
 """The Bayesian scientist: which designs to simulate or print next."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,7 +12,8 @@ from fast.models.design.space import FIN_RAYS, DesignSpace
 from fast.models.errors import UsageError
 from fast.models.own_code import is_own
 from fast.models.records import Design
-from fast.models.scientist.acquisition.candidates import CandidateSettings, Spacing, candidate_points
+from fast.models.scientist.acquisition.candidates import CandidateSettings, Predictor, Spacing, candidate_points, mutate
+from fast.models.scientist.acquisition.front import Criterion, select_by_hypervolume
 from fast.models.scientist.acquisition.improvement import select_by_improvement
 from fast.models.scientist.acquisition.mes import select_by_mes
 from fast.models.scientist.bridge.own_model import OwnSurrogate
@@ -34,6 +35,8 @@ Constraint = Callable[[Design], bool]  # whether a design may be made
 BATCH_CANDIDATES = CandidateSettings()
 SINGLE_CANDIDATES = CandidateSettings(n_random=250, n_local=350)
 _MAX_ROUNDS = 20
+N_NEAR_TOOLS = 300  # candidates near measured tools, where there are several criteria
+_NEAR_SCALES = np.array([0.03, 0.1, 0.2])
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ def propose(
     constraint: Constraint | None = None,
     n_best: int = 0,
     space: DesignSpace = FIN_RAYS,
+    criteria: Sequence[Criterion] = (),
 ) -> list[Proposal]:
     """The next n designs of `space` (d parameters) for one fidelity (0 sim, 1 real), best first.
 
@@ -70,7 +74,7 @@ def propose(
     that the optimum looked for is that of what can be printed. `acquisition` is a name of `ACQUISITIONS`, `random`, or
     `module:function` of one's own. The first `n_best` are those with the largest predicted force instead; the others
     are chosen given them. Deterministic given the arguments and the state of `rng`. `surrogate` may be None for
-    `acquisition="random"` only.
+    `acquisition="random"` only. With `criteria` tools are chosen by hypervolume improvement of these instead.
 
     Raises:
         UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, no room for n designs, or a
@@ -89,7 +93,9 @@ def propose(
     allowed = partial(keep_allowed, rules=printing, constraint=constraint, space=space)
     if surrogate is None or acquisition == RANDOM:
         return _propose_random(n, spacing, rng, allowed, space)
-    select = _selection(acquisition, surrogate)
+    select: Callable[..., list[tuple[int, float]]] = _selection(acquisition, surrogate)
+    if criteria:
+        select = _by_criteria(criteria)
     with one_blas_thread():
         # From fresh candidates until n are found; what is already chosen counts as pending.
         settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
@@ -99,7 +105,7 @@ def propose(
             return proposals
         pending = np.concatenate([pending, np.column_stack([best, np.full(len(best), fidelity)])])
         for _ in range(_MAX_ROUNDS):
-            points = allowed(candidate_points(surrogate, rng, settings, space))
+            points = allowed(_candidates(surrogate, criteria, rng, settings, space))
             if not len(points):
                 continue
             n_left = n - len(proposals)
@@ -151,6 +157,41 @@ def _propose_random(
     if len(chosen) < n:
         raise _no_room(n, len(chosen))
     return [Proposal(design, 0.0) for design in space.from_unit(np.array(chosen).reshape(-1, space.n_dims))]
+
+
+def _candidates(
+    surrogate: Surrogate | OwnSurrogate,
+    criteria: Sequence[Criterion],
+    rng: np.random.Generator,
+    settings: CandidateSettings,
+    space: DesignSpace,
+) -> np.ndarray:
+    """Candidates around the incumbents of the surrogate and of every other one that counts, and around all tools."""
+    others = [one.model for one in criteria if one.model is not None and one.model is not surrogate]
+    predictors: list[Predictor] = [surrogate, *others]
+    parts = [candidate_points(model, rng, settings, space) for model in predictors]
+    if criteria:  # the front lies between the best of each objective, and what was measured lies along it
+        measured = space.snap(surrogate.data.x[surrogate.data.s == REAL])
+        parents = measured[rng.integers(0, len(measured), N_NEAR_TOOLS)]
+        near = mutate(parents, rng.choice(_NEAR_SCALES, N_NEAR_TOOLS), rng, space)
+        parts.append(near[space.keeps_limits(near)] if space.limits else near)
+    return np.concatenate(parts)
+
+
+def _by_criteria(criteria: Sequence[Criterion]) -> Selection:
+    def select(
+        surrogate: Surrogate,
+        points: np.ndarray,
+        fidelity: int,
+        n: int,
+        pending: np.ndarray,
+        spacing: Spacing,
+        rng: np.random.Generator,
+    ) -> list[tuple[int, float]]:
+        del surrogate, fidelity  # the criteria have surrogates of their own, of measured outcomes
+        return select_by_hypervolume(criteria, points, n, pending, spacing, rng)
+
+    return select
 
 
 def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callable[..., list[tuple[int, float]]]:

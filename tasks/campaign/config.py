@@ -144,7 +144,7 @@ class CampaignConfig(Record):
         unused |= {"design": True} if self.design == DesignSettings() else {}
         unused |= {"gap": True} if self.gap == GapSettings() else {}
         unused |= {"night": True} if self.night == NightSettings() else {}
-        own = {"surrogate", "constraint", "best_predicted", "prior_campaigns"}
+        own = {"surrogate", "constraint", "best_predicted", "prior_campaigns", "objectives", "at_least", "at_most"}
         defaults = ScientistSettings()
         unused["scientist"] = {key for key in own if getattr(self.scientist, key) == getattr(defaults, key)}
         unused["objects"] = {"files", "places", "file_ids"}  # what a file is called decides nothing

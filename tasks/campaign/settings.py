@@ -21,6 +21,8 @@ from fast.models.records import (
     Theta,
     Tier,
 )
+from fast.models.scientist.objectives import KNOWN, MEAN_PEAK, NAMES, OUTCOMES
+from fast.models.validation import closest
 from fast.tasks.simulation.engine import check_engine
 
 
@@ -219,6 +221,14 @@ class ScientistSettings(Record):
     constraint: str | None = Field(
         default=None, description="`module:function` of one's own that says whether a design may be made"
     )
+    objectives: tuple[str, ...] = Field(
+        default=(MEAN_PEAK.name,),
+        min_length=1,
+        max_length=2,
+        description="what tools are chosen for: one outcome, or two, of which the front is looked for",
+    )
+    at_least: dict[str, float] = Field(default={}, description="measured outcomes that a tool must reach")
+    at_most: dict[str, float] = Field(default={}, description="what is known of a design and must not be exceeded")
     prior_campaigns: tuple[str, ...] = Field(
         default=(),
         max_length=8,
@@ -247,6 +257,31 @@ class ScientistSettings(Record):
         if name is not None and not is_own(name):
             raise ValueError(f'it must be "{OWN}"; change it')
         return name
+
+    @model_validator(mode="after")
+    def _check_objectives(self) -> "ScientistSettings":
+        for name in self.objectives:
+            if name not in NAMES:
+                raise ValueError(f"objectives has `{name}`; {closest(name, list(NAMES))}")
+        if not set(self.objectives) & set(OUTCOMES):
+            raise ValueError(f"objectives has no measured outcome; add one of {', '.join(OUTCOMES)}")
+        if len(set(self.objectives)) < len(self.objectives):
+            raise ValueError("objectives has one name twice; remove one")
+        for table, limits, known in (("at_least", self.at_least, OUTCOMES), ("at_most", self.at_most, KNOWN)):
+            for name in limits:
+                if name not in known:
+                    raise ValueError(f"{table} has `{name}`; {closest(name, list(known))}")
+        if self.has_criteria and (self.acquisition != "mes" or is_own(self.surrogate) or self.best_predicted):
+            raise ValueError(
+                "objectives and limits have a rule of their own; leave acquisition, surrogate of your own and "
+                "best_predicted out"
+            )
+        return self
+
+    @property
+    def has_criteria(self) -> bool:
+        """Whether tools are chosen for anything but the largest mean peak force."""
+        return self.objectives != (MEAN_PEAK.name,) or bool(self.at_least or self.at_most)
 
     @property
     def own_functions(self) -> list[str]:

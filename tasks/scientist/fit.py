@@ -7,10 +7,12 @@ from typing import Any, Literal
 
 from fast.lake.tables.campaign import FitRow
 from fast.models.blas import one_blas_thread
+from fast.models.errors import UsageError
 from fast.models.ids import canonical_json, content_id
+from fast.models.scientist.objectives import Outcome
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior, trust_simulations
 from fast.models.scientist.surrogate.health import health_of
-from fast.models.scientist.surrogate.observations import ObservationSet
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, ObservationSet
 from fast.models.scientist.surrogate.parameters import PriorLink, SurrogateParameters
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
@@ -41,6 +43,26 @@ def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str
         words = "simulations are left aside for the choice of tools: measured tools are predicted better without them"
         logger.warning("%s, before B%02d: %s", campaign.campaign_id, batch, words)
     return chosen
+
+
+def fit_outcome(campaign: Campaign, batch: int, outcome: Outcome, data: ObservationSet) -> Surrogate:
+    """Fit another surrogate of another outcome before a batch is chosen, and record the fit with its health.
+
+    Raises:
+        UsageError: the grasps do not have it.
+    """
+    if data.n_real < MIN_OBSERVATIONS:
+        raise UsageError(
+            f"the objective or limit `{outcome.name}` needs {outcome.column} of at least {MIN_OBSERVATIONS} measured "
+            f"tools, there are {data.n_real} (peaks that were told without samples have no work); take it out of the "
+            "config, or tell traces."
+        )
+    seed = campaign.seed("fit", batch, outcome.name)
+    surrogate = fit_surrogate(in_units_of(campaign, data), None, seed=seed)
+    fit_id = content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim, outcome.name])
+    row = _fit_row(campaign, fit_id, batch, surrogate, seed, "tools").model_copy(update={"outcome": outcome.name})
+    campaign.lake.append([_with_health(row, surrogate)], campaign.provenance(seed))
+    return surrogate
 
 
 def in_units_of(campaign: Campaign, data: ObservationSet) -> ObservationSet:

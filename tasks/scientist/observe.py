@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fast.models.records import Design, SimulatorVersion
-from fast.models.scientist.surrogate.imputation import mean_over_objects
+from fast.models.scientist.objectives import MEAN_PEAK, Outcome
 from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
 from fast.tasks.bench.plan import find_missing_runs
@@ -42,23 +42,25 @@ class OlderSimulations(NamedTuple):
 NO_MEANS = Means((), np.zeros(0), np.zeros(0))
 
 
-def observe(campaign: Campaign, state: CampaignState, batches: Iterable[int]) -> ObservationSet:
+def observe(
+    campaign: Campaign, state: CampaignState, batches: Iterable[int], outcome: Outcome = MEAN_PEAK
+) -> ObservationSet:
     """Observations of the closed `batches` and of all designs of the campaign that are simulated on every object.
 
     A measured tool counts as the finger that was printed, with its thicknesses as measured, not as the one that was
     asked for. Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
     Simulations of an older simulator version are scaled, mapped or left out, never taken as they are. Tools of prior
-    campaigns are fidelities of their own, 2 and up.
+    campaigns are fidelities of their own, 2 and up, of mean peak forces alone. `outcome`: what `y` is.
     """
     tools, designs = _measured_tools(state, batches), _simulated_designs(campaign, state)
     point_of = {t.tool_id: t.mounted_point(campaign.space) for t in tools} | dict(
         zip(designs, campaign.space.to_unit(list(designs.values())), strict=True)
     )
-    measured = _means([t.tool_id for t in tools], _tool_forces(campaign, tools))
-    simulated = _simulated_means(campaign, state, designs)
-    older = [part.means for part in _older(campaign, designs, simulated)]
+    measured = _means([t.tool_id for t in tools], _tool_forces(campaign, tools, outcome), outcome)
+    simulated = _simulated_means(campaign, state, designs, outcome)
+    older = [part.means for part in _older(campaign, designs, simulated, outcome)]
     parts = [(REAL, measured), *((SIM, means) for means in (simulated, *older))]
-    prior = read_prior(campaign)
+    prior = read_prior(campaign) if outcome is MEAN_PEAK else []
     own_x = np.array([point_of[i] for _, means in parts for i in means.ids]).reshape(-1, campaign.space.n_dims)
     sizes = [(fidelity, len(means.ids)) for fidelity, means in parts]
     sizes += [(FIRST_PRIOR + place, len(one.mean_n)) for place, one in enumerate(prior)]
@@ -130,10 +132,19 @@ def means_of_tools(campaign: Campaign, state: CampaignState) -> Means:
     return _means([t.tool_id for t in tools], _tool_forces(campaign, tools))
 
 
-def means_of_simulations(campaign: Campaign, version: SimulatorVersion, designs: Mapping[str, Design]) -> Means:
+def outcomes_of_tools(campaign: Campaign, state: CampaignState, outcome: Outcome) -> dict[str, float]:
+    """A measured outcome of every tool that has it, by tool id."""
+    tools = _measured_tools(state, {tool.batch for tool in state.tools})
+    means = _means([t.tool_id for t in tools], _tool_forces(campaign, tools, outcome), outcome)
+    return dict(zip(means.ids, means.y.tolist(), strict=True))
+
+
+def means_of_simulations(
+    campaign: Campaign, version: SimulatorVersion, designs: Mapping[str, Design], outcome: Outcome = MEAN_PEAK
+) -> Means:
     """Mean force that a simulator version gives for those of the designs that it has done on every object."""
     complete = _complete_before(campaign, version, designs)
-    return _means(complete, _simulated_forces(campaign, version, complete))
+    return _means(complete, _simulated_forces(campaign, version, complete, outcome), outcome)
 
 
 def _measured_tools(state: CampaignState, batches: Iterable[int]) -> list[ProposedTool]:
@@ -141,9 +152,11 @@ def _measured_tools(state: CampaignState, batches: Iterable[int]) -> list[Propos
     return [t for t in state.tools if t.batch in closed and state.measured.get(t.tool_id)]
 
 
-def _simulated_means(campaign: Campaign, state: CampaignState, designs: Mapping[str, Design]) -> Means:
+def _simulated_means(
+    campaign: Campaign, state: CampaignState, designs: Mapping[str, Design], outcome: Outcome = MEAN_PEAK
+) -> Means:
     complete = _complete(campaign, state, designs)
-    return _means(complete, _simulated_forces(campaign, campaign.version, complete))
+    return _means(complete, _simulated_forces(campaign, campaign.version, complete, outcome), outcome)
 
 
 def _complete(campaign: Campaign, state: CampaignState, designs: Iterable[str]) -> list[str]:
@@ -160,13 +173,15 @@ def _complete_before(campaign: Campaign, version: SimulatorVersion, designs: Ite
     return [design_id for design_id in designs if wanted <= done.get(design_id, set())]
 
 
-def _older(campaign: Campaign, designs: Mapping[str, Design], present: Means) -> list[OlderSimulations]:
+def _older(
+    campaign: Campaign, designs: Mapping[str, Design], present: Means, outcome: Outcome = MEAN_PEAK
+) -> list[OlderSimulations]:
     """Older versions mapped to the present; each design counts once, by the newest version that has it."""
     if campaign.config.simulator.old_versions == "rerun":
         return []
     parts, taken = [], set(present.ids)
     for version in campaign.older_versions:
-        old = means_of_simulations(campaign, version, designs)
+        old = means_of_simulations(campaign, version, designs, outcome)
         line, n_shared = _line(old, present)
         rest = np.array([design_id not in taken for design_id in old.ids], dtype=bool)
         means, n_left_out = NO_MEANS, int(rest.sum())
@@ -191,34 +206,37 @@ def _mapped(old: Means, line: VersionMap, rows: np.ndarray) -> Means:
     return Means(ids, y, variance + line.rho**2 * old.variance[rows])
 
 
-def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool]) -> np.ndarray:
-    """Mean peak force over the repeats, n_tools x n_objects in N, NaN where nothing was measured."""
+def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool], outcome: Outcome = MEAN_PEAK) -> np.ndarray:
+    """Mean over the repeats, n_tools x n_objects in N (work: J), NaN where nothing was measured."""
     row_of = {t.tool_id: i for i, t in enumerate(tools)}
     column_of = {o: i for i, o in enumerate(campaign.object_ids)}
     total, count = np.zeros((2, len(row_of), len(column_of)))
-    sql = f"SELECT tool_id, object_id, peak_force_n FROM {_ORDINARY}"
+    sql = f"SELECT tool_id, object_id, {outcome.column} FROM {_ORDINARY}"
     for tool_id, object_id, force_n in tuples(campaign.lake, sql, campaign.campaign_id):
-        if tool_id in row_of and object_id in column_of:
+        if tool_id in row_of and object_id in column_of and force_n is not None:
             cell = row_of[tool_id], column_of[object_id]
             total[cell] += force_n
             count[cell] += 1
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _simulated_forces(campaign: Campaign, version: SimulatorVersion, design_ids: Sequence[str]) -> np.ndarray:
-    """The simulator's objective, n_designs x n_objects in N, NaN where the simulation failed.
+def _simulated_forces(
+    campaign: Campaign, version: SimulatorVersion, design_ids: Sequence[str], outcome: Outcome = MEAN_PEAK
+) -> np.ndarray:
+    """The simulator's objective, n_designs x n_objects in N (work: J), NaN where the simulation failed.
 
     What versions of the campaign gave that differ in Young's modulus alone is scaled to `version`, which goes first.
     """
     row_of = {design_id: i for i, design_id in enumerate(design_ids)}
     column_of = {o: i for i, o in enumerate(campaign.object_ids)}
     forces = np.full((len(row_of), len(column_of)), np.nan)
-    columns = f"version_id, design_id, object_id, {campaign.config.simulator.objective}"
+    column = campaign.config.simulator.objective if outcome.column == "peak_force_n" else outcome.column
+    columns = f"version_id, design_id, object_id, {column}"
     ratios = campaign.force_ratios(version)
     order = {version_id: place for place, version_id in enumerate(ratios)}
     found = sorted(_simulation_rows(campaign, version, columns), key=lambda row: order[row[0]])
     for version_id, design_id, object_id, force_n in found:
-        if design_id in row_of and object_id in column_of:
+        if design_id in row_of and object_id in column_of and force_n is not None:
             forces[row_of[design_id], column_of[object_id]] = ratios[version_id] * force_n
     return forces
 
@@ -233,10 +251,10 @@ def _simulation_rows(
     return tuples(campaign.lake, sql, campaign.config.grasp.setup_id, *version_ids)
 
 
-def _means(ids: Sequence[str], forces: np.ndarray) -> Means:
-    """Means over the objects; what has not a single value tells nothing and is left out."""
+def _means(ids: Sequence[str], forces: np.ndarray, outcome: Outcome = MEAN_PEAK) -> Means:
+    """The outcome of each design; one that has not a single value tells nothing and is left out."""
     has_value = np.isfinite(forces).any(axis=1)
     if not has_value.any():
         return NO_MEANS
-    y, variance = mean_over_objects(forces[has_value])
+    y, variance = outcome.over_objects(forces[has_value])
     return Means(tuple(i for i, has in zip(ids, has_value, strict=True) if has), y, variance)

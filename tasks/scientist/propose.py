@@ -12,6 +12,7 @@ from fast.models.errors import FastError, UsageError
 from fast.models.ids import content_id
 from fast.models.own_code import is_own, load_constraint
 from fast.models.records import Design
+from fast.models.scientist.acquisition.front import Criterion
 from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
 from fast.models.scientist.propose import RANDOM, Constraint, propose
 from fast.models.scientist.propose import Proposal as ProposedDesign
@@ -21,6 +22,7 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.own_designs import OWN
 from fast.tasks.campaign.simulator_versions import note_older_simulations
 from fast.tasks.campaign.state import CampaignState
+from fast.tasks.scientist.criteria import make_criteria
 from fast.tasks.scientist.fit import fit, surrogate_for_simulation, tools_fit_id
 from fast.tasks.scientist.observe import closed_batches, observe, observed_rows
 
@@ -40,6 +42,7 @@ class Choice:
     parents: tuple[str, ...] = ()
 
 
+HYPERVOLUME = "hypervolume"  # what `proposals.acquisition` says of tools chosen by objectives and limits
 _MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed of is a slip of the pen
 
 
@@ -125,7 +128,8 @@ def propose_guided(campaign: Campaign, batch: int) -> None:
     data = observe(campaign, state, closed)
     surrogate = fit(campaign, batch, data, observed_rows(campaign, state, closed))
     note_older_simulations(campaign, batch)
-    propose_tools(campaign, batch, data, surrogate, state)
+    criteria = make_criteria(campaign, batch, closed, surrogate, state)
+    propose_tools(campaign, batch, data, surrogate, state, criteria)
 
 
 def propose_simulated(campaign: Campaign, batch: int, index: int, state: CampaignState) -> None:
@@ -139,9 +143,17 @@ def propose_simulated(campaign: Campaign, batch: int, index: int, state: Campaig
 
 
 def propose_tools(
-    campaign: Campaign, batch: int, data: ObservationSet, surrogate: Surrogate, state: CampaignState
+    campaign: Campaign,
+    batch: int,
+    data: ObservationSet,
+    surrogate: Surrogate,
+    state: CampaignState,
+    criteria: Sequence[Criterion] = (),
 ) -> None:
-    """The next batch for the gantry, chosen jointly, given the simulations that are still running."""
+    """The next batch for the gantry, chosen jointly, given the simulations that are still running.
+
+    criteria: objectives and limits; none: the largest mean peak force.
+    """
     seed = campaign.seed("tools", batch)
     scientist = campaign.config.scientist
     own = [one.design for one in campaign.own_designs.get(batch, ())]
@@ -172,10 +184,12 @@ def propose_tools(
             constraint=constraint_of(campaign),
             n_best=min(scientist.best_predicted, n_tools),
             space=campaign.space,
+            criteria=criteria,
         )
     )
     fit_id = tools_fit_id(campaign, batch, data)
-    append_tools(campaign, batch, proposals, Choice(scientist.acquisition, seed, data, len(pending), (fit_id,)))
+    rule = HYPERVOLUME if criteria else scientist.acquisition
+    append_tools(campaign, batch, proposals, Choice(rule, seed, data, len(pending), (fit_id,)))
 
 
 def propose_simulation(

@@ -10,6 +10,7 @@ from fast.flows.report.campaign.account import write_cost, write_paper, write_pr
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.finger import write_best
 from fast.flows.report.campaign.nights import write_nights
+from fast.flows.report.campaign.objectives import write_objectives
 from fast.flows.report.campaign.quality import headline, write_baselines, write_progress
 from fast.flows.report.campaign.shapes import write_shapes
 from fast.flows.report.campaign.simulation import write_agreement, write_moments
@@ -29,6 +30,7 @@ NAV = {
     "best": "Best finger",
     "moments": "A grasp",
     "progress": "Tool quality",
+    "objectives": "Objectives",
     "baselines": "Approaches",
     "traces": "Traces",
     "shapes": "Shapes",
@@ -48,6 +50,7 @@ SECTIONS = (
     write_best,
     write_moments,
     write_progress,
+    write_objectives,
     write_baselines,
     write_traces,
     write_shapes,

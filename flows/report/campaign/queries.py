@@ -222,7 +222,7 @@ SELECT batch, n_real, n_sim, rho, noise_sd_n * CASE WHEN is_log THEN exp(mean_re
   loo_rmse_n, loo_coverage_90, loo_q2, measured_only_loo_rmse_n, sim_loo_rmse_n, sim_loo_coverage_90, sim_loo_q2,
   shared_variance, n_outliers, lengthscales_h, lengthscales_e, is_log,
   coalesce(n_prior, 0) AS n_prior, without_prior_loo_rmse_n, priors_json
-FROM fits WHERE campaign_id = {campaign}
+FROM fits WHERE campaign_id = {campaign} AND outcome IS NULL
 QUALIFY row_number() OVER (PARTITION BY batch ORDER BY
   fit_id IN (SELECT unnest(parents) FROM proposals WHERE fidelity = 'real') DESC,
   sequence DESC, created_at DESC) = 1

@@ -61,10 +61,12 @@ class ArmServer:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((self.host, port))
-        except OSError as error:
+        except (OSError, ValueError, TypeError) as error:  # the last two: no name of a host
+            listener.close()
+            self.stop()
             raise DeviceError(
-                f"Port {port} of {self.host} is taken ({error.strerror}); give another address of this computer, such "
-                "as --host 127.0.0.2."
+                f"Port {port} of `{self.host}` cannot be listened on ({error}); give another address of this computer, "
+                "such as 127.0.0.2."
             ) from error
         listener.listen()
         self._sockets.append(listener)

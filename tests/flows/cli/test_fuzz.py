@@ -22,7 +22,7 @@ from fast.models.errors import ConfigError, FastError
 from fast.models.material import MaterialLot
 from fast.models.validation import load_record, parse_toml
 from fast.tasks.campaign.config import load_config
-from fast.tasks.campaign.setup import read_bench
+from fast.tasks.campaign.setup import read_bench, read_real_bench
 from tests.flows.cli.cli_lakes import ROOT, WORLD, leaves, proposed_lake, write_config
 
 # Where work begins: behind these, the arguments have been judged.
@@ -32,6 +32,8 @@ WORK = (
     "fast.flows.cli.gantry.open_bench",
     "fast.flows.cli.diagnose.open_bench",
     "fast.hardware.bench.open_virtual_servers",
+    "fast.hardware.virtual.arm.server.ArmServer.start",
+    "fast.flows.report.labs.write_labs_report",
     "fast.models.simulation.grasp.simulate_grasp",
     "fast.flows.scientist.landscape_study.run_planned",
     "fast.flows.scientist.campaign_runs.run_campaigns",
@@ -57,7 +59,17 @@ TOML_VALUES = st.sampled_from((
 ))  # fmt: skip
 LAB = (ROOT / "worlds" / "lab.toml").read_text()
 BENCH = 'serial_port = "/dev/x"\nplc_host = "10.0.0.1"\nplc_port = 502\nforce_rate_hz = 80\n[tool_mass_kg]\n0 = 0.4\n'
+ARM = """
+kind = "ur"
+host = "192.168.0.30"
+travel_z_mm = 480
+rack_mm = [[-300, -400, 260], [-170, -400, 260]]
+
+[mounts_mm]
+2 = [250, -350, 40]
+"""
 FILES = {
+    "arm": (ARM, read_real_bench),
     "config": ((ROOT / "campaigns" / "quick.toml").read_text(), load_config),
     "world": (LAB, lambda path: load_world(path.read_text(), str(path))),
     "bench": (BENCH, read_bench),

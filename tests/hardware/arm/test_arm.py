@@ -16,6 +16,8 @@ from fast.hardware.arm.link import ArmLink
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import Bench, open_virtual_bench
 from fast.hardware.safety.safe_state import EmergencyStopError
+from fast.hardware.virtual.arm.controller import VirtualArm
+from fast.hardware.virtual.arm.server import ArmServer
 from fast.hardware.virtual.arm.urscript import Move, Output, Register, Stop, read_program
 from fast.hardware.virtual.world.file import Sensor, World
 from fast.models.errors import DeviceError, InterlockError, UsageError
@@ -203,3 +205,10 @@ def test_programs_are_read_or_refused():
 def test_outputs_that_are_the_same_are_refused():
     with pytest.raises(ValueError, match="a tool would fall"):
         ArmSettings(kind="ur", host="h", travel_z_mm=1, rack_mm=((0, 0, 0),), mounts_mm={0: (0, 0, 0)}, grip_output=1)
+
+
+@pytest.mark.parametrize("host", ["no such host", "a\0b", "192.0.2.1"])
+def test_an_address_that_is_not_of_this_computer_is_refused(host):
+    arm = VirtualArm(World(seed=1), TOOLS, physics)
+    with pytest.raises(DeviceError, match="cannot be listened on"):
+        ArmServer(arm, host).start()

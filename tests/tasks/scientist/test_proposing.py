@@ -1,10 +1,12 @@
 """How simulations are chosen: with the last fit until the data have grown, the same after a restart."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import FitRow, SimulationRow
+from fast.lake.tables.campaign import FitRow, GraspRow, ProposalRow, SimulationRow
 from fast.models.design.printability import PrintingRules, broken_rules
 from fast.models.design.space import random_designs, random_unit, to_unit
 from fast.models.errors import UsageError
@@ -13,9 +15,17 @@ from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationS
 from fast.tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.settings import ScientistSettings
+from fast.tasks.scientist.criteria import list_outcomes
 from fast.tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
 from fast.tasks.scientist.observe import closed_batches, observe
-from fast.tasks.scientist.propose import pending_points, propose_initial, propose_simulation, propose_tools
+from fast.tasks.scientist.propose import (
+    HYPERVOLUME,
+    pending_points,
+    propose_guided,
+    propose_initial,
+    propose_simulation,
+    propose_tools,
+)
 from tests.tasks.campaign.small_campaign import begun, small_campaign
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
@@ -160,3 +170,64 @@ def test_logarithms_are_modelled_where_the_config_says_so(tmp_path):
     (row,) = campaign.lake.rows(FitRow, purpose="tools")
     assert (row["is_log"], row["n_sim"], row["mean_real_n"]) == (True, chosen.data.n_sim, chosen.parameters.mean_real)
     assert 0.0 < row["loo_rmse_n"] < 3.0  # in N, not in logarithms
+
+
+@pytest.fixture
+def measured_campaign(tmp_path: Path) -> Campaign:
+    """Four tools measured, with peaks and work."""
+    schedule = {
+        "initial_tools": 4, "tools_per_batch": 4, "guided_batches": 1, "initial_simulations": 4,
+        "simulations_per_batch": 0,
+    }  # fmt: skip
+    campaign = begun(small_campaign(tmp_path, schedule=schedule))
+    rows = campaign.lake.records(GraspRow)
+    worked = [row.model_copy(update={"work_j": 0.01 * (row.peak_force_n or 0.0)}) for row in rows]
+    campaign.lake.append(worked, campaign.provenance())
+    return campaign
+
+
+def with_criteria(campaign: Campaign, **changes: object) -> Campaign:
+    """The small campaign with objectives or limits, its first tools measured."""
+    scientist = ScientistSettings.model_validate(changes)
+    config = campaign.config.model_copy(update={"scientist": scientist})
+    return Campaign(campaign.lake, config, own_designs=campaign.own_designs)
+
+
+def test_tools_are_chosen_by_objectives_and_limits_and_their_fits_are_kept(measured_campaign):
+    campaign = with_criteria(measured_campaign, objectives=["mean_work_j", "mass_g"], at_least={"worst_peak_n": 1.0})
+    propose_guided(campaign, 2)
+    outcomes = {row["outcome"] for row in campaign.lake.rows(FitRow, purpose="tools")}
+    assert outcomes == {None, "mean_work_j", "worst_peak_n"}
+    rules = {row["acquisition"] for row in campaign.lake.rows(ProposalRow, batch=2, fidelity="real")}
+    assert rules == {HYPERVOLUME}
+    rows = list_outcomes(campaign, campaign.state())
+    assert rows
+    assert {"mean_work_j", "mass_g", "worst_peak_n", "keeps_limits", "on_front"} <= set(rows[0])
+    best_work = max(rows, key=lambda row: row["mean_work_j"])
+    assert best_work["on_front"] == best_work["keeps_limits"]
+
+
+def test_an_objective_that_the_grasps_do_not_have_is_one_sentence(measured_campaign):
+    lake = measured_campaign.lake
+    lake.append(
+        [row.model_copy(update={"work_j": None}) for row in lake.records(GraspRow)], measured_campaign.provenance()
+    )
+    campaign = with_criteria(measured_campaign, objectives=["mean_work_j"])
+    with pytest.raises(UsageError, match="`mean_work_j` needs work_j of at least 3 measured tools, there are 0"):
+        propose_guided(campaign, 2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"objectives": ["mean_peak"]}, "did you mean `mean_peak_n`"),
+        ({"objectives": ["mass_g"]}, "has no measured outcome"),
+        ({"objectives": ["mean_peak_n", "mean_peak_n"]}, "one name twice"),
+        ({"at_least": {"mass_g": 3}}, "at_least has `mass_g`"),
+        ({"at_most": {"worst_peak_n": 3}}, "at_most has `worst_peak_n`"),
+        ({"objectives": ["worst_peak_n"], "acquisition": "random"}, "have a rule of their own"),
+    ],
+)
+def test_wrong_objectives_are_refused(changes, words):
+    with pytest.raises(ValueError, match=words):
+        ScientistSettings.model_validate(changes)

@@ -1,0 +1,107 @@
+"""The section on objectives and limits: every measured tool, the front to choose from, and what each finger costs."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.folder import Folder
+from fast.flows.report.html import Markup, columns, paragraph, section, table
+from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, WIDTH_IN, new_axes
+from fast.models.ids import tool_label
+from fast.models.scientist.objectives import KNOWN, OUTCOMES
+from fast.models.validation import load_record
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.settings import ScientistSettings
+from fast.tasks.scientist.criteria import list_outcomes
+
+_DIGITS = {"mean_work_j": 3, "mass_g": 1}
+_MOST_ROWS = 15  # of the table; the rest is in the CSV
+
+
+def write_objectives(content: Content, folder: Folder) -> Markup:
+    """Nothing where tools were chosen for their mean peak force alone."""
+    stored = tomllib.loads(content.campaign.config_toml)
+    if not {"objectives", "at_least", "at_most"} & set(stored.get("scientist", {})):
+        return Markup("")
+    config = load_record(CampaignConfig, stored, f"stored config of {content.campaign.campaign_id}")
+    scientist = config.scientist
+    if not scientist.has_criteria:
+        return Markup("")
+    campaign = Campaign(content.lake, config)
+    state = campaign.state()
+    rows = list_outcomes(campaign, state)
+    if not rows:
+        return section("objectives", "Objectives", paragraph(NOT_MEASURED))
+    labels = {tool.tool_id: tool_label(tool.batch, tool.slot) for tool in state.tools}
+    names = [name for name in rows[0] if name in OUTCOMES or name in KNOWN]
+    front = [row for row in rows if row["on_front"]]
+    shown = table(
+        ["tool", *map(describe_outcome, names), "keeps the limits"],
+        [
+            (labels[row["tool_id"]], *(f"{row[name]:.{_DIGITS.get(name, 2)}f}" for name in names),
+             "yes" if row["keeps_limits"] else "no")
+            for row in front[:_MOST_ROWS]
+        ],
+        numeric=range(1, len(names) + 1),
+        empty="No measured tool keeps all limits yet.",
+    )  # fmt: skip
+    drawn = Markup("")
+    if len(scientist.objectives) == 2:
+        drawn = folder.figure("front", draw_front(rows, labels, scientist), "Both objectives of every tool")
+    return section(
+        "objectives",
+        "Objectives",
+        paragraph(_say(scientist, rows, front), "lead"),
+        columns(drawn, shown) if drawn else shown,
+        paragraph(
+            "The table holds the tools on the front: no other that keeps the limits is at least as good in every "
+            "objective and better in one. Which of them to take is yours to choose.",
+            "note",
+        ),
+        folder.numbers("objectives", rows),
+    )
+
+
+def describe_outcome(name: str) -> str:
+    """What an objective or limit is, with its unit."""
+    return OUTCOMES[name].about if name in OUTCOMES else KNOWN[name]
+
+
+def _say(scientist: ScientistSettings, rows: Sequence[Mapping[str, Any]], front: Sequence[Mapping[str, Any]]) -> str:
+    wanted = " and ".join(("low " if name in KNOWN else "high ") + name for name in scientist.objectives)
+    limits = [f"{name} at least {value:g}" for name, value in scientist.at_least.items()]
+    limits += [f"{name} at most {value:g}" for name, value in scientist.at_most.items()]
+    n_good = sum(bool(row["keeps_limits"]) for row in rows)
+    kept = f" {n_good} of {len(rows)} measured tools keep the limits ({', '.join(limits)})." if limits else ""
+    return f"Tools are chosen for {wanted}.{kept} {len(front)} lie on the front."
+
+
+def draw_front(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str], scientist: ScientistSettings) -> Figure:
+    """Both objectives of every tool; those on the front are joined and named, those beyond a limit are hollow."""
+    first, second = scientist.objectives
+    figure, axes = new_axes(WIDTH_IN, 4.0, grid="both")
+    for keeps, face, label in ((False, "none", "breaks a limit"), (True, MUTED, "measured")):
+        some = [row for row in rows if bool(row["keeps_limits"]) == keeps and not row["on_front"]]
+        if some:
+            x, y = zip(*((row[first], row[second]) for row in some), strict=True)
+            axes.scatter(x, y, s=22, facecolors=face, edgecolors=FIRST if not keeps else FAINT, label=label)
+    front = sorted((row for row in rows if row["on_front"]), key=lambda row: row[first])
+    if front:
+        x, y = zip(*((row[first], row[second]) for row in front), strict=True)
+        axes.plot(x, y, "-D", color=BEST, markersize=5, linewidth=1.2, label="front")
+        for row in front:
+            place = (row[first], row[second])
+            axes.annotate(labels[row["tool_id"]], place, xytext=(4, 4), textcoords="offset points", fontsize=7)
+    for name, draw in ((first, axes.axvline), (second, axes.axhline)):
+        limit = scientist.at_least.get(name, scientist.at_most.get(name))
+        if limit is not None:
+            draw(limit, color=FIRST, linewidth=0.9, linestyle="--")
+    axes.set_xlabel(describe_outcome(first))
+    axes.set_ylabel(describe_outcome(second))
+    axes.margins(0.1)
+    figure.legend(loc="outside upper left", ncols=3)
+    return figure

@@ -1,0 +1,114 @@
+"""Noisy hypervolume improvement under limits: for one or two objectives, some of them known of the design.
+
+Which outcomes a design has is not known, so every joint path of the surrogates over candidates and competitors has a
+front of its own. A candidate is worth the area that it adds to the front, averaged over the paths, where it keeps the
+limits; the batch is chosen greedily, the fronts growing with every choice (Daulton et al. 2021, qNEHVI, by paths). With
+one objective the area is a length: the expected improvement over the best that keeps the limits.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.paths import real_paths
+from fast.models.scientist.surrogate.observations import REAL
+from fast.models.scientist.surrogate.posterior import Surrogate
+
+N_PATHS = 128
+_TIE = 1e-6  # weight of a missed limit beside a gain
+_MARGIN = 0.1  # of the competitors' range, by which the reference point lies below their worst
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """An outcome that counts: by a surrogate, or by a function of the points (m x d -> m); more is better.
+
+    is_objective: it is maximised. at_least: a design below it counts for nothing; None: no limit.
+    """
+
+    model: Surrogate | None
+    known: Callable[[np.ndarray], np.ndarray] | None = None
+    is_objective: bool = False
+    at_least: float | None = None
+
+    def draw(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Outcomes on N_PATHS paths, m x N_PATHS, in the units of the limit."""
+        if self.model is None:
+            assert self.known is not None
+            return np.repeat(self.known(points)[:, None], N_PATHS, axis=1)
+        return self.model.data.force_n(real_paths(self.model, points, N_PATHS, rng))
+
+
+def select_by_hypervolume(
+    criteria: Sequence[Criterion],
+    points: np.ndarray,
+    n: int,
+    pending: np.ndarray,
+    spacing: Spacing,
+    rng: np.random.Generator,
+) -> list[tuple[int, float]]:
+    """Up to n rows of `points` (m x d), greedily by mean hypervolume improvement over measured, pending and chosen.
+
+    pending: p x (d + 1), those of fidelity 1 count. Returns (row, improvement) in the order of choice, the improvement
+    as a share of the area that the range of the competitors spans; fewer than n when spacing leaves no more candidates.
+    """
+    model = next(one.model for one in criteria if one.model is not None)
+    competitors = np.concatenate([model.data.x[model.data.s == REAL], pending[pending[:, -1] == REAL, :-1]])
+    drawn = [one.draw(np.concatenate([points, competitors]), rng) for one in criteria]
+    is_good, shortfall = np.ones_like(drawn[0], dtype=bool), np.zeros_like(drawn[0])
+    for one, outcome in zip(criteria, drawn, strict=True):
+        if one.at_least is not None:
+            is_good &= outcome >= one.at_least
+            shortfall += np.maximum(one.at_least - outcome, 0.0) / max(abs(one.at_least), 1e-9)
+    missed = _TIE * shortfall[: len(points)].mean(axis=1)  # where nothing keeps the limits, what misses them least
+    wanted = np.array([outcome for one, outcome in zip(criteria, drawn, strict=True) if one.is_objective])
+    scaled = np.where(is_good, _scale(wanted, len(points)), 0.0)  # at the reference point a design adds nothing
+    m, allowed = len(points), spacing.allowed(points)
+    fronts = [list(_front(scaled[:, m:, path].T)) for path in range(N_PATHS)]
+    chosen: list[tuple[int, float]] = []
+    while len(chosen) < n and allowed.any():
+        gains = np.mean([_gains(scaled[:, :m, path].T, np.array(fronts[path])) for path in range(N_PATHS)], axis=0)
+        row = int(np.argmax(np.where(allowed, gains - missed, -np.inf)))
+        chosen.append((row, float(gains[row])))
+        fronts = [list(_front(np.array([*front, scaled[:, row, path]]))) for path, front in enumerate(fronts)]
+        spacing.add(points[row])
+        allowed = spacing.allowed(points)
+    return chosen
+
+
+def find_front(values: np.ndarray) -> np.ndarray:
+    """Which of n outcomes of k objectives (n x k, more is better) no other one is at least as good in all of."""
+    at_least = (values[:, None, :] >= values[None, :, :]).all(axis=2)
+    better = (values[:, None, :] > values[None, :, :]).any(axis=2)
+    return np.asarray(~(at_least & better).any(axis=0))
+
+
+def _scale(wanted: np.ndarray, n_candidates: int) -> np.ndarray:
+    """Objectives (k x m x paths) from 0 at the reference point to about 1 at the best competitor, none below 0."""
+    base = wanted[:, n_candidates:] if wanted.shape[1] > n_candidates else wanted
+    low, high = base.mean(axis=2).min(axis=1), base.mean(axis=2).max(axis=1)
+    span = np.maximum(high - low, 1e-9)
+    reference = low - _MARGIN * span
+    return np.maximum((wanted - reference[:, None, None]) / span[:, None, None], 0.0)
+
+
+def _front(values: np.ndarray) -> np.ndarray:
+    """The front of n outcomes (n x k), its first objective rising; empty without any above the reference point."""
+    values = values[(values > 0.0).all(axis=1)]
+    values = values[find_front(values)] if len(values) else values
+    return values[np.argsort(values[:, 0], kind="stable")] if len(values) else values
+
+
+def _gains(candidates: np.ndarray, front: np.ndarray) -> np.ndarray:
+    """Length or area that each of m candidates (m x k, k 1 or 2) adds to a front (f x k), m; reference point 0."""
+    if candidates.shape[1] == 1:
+        return np.maximum(candidates[:, 0] - (front[-1, 0] if len(front) else 0.0), 0.0)
+    if not len(front):
+        return candidates[:, 0] * candidates[:, 1]
+    # Between neighbouring members of the front the height that is dominated already is that of the right one.
+    left, right = np.concatenate([[0.0], front[:, 0]]), np.append(front[:, 0], np.inf)
+    height = np.append(front[:, 1], 0.0)
+    width = np.maximum(np.minimum(candidates[:, :1], right) - left, 0.0)
+    return np.asarray((width * np.maximum(candidates[:, 1:] - height, 0.0)).sum(axis=1))

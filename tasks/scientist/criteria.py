@@ -1,0 +1,75 @@
+"""What a campaign's objectives and limits mean: surrogates to choose tools with, and values of those measured."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from fast.models.scientist.acquisition.front import Criterion, find_front
+from fast.models.scientist.objectives import KNOWN, MEAN_PEAK, OUTCOMES, known_of
+from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState
+from fast.tasks.scientist.fit import fit_outcome
+from fast.tasks.scientist.observe import observe, outcomes_of_tools
+
+
+def make_criteria(
+    campaign: Campaign, batch: int, closed: Iterable[int], mean_peak: Surrogate, state: CampaignState
+) -> list[Criterion]:
+    """Objectives and limits with their surrogates, fitted and recorded; none where the config asks for nothing else.
+
+    Raises:
+        UsageError: an outcome is asked for that the grasps do not have.
+    """
+    scientist = campaign.config.scientist
+    if not scientist.has_criteria:
+        return []
+    batches = list(closed)
+    criteria = []
+    for name in dict.fromkeys([*scientist.objectives, *scientist.at_least, *scientist.at_most]):
+        is_objective = name in scientist.objectives
+        if name in KNOWN:
+            least = -scientist.at_most[name] if name in scientist.at_most else None
+            criteria.append(Criterion(None, _make_known(campaign, name), is_objective, least))
+            continue
+        model = mean_peak
+        if name != MEAN_PEAK.name:
+            outcome = OUTCOMES[name]
+            model = fit_outcome(campaign, batch, outcome, observe(campaign, state, batches, outcome))
+        criteria.append(Criterion(model, None, is_objective, scientist.at_least.get(name)))
+    return criteria
+
+
+def _make_known(campaign: Campaign, name: str) -> Any:
+    """What is known of designs as a function of their points, with its sign turned: less is better."""
+    return lambda points: -np.array([known_of(name, design) for design in campaign.space.from_unit(points)])
+
+
+def list_outcomes(campaign: Campaign, state: CampaignState) -> list[dict[str, Any]]:
+    """Measured tools with every objective and limit, and whether they keep the limits and lie on the front.
+
+    The front is of those that keep the limits. Best first by the first objective. Tools without one of the outcomes are
+    left out.
+    """
+    scientist = campaign.config.scientist
+    names = list(dict.fromkeys([*scientist.objectives, *scientist.at_least, *scientist.at_most]))
+    measured = {name: outcomes_of_tools(campaign, state, OUTCOMES[name]) for name in names if name in OUTCOMES}
+    rows = []
+    for tool in sorted(state.tools, key=lambda tool: (tool.batch, tool.slot)):
+        values = {name: found.get(tool.tool_id) for name, found in measured.items()}
+        if any(value is None for value in values.values()):
+            continue
+        row: dict[str, Any] = {"tool_id": tool.tool_id, **values}
+        row |= {name: known_of(name, tool.design) for name in names if name in KNOWN}
+        keeps = all(row[name] >= least for name, least in scientist.at_least.items())
+        row["keeps_limits"] = keeps and all(row[name] <= most for name, most in scientist.at_most.items())
+        rows.append(row)
+    good = [row for row in rows if row["keeps_limits"]]
+    signs = np.array([1.0 if name in OUTCOMES else -1.0 for name in scientist.objectives])
+    wanted = signs * np.array([[row[name] for name in scientist.objectives] for row in good]).reshape(-1, len(signs))
+    on_front = {row["tool_id"] for row, is_on in zip(good, find_front(wanted), strict=True) if is_on}
+    first = scientist.objectives[0]
+    for row in rows:
+        row["on_front"] = row["tool_id"] in on_front
+    return sorted(rows, key=lambda row: -signs[0] * row[first])

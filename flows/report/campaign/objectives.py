@@ -12,6 +12,7 @@ from fast.flows.report.html import Markup, columns, paragraph, section, table
 from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, WIDTH_IN, new_axes
 from fast.models.ids import tool_label
 from fast.models.scientist.objectives import KNOWN, OUTCOMES
+from fast.models.units import spell_name
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
@@ -40,7 +41,7 @@ def write_objectives(content: Content, folder: Folder) -> Markup:
     names = [name for name in rows[0] if name in OUTCOMES or name in KNOWN]
     front = [row for row in rows if row["on_front"]]
     shown = table(
-        ["tool", *map(describe_outcome, names), "keeps the limits"],
+        ["tool", *(spell_name(name, with_unit=True) for name in names), "keeps the limits"],
         [
             (labels[row["tool_id"]], *(f"{row[name]:.{_DIGITS.get(name, 2)}f}" for name in names),
              "yes" if row["keeps_limits"] else "no")
@@ -72,9 +73,9 @@ def describe_outcome(name: str) -> str:
 
 
 def _say(scientist: ScientistSettings, rows: Sequence[Mapping[str, Any]], front: Sequence[Mapping[str, Any]]) -> str:
-    wanted = " and ".join(("low " if name in KNOWN else "high ") + name for name in scientist.objectives)
-    limits = [f"{name} at least {value:g}" for name, value in scientist.at_least.items()]
-    limits += [f"{name} at most {value:g}" for name, value in scientist.at_most.items()]
+    wanted = " and ".join(("low " if name in KNOWN else "high ") + spell_name(name) for name in scientist.objectives)
+    limits = [f"{spell_name(name, with_unit=True)} at least {value:g}" for name, value in scientist.at_least.items()]
+    limits += [f"{spell_name(name, with_unit=True)} at most {value:g}" for name, value in scientist.at_most.items()]
     n_good = sum(bool(row["keeps_limits"]) for row in rows)
     kept = f" {n_good} of {len(rows)} measured tools keep the limits ({', '.join(limits)})." if limits else ""
     return f"Tools are chosen for {wanted}.{kept} {len(front)} lie on the front."

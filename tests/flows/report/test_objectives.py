@@ -51,8 +51,8 @@ def section_of(campaign: Campaign, folder: Path, scientist: str) -> str:
 def test_two_objectives_are_drawn_with_their_front(campaign: Campaign, tmp_path: Path) -> None:
     asked = 'objectives = ["mean_peak_n", "mass_g"]\nat_least = {worst_peak_n = 15}'
     text = section_of(campaign, tmp_path / "r", asked)
-    assert "Tools are chosen for high mean_peak_n and low mass_g." in text
-    assert "3 of 4 measured tools keep the limits (worst_peak_n at least 15)." in text  # worst: 14, 15, 16, 17 N
+    assert "Tools are chosen for high mean peak and low mass." in text
+    assert "3 of 4 measured tools keep the limits (worst peak (N) at least 15)." in text  # worst: 14, 15, 16, 17 N
     assert "figures/front.svg" in text
     assert (tmp_path / "r" / "figures" / "front.svg").stat().st_size > 1000
     rows = list(csv.DictReader((tmp_path / "r" / "data" / "objectives.csv").read_text().splitlines()))

@@ -103,38 +103,33 @@ def _write_labs(found: LabsSideBySide, folder: Folder) -> Markup:
 
 
 def _write_objects(found: LabsSideBySide, folder: Folder) -> Markup:
-    spreads = found.compared.by_object
-    return section(
-        "objects",
-        "By object",
-        columns(
-            folder.figure("objects", _draw_spreads(spreads, _object_name), "Scatter by object"),
-            _spread_table("object", spreads, _object_name),
-        ),
-        paragraph(
-            "The last three columns are standard deviations in N. An object with a large bar between labs is placed, "
-            "mounted or made differently in them; look at its traces first (fast view).",
-            "note",
-        ),
-        folder.numbers("objects", [_record(one) for one in spreads]),
+    words = (
+        "The last three columns are standard deviations in N. An object with a large bar between labs is placed, "
+        "mounted or made differently in them; look at its traces first (fast view)."
     )
+    return _write_spreads("object", found.compared.by_object, _object_name, words, folder)
 
 
 def _write_fingers(found: LabsSideBySide, folder: Folder) -> Markup:
-    spreads = found.compared.by_finger
+    words = (
+        "A design that each lab printed brings the scatter of printers and materials with it; a tool that travelled "
+        "does not. A name with B01T0 is a tool, one that begins with D a design."
+    )
+    return _write_spreads("finger", found.compared.by_finger, str, words, folder)
+
+
+def _write_spreads(
+    what: str, spreads: Sequence[Spread], spell: Callable[[str], str], words: str, folder: Folder
+) -> Markup:
+    """Scatter by object or by finger: picture, table, how to read them, numbers."""
+    name = f"{what}s"
+    figure = folder.figure(name, _draw_spreads(spreads, spell), f"Scatter by {what}")
     return section(
-        "fingers",
-        "By finger",
-        columns(
-            folder.figure("fingers", _draw_spreads(spreads, str), "Scatter by finger"),
-            _spread_table("finger", spreads, str),
-        ),
-        paragraph(
-            "A design that each lab printed brings the scatter of printers and materials with it; a tool that "
-            "travelled does not. A name with B01T0 is a tool, one that begins with D a design.",
-            "note",
-        ),
-        folder.numbers("fingers", [_record(one) for one in spreads]),
+        name,
+        f"By {what}",
+        columns(figure, _spread_table(what, spreads, spell)),
+        paragraph(words, "note"),
+        folder.numbers(name, [_record(one) for one in spreads]),
     )
 
 

@@ -31,6 +31,7 @@ BASELINE_S = 0.6
 NOT_RELEASED_N = 1.0  # left on the open gripper: an object came along
 LEAST_WEIGHT_SHARE = 0.3  # of the tool's expected weight, that the wrist must feel after it was picked
 _G = 9.80665
+_REMEDY = "hang the tool back by hand, switch both outputs off on the pendant, and give the command again"
 
 
 class ArmBench:
@@ -58,7 +59,7 @@ class ArmBench:
 
     def _hear(self) -> None:
         if self._asked is not None and self._at_work == threading.get_ident():
-            raise StopAskedError(self._asked)
+            raise StopAskedError(self._asked, _REMEDY)
 
     def open(self) -> None:
         """Connect, and see that nothing hangs on the arm.

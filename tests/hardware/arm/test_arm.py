@@ -15,7 +15,7 @@ from fast.hardware.arm.bench import ArmBench, open_arm_bench
 from fast.hardware.arm.link import ArmLink
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import Bench, open_virtual_bench
-from fast.hardware.safety.safe_state import EmergencyStopError
+from fast.hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
 from fast.hardware.virtual.arm.controller import VirtualArm
 from fast.hardware.virtual.arm.server import ArmServer
 from fast.hardware.virtual.arm.urscript import Move, Output, Register, Stop, read_program
@@ -205,6 +205,13 @@ def test_programs_are_read_or_refused():
 def test_outputs_that_are_the_same_are_refused():
     with pytest.raises(ValueError, match="a tool would fall"):
         ArmSettings(kind="ur", host="h", travel_z_mm=1, rack_mm=((0, 0, 0),), mounts_mm={0: (0, 0, 0)}, grip_output=1)
+
+
+def test_a_person_who_stopped_the_arm_is_told_what_to_do_with_it(controller):
+    with open_arm_bench(controller.settings, TOOLS) as bench:
+        bench.ask(Verb.STOP)
+        with pytest.raises(StopAskedError, match="hang the tool back by hand"):
+            measure(bench, [(0, 0)])
 
 
 @pytest.mark.parametrize("host", ["no such host", "a\0b", "192.0.2.1"])

@@ -327,7 +327,8 @@ class GraspSimulation:
     `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
     proxy; `work_j` the area under force over lift. `flag` says why the numbers are not converged as others are, in one
     word; empty if they are. `twist_deg` is the largest twist of a tip about its finger's long axis, 0 where half a
-    finger was enough. `ribs_touch`: ribs or walls came to press on each other inside a finger. `setup_cpu_s` is the
+    finger was enough. `pressure_kpa`: the largest pressure of a finger on the object, mean over the 10 mm2 that are
+    pressed most. `ribs_touch`: ribs or walls came to press on each other inside a finger. `setup_cpu_s` is the
     part of `cpu_s` before the first step. `mesh_id` names the content of the mesh: not every mesher makes the same one
     twice.
     """
@@ -345,6 +346,7 @@ class GraspSimulation:
     mesh_id: str = ""
     flag: str = ""
     twist_deg: float = 0.0
+    pressure_kpa: float | None = None
     ribs_touch: bool = False
 
 

@@ -163,7 +163,7 @@ def simulate_file(
 
 
 def _numbers_of(result: "GraspSimulation") -> dict[str, Any]:
-    names = ("peak_force_n", "contact_force_n", "work_j", "twist_deg", "n_steps", "n_dof", "cpu_s")
+    names = ("peak_force_n", "contact_force_n", "work_j", "pressure_kpa", "twist_deg", "n_steps", "n_dof", "cpu_s")
     return {name: getattr(result, name) for name in names}
 
 
@@ -324,6 +324,7 @@ def describe_grasp(data: dict[str, Any]) -> str:
         f"peak pull-off force  {data['peak_force_n']:.2f} N",
         f"contact force        {data['contact_force_n']:.2f} N",
         f"work                 {1000 * data['work_j']:.1f} mJ",
+        *([f"largest pressure     {data['pressure_kpa']:.0f} kPa"] if data.get("pressure_kpa") else []),
         *([f"largest twist        {data['twist_deg']:.1f} deg"] if data.get("twist_deg") else []),
         f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU",
     ]

@@ -251,6 +251,9 @@ class SimulationRow(Row):
     branch: int | None = Field(default=None, description="always 0, that of this row's trace; empty: not looked for")
     branch_share: float | None = Field(default=None, description="of placements, those that take this branch")
     flag: str | None = Field(default=None, description="why the numbers are not converged as others are")
+    pressure_kpa: float | None = Field(
+        default=None, description="largest pressure on the object, mean over 10 mm2; empty: not recorded then"
+    )
     offset_x_mm: float | None = Field(default=None, description="of the object between the fingers; empty: 0")
     offset_y_mm: float | None = Field(default=None, description="of the object between the fingers; empty: 0")
     yaw_deg: float | None = Field(default=None, description="of the object between the fingers; empty: 0")

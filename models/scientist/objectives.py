@@ -1,7 +1,8 @@
-"""What a campaign may want of a finger: outcomes that are measured, and what follows from the design alone.
+"""What a campaign may want of a finger: outcomes that are measured or simulated, and what follows from the design.
 
-A measured outcome is one number of a tool, from its forces or its work on the objects; more of it is better. What is
-known of a design, such as its mass, needs no model; less of it is better.
+A measured outcome is one number of a tool, from its forces or its work on the objects; more of it is better. A
+simulated outcome, the contact pressure, is one that a bench does not see; less of it is better. What is known of a
+design, such as its mass, needs no model; less of it is better.
 """
 
 from collections.abc import Mapping
@@ -14,24 +15,29 @@ from fast.models.design.printability import estimate_mass_g
 from fast.models.records import Design
 from fast.models.scientist.surrogate.imputation import mean_over_objects
 
-LOW_SHARE = 0.1  # of the objects that a tool holds with less than its `low_peak_n`
+# Which quantile over the objects counts; a tool holds a tenth of the objects with less than its `low_peak_n`.
+_QUANTILES = {"worst": 0.0, "low": 0.1, "largest": 1.0}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A measured outcome: the column of grasps and simulations it is made of, and how objects are put together."""
+    """An outcome: the column of grasps and simulations it is made of, and how objects are put together.
+
+    is_simulated: simulations alone have it.
+    """
 
     name: str
-    column: Literal["peak_force_n", "work_j"]
-    how: Literal["mean", "worst", "low"]
+    column: Literal["peak_force_n", "work_j", "pressure_kpa"]
+    how: Literal["mean", "worst", "low", "largest"]
     about: str
+    is_simulated: bool = False
 
     def over_objects(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The outcome of each design, and the extra variance that its missing objects cause.
 
         values: n designs x n_objects, NaN where missing; no design may miss all. Missing values are imputed as the
-        paper does (`imputation.mean_over_objects`). Where the worst of the objects is asked for, one that is missing
-        counts with its whole variance.
+        paper does (`imputation.mean_over_objects`). Where one of the objects decides, one that is missing counts with
+        its whole variance.
         """
         mean, variance = mean_over_objects(values)
         if self.how == "mean":
@@ -39,7 +45,7 @@ class Outcome:
         seen = values[:, np.isfinite(values).any(axis=0)]
         missing = ~np.isfinite(seen)
         filled = np.where(missing, np.nanmean(seen, axis=0), seen)
-        result = filled.min(axis=1) if self.how == "worst" else np.quantile(filled, LOW_SHARE, axis=1)
+        result = np.quantile(filled, _QUANTILES[self.how], axis=1)
         return result, variance * seen.shape[1] ** 2 / np.maximum(missing.sum(axis=1), 1)
 
 
@@ -50,11 +56,14 @@ OUTCOMES: Mapping[str, Outcome] = {
         Outcome("worst_peak_n", "peak_force_n", "worst", "peak force on the object that is held worst, N"),
         Outcome("low_peak_n", "peak_force_n", "low", "peak force that nine of ten objects exceed, N"),
         Outcome("mean_work_j", "work_j", "mean", "mean work of pulling an object out, J"),
+        Outcome("pressure_kpa", "pressure_kpa", "largest", "largest simulated pressure on an object, kPa", True),
     )
 }
 MEAN_PEAK = OUTCOMES["mean_peak_n"]
 KNOWN: Mapping[str, str] = {"mass_g": "mass of one printed finger, g"}
 NAMES = (*OUTCOMES, *KNOWN)
+MEASURED = tuple(name for name, outcome in OUTCOMES.items() if not outcome.is_simulated)
+LESS_IS_BETTER = tuple(name for name in NAMES if name not in MEASURED)
 
 
 def known_of(name: str, design: Design) -> float:

@@ -95,7 +95,7 @@ def propose(
         return _propose_random(n, spacing, rng, allowed, space)
     select: Callable[..., list[tuple[int, float]]] = _selection(acquisition, surrogate)
     if criteria:
-        select = _by_criteria(criteria)
+        select = partial(select_by_hypervolume, criteria)
     with one_blas_thread():
         # From fresh candidates until n are found; what is already chosen counts as pending.
         settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
@@ -167,8 +167,8 @@ def _candidates(
     space: DesignSpace,
 ) -> np.ndarray:
     """Candidates around the incumbents of the surrogate and of every other one that counts, and around all tools."""
-    others = [one.model for one in criteria if one.model is not None and one.model is not surrogate]
-    predictors: list[Predictor] = [surrogate, *others]
+    good = [one.model for one in criteria if one.model is not None and not one.less_is_better]
+    predictors: list[Predictor] = [surrogate, *(model for model in good if model is not surrogate)]
     parts = [candidate_points(model, rng, settings, space) for model in predictors]
     if criteria:  # the front lies between the best of each objective, and what was measured lies along it
         measured = space.snap(surrogate.data.x[surrogate.data.s == REAL])
@@ -176,22 +176,6 @@ def _candidates(
         near = mutate(parents, rng.choice(_NEAR_SCALES, N_NEAR_TOOLS), rng, space)
         parts.append(near[space.keeps_limits(near)] if space.limits else near)
     return np.concatenate(parts)
-
-
-def _by_criteria(criteria: Sequence[Criterion]) -> Selection:
-    def select(
-        surrogate: Surrogate,
-        points: np.ndarray,
-        fidelity: int,
-        n: int,
-        pending: np.ndarray,
-        spacing: Spacing,
-        rng: np.random.Generator,
-    ) -> list[tuple[int, float]]:
-        del surrogate, fidelity  # the criteria have surrogates of their own, of measured outcomes
-        return select_by_hypervolume(criteria, points, n, pending, spacing, rng)
-
-    return select
 
 
 def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callable[..., list[tuple[int, float]]]:

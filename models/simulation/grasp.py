@@ -28,6 +28,7 @@ from fast.models.simulation.effects.catalogue import build_effects
 from fast.models.simulation.finger import FingerState, FingerStep
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.output.pressure import PressureGauge
 from fast.models.simulation.output.recording import Camera, Phase, Recorder
 from fast.models.simulation.output.twist import TwistGauge
 from fast.models.simulation.placement import Side, check_overlap, check_reach, find_symmetry
@@ -63,8 +64,8 @@ class FingerResult:
 
     `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
     `n_closing` samples belong to the closing. `has_snapped`: in the lift. A snap while the jaws close is no part of
-    the force that is compared. `twist_deg`: the largest twist of the tip. `mesh_error_n`: expected error of the force
-    by the mesh, root mean square over the lift.
+    the force that is compared. `twist_deg`: the largest twist of the tip. `pressure_mpa`: the largest pressure on the
+    object. `mesh_error_n`: expected error of the force by the mesh, root mean square over the lift.
     """
 
     time_s: np.ndarray
@@ -79,6 +80,7 @@ class FingerResult:
     has_snapped: bool
     ribs_touch: bool
     twist_deg: float
+    pressure_mpa: float
     mesh_error_n: float
 
 
@@ -156,7 +158,7 @@ def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> Grasp
     return GraspSimulation(
         trace=trace,
         peak_force_n=peak_force_n(trace),
-        contact_force_n=float(contact) * problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA,
+        contact_force_n=float(contact) * scale,
         work_j=work_j(trace),
         n_steps=sum(f.n_steps for f in fingers),
         n_newton=sum(f.n_newton for f in fingers),
@@ -166,6 +168,7 @@ def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> Grasp
         mesh_id=problem.mesh.mesh_id,
         flag=_flag_of(fingers),
         twist_deg=max(f.twist_deg for f in fingers),
+        pressure_kpa=1e3 * scale * max(f.pressure_mpa for f in fingers),
         ribs_touch=any(f.ribs_touch for f in fingers),
     )
 
@@ -229,7 +232,7 @@ def simulate_finger(
         scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
         camera = Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
     gauge = TwistGauge(problem.mesh, finger.nodes, problem.design.tip_height_mm)
-    seen = _Observed(gauge, camera)
+    seen = _Observed(gauge, PressureGauge(finger.surface.areas, problem.mesh.is_half), camera)
     _close_and_lift(finger, stepper, problem, seen)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
@@ -245,6 +248,7 @@ def simulate_finger(
         has_snapped=seen.has_snapped,
         ribs_touch=stepper.finger.ribs_touch,
         twist_deg=gauge.largest_deg,
+        pressure_mpa=seen.pressure.largest,
         mesh_error_n=share * seen.mesh_error_n,
     )
 
@@ -254,6 +258,7 @@ class _Observed:
     """What is noted of the converged steps of one finger; `n_closing` samples belong to the closing."""
 
     gauge: TwistGauge
+    pressure: PressureGauge
     camera: Camera | None
     record: FingerRecord = field(default_factory=FingerRecord)
     n_closing: int = 0
@@ -274,7 +279,8 @@ class _Observed:
             self.camera.take(phase, time_s, travel_mm, state, clamp_n)
 
     def add(self, phase: Phase, time_s: float, travel_mm: float, step: Step) -> None:
-        """A converged step: its force too."""
+        """A converged step: its force and pressure too."""
+        self.pressure.add(step.state.contact.pressure)
         self.record.add(time_s, travel_mm if phase == "lift" else 0.0, step.clamp_n)
         if phase == "lift":
             self.unresolved_n_mm.append(step.state.contact.unresolved_n_mm)

@@ -21,7 +21,7 @@ from fast.models.records import (
     Theta,
     Tier,
 )
-from fast.models.scientist.objectives import KNOWN, MEAN_PEAK, NAMES, OUTCOMES
+from fast.models.scientist.objectives import LESS_IS_BETTER, MEAN_PEAK, MEASURED, NAMES
 from fast.models.validation import closest
 from fast.tasks.simulation.engine import check_engine
 
@@ -228,7 +228,9 @@ class ScientistSettings(Record):
         description="what tools are chosen for: one outcome, or two, of which the front is looked for",
     )
     at_least: dict[str, float] = Field(default={}, description="measured outcomes that a tool must reach")
-    at_most: dict[str, float] = Field(default={}, description="what is known of a design and must not be exceeded")
+    at_most: dict[str, float] = Field(
+        default={}, description="what is simulated or known of a design and must not be exceeded"
+    )
     prior_campaigns: tuple[str, ...] = Field(
         default=(),
         max_length=8,
@@ -263,11 +265,11 @@ class ScientistSettings(Record):
         for name in self.objectives:
             if name not in NAMES:
                 raise ValueError(f"objectives has `{name}`; {closest(name, list(NAMES))}")
-        if not set(self.objectives) & set(OUTCOMES):
-            raise ValueError(f"objectives has no measured outcome; add one of {', '.join(OUTCOMES)}")
+        if not set(self.objectives) & set(MEASURED):
+            raise ValueError(f"objectives has no measured outcome; add one of {', '.join(MEASURED)}")
         if len(set(self.objectives)) < len(self.objectives):
             raise ValueError("objectives has one name twice; remove one")
-        for table, limits, known in (("at_least", self.at_least, OUTCOMES), ("at_most", self.at_most, KNOWN)):
+        for table, limits, known in (("at_least", self.at_least, MEASURED), ("at_most", self.at_most, LESS_IS_BETTER)):
             for name in limits:
                 if name not in known:
                     raise ValueError(f"{table} has `{name}`; {closest(name, list(known))}")

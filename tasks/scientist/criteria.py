@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fast.models.scientist.acquisition.front import Criterion, find_front
-from fast.models.scientist.objectives import KNOWN, MEAN_PEAK, OUTCOMES, known_of
+from fast.models.scientist.objectives import KNOWN, LESS_IS_BETTER, MEAN_PEAK, OUTCOMES, known_of
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState
@@ -28,22 +28,23 @@ def make_criteria(
     batches = list(closed)
     criteria = []
     for name in dict.fromkeys([*scientist.objectives, *scientist.at_least, *scientist.at_most]):
-        is_objective = name in scientist.objectives
+        is_less = name in LESS_IS_BETTER
+        limit = (scientist.at_most if is_less else scientist.at_least).get(name)
+        model, known = None, None
         if name in KNOWN:
-            least = -scientist.at_most[name] if name in scientist.at_most else None
-            criteria.append(Criterion(None, _make_known(campaign, name), is_objective, least))
-            continue
-        model = mean_peak
-        if name != MEAN_PEAK.name:
+            known = _make_known(campaign, name)
+        elif name == MEAN_PEAK.name:
+            model = mean_peak
+        else:
             outcome = OUTCOMES[name]
             model = fit_outcome(campaign, batch, outcome, observe(campaign, state, batches, outcome))
-        criteria.append(Criterion(model, None, is_objective, scientist.at_least.get(name)))
+        criteria.append(Criterion(model, known, name in scientist.objectives, limit, is_less))
     return criteria
 
 
 def _make_known(campaign: Campaign, name: str) -> Any:
-    """What is known of designs as a function of their points, with its sign turned: less is better."""
-    return lambda points: -np.array([known_of(name, design) for design in campaign.space.from_unit(points)])
+    """What is known of designs as a function of their points."""
+    return lambda points: np.array([known_of(name, design) for design in campaign.space.from_unit(points)])
 
 
 def list_outcomes(campaign: Campaign, state: CampaignState) -> list[dict[str, Any]]:
@@ -66,7 +67,7 @@ def list_outcomes(campaign: Campaign, state: CampaignState) -> list[dict[str, An
         row["keeps_limits"] = keeps and all(row[name] <= most for name, most in scientist.at_most.items())
         rows.append(row)
     good = [row for row in rows if row["keeps_limits"]]
-    signs = np.array([1.0 if name in OUTCOMES else -1.0 for name in scientist.objectives])
+    signs = np.array([-1.0 if name in LESS_IS_BETTER else 1.0 for name in scientist.objectives])
     wanted = signs * np.array([[row[name] for name in scientist.objectives] for row in good]).reshape(-1, len(signs))
     on_front = {row["tool_id"] for row, is_on in zip(good, find_front(wanted), strict=True) if is_on}
     first = scientist.objectives[0]

@@ -51,6 +51,12 @@ def fit_outcome(campaign: Campaign, batch: int, outcome: Outcome, data: Observat
     Raises:
         UsageError: the grasps do not have it.
     """
+    if data.n_real < MIN_OBSERVATIONS and outcome.is_simulated:
+        raise UsageError(
+            f"the objective or limit `{outcome.name}` needs at least {MIN_OBSERVATIONS} designs that are simulated on "
+            f"every object with their pressures, there are {data.n_real} (simulations of earlier versions of FAST and "
+            "imported ones have none); take it out of the config, or start a new campaign."
+        )
     if data.n_real < MIN_OBSERVATIONS:
         raise UsageError(
             f"the objective or limit `{outcome.name}` needs {outcome.column} of at least {MIN_OBSERVATIONS} measured "

@@ -50,16 +50,22 @@ def observe(
     A measured tool counts as the finger that was printed, with its thicknesses as measured, not as the one that was
     asked for. Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
     Simulations of an older simulator version are scaled, mapped or left out, never taken as they are. Tools of prior
-    campaigns are fidelities of their own, 2 and up, of mean peak forces alone. `outcome`: what `y` is.
+    campaigns are fidelities of their own, 2 and up, of mean peak forces alone. `outcome`: what `y` is; of one that is
+    simulated alone, simulations stand in the place of measurements.
     """
     tools, designs = _measured_tools(state, batches), _simulated_designs(campaign, state)
     point_of = {t.tool_id: t.mounted_point(campaign.space) for t in tools} | dict(
         zip(designs, campaign.space.to_unit(list(designs.values())), strict=True)
     )
-    measured = _means([t.tool_id for t in tools], _tool_forces(campaign, tools, outcome), outcome)
+    measured, simulated_as = NO_MEANS, REAL
+    if not outcome.is_simulated:
+        measured, simulated_as = (
+            _means([t.tool_id for t in tools], _tool_forces(campaign, tools, outcome), outcome),
+            SIM,
+        )
     simulated = _simulated_means(campaign, state, designs, outcome)
     older = [part.means for part in _older(campaign, designs, simulated, outcome)]
-    parts = [(REAL, measured), *((SIM, means) for means in (simulated, *older))]
+    parts = [(REAL, measured), *((simulated_as, means) for means in (simulated, *older))]
     prior = read_prior(campaign) if outcome is MEAN_PEAK else []
     own_x = np.array([point_of[i] for _, means in parts for i in means.ids]).reshape(-1, campaign.space.n_dims)
     sizes = [(fidelity, len(means.ids)) for fidelity, means in parts]
@@ -133,8 +139,12 @@ def means_of_tools(campaign: Campaign, state: CampaignState) -> Means:
 
 
 def outcomes_of_tools(campaign: Campaign, state: CampaignState, outcome: Outcome) -> dict[str, float]:
-    """A measured outcome of every tool that has it, by tool id."""
+    """An outcome of every measured tool that has it, by tool id; one that is simulated alone is that of the design."""
     tools = _measured_tools(state, {tool.batch for tool in state.tools})
+    if outcome.is_simulated:
+        found = _simulated_means(campaign, state, {tool.design.design_id: tool.design for tool in tools}, outcome)
+        of_design = dict(zip(found.ids, found.y.tolist(), strict=True))
+        return {t.tool_id: of_design[t.design.design_id] for t in tools if t.design.design_id in of_design}
     means = _means([t.tool_id for t in tools], _tool_forces(campaign, tools, outcome), outcome)
     return dict(zip(means.ids, means.y.tolist(), strict=True))
 

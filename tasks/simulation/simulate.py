@@ -129,6 +129,7 @@ def simulation_rows(job: GraspJob, attempt: Attempt) -> list[Row]:
         n_dof=result.n_dof,
         n_newton=result.n_newton,
         flag=result.flag,
+        pressure_kpa=result.pressure_kpa,
         details_json=canonical_json(details),
     )
     return [SimTraceRow.of(simulation_id, result.trace), *_other_branches(simulation_id, found), scalars]

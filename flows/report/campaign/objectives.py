@@ -11,7 +11,7 @@ from fast.flows.report.folder import Folder
 from fast.flows.report.html import Markup, columns, paragraph, section, table
 from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, WIDTH_IN, new_axes
 from fast.models.ids import tool_label
-from fast.models.scientist.objectives import KNOWN, OUTCOMES
+from fast.models.scientist.objectives import KNOWN, LESS_IS_BETTER, OUTCOMES
 from fast.models.units import spell_name
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
@@ -19,7 +19,7 @@ from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.settings import ScientistSettings
 from fast.tasks.scientist.criteria import list_outcomes
 
-_DIGITS = {"mean_work_j": 3, "mass_g": 1}
+_DIGITS = {"mean_work_j": 3, "mass_g": 1, "pressure_kpa": 0}
 _MOST_ROWS = 15  # of the table; the rest is in the CSV
 
 
@@ -73,7 +73,8 @@ def describe_outcome(name: str) -> str:
 
 
 def _say(scientist: ScientistSettings, rows: Sequence[Mapping[str, Any]], front: Sequence[Mapping[str, Any]]) -> str:
-    wanted = " and ".join(("low " if name in KNOWN else "high ") + spell_name(name) for name in scientist.objectives)
+    sides = {name: "low" if name in LESS_IS_BETTER else "high" for name in scientist.objectives}
+    wanted = " and ".join(f"{side} {spell_name(name)}" for name, side in sides.items())
     limits = [f"{spell_name(name, with_unit=True)} at least {value:g}" for name, value in scientist.at_least.items()]
     limits += [f"{spell_name(name, with_unit=True)} at most {value:g}" for name, value in scientist.at_most.items()]
     n_good = sum(bool(row["keeps_limits"]) for row in rows)

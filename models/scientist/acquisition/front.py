@@ -23,27 +23,37 @@ _MARGIN = 0.1  # of the competitors' range, by which the reference point lies be
 
 @dataclass(frozen=True)
 class Criterion:
-    """An outcome that counts: by a surrogate, or by a function of the points (m x d -> m); more is better.
+    """An outcome that counts: by a surrogate, or by a function of the points (m x d -> m).
 
-    is_objective: it is maximised. at_least: a design below it counts for nothing; None: no limit.
+    is_objective: it is maximised, or minimised where less is better. limit: a design below it, or above it where less
+    is better, counts for nothing; None: no limit.
     """
 
     model: Surrogate | None
     known: Callable[[np.ndarray], np.ndarray] | None = None
     is_objective: bool = False
-    at_least: float | None = None
+    limit: float | None = None
+    less_is_better: bool = False
+
+    @property
+    def at_least(self) -> float | None:
+        """The limit on what `draw` returns."""
+        return -self.limit if self.less_is_better and self.limit is not None else self.limit
 
     def draw(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Outcomes on N_PATHS paths, m x N_PATHS, in the units of the limit."""
+        """Outcomes on N_PATHS paths, m x N_PATHS, with their sign turned where less is better."""
+        sign = -1.0 if self.less_is_better else 1.0
         if self.model is None:
             assert self.known is not None
-            return np.repeat(self.known(points)[:, None], N_PATHS, axis=1)
-        return self.model.data.force_n(real_paths(self.model, points, N_PATHS, rng))
+            return np.repeat(sign * self.known(points)[:, None], N_PATHS, axis=1)
+        return sign * self.model.data.force_n(real_paths(self.model, points, N_PATHS, rng))
 
 
 def select_by_hypervolume(
     criteria: Sequence[Criterion],
+    surrogate: Surrogate,
     points: np.ndarray,
+    fidelity: int,
     n: int,
     pending: np.ndarray,
     spacing: Spacing,
@@ -51,11 +61,12 @@ def select_by_hypervolume(
 ) -> list[tuple[int, float]]:
     """Up to n rows of `points` (m x d), greedily by mean hypervolume improvement over measured, pending and chosen.
 
-    pending: p x (d + 1), those of fidelity 1 count. Returns (row, improvement) in the order of choice, the improvement
-    as a share of the area that the range of the competitors spans; fewer than n when spacing leaves no more candidates.
+    surrogate: its data tell what was measured. fidelity: must be 1. pending: p x (d + 1), those of fidelity 1 count.
+    Returns (row, improvement) in the order of choice, the improvement as a share of the area that the range of the
+    competitors spans; fewer than n when spacing leaves no more candidates.
     """
-    model = next(one.model for one in criteria if one.model is not None)
-    competitors = np.concatenate([model.data.x[model.data.s == REAL], pending[pending[:, -1] == REAL, :-1]])
+    assert fidelity == REAL
+    competitors = np.concatenate([surrogate.data.x[surrogate.data.s == REAL], pending[pending[:, -1] == REAL, :-1]])
     drawn = [one.draw(np.concatenate([points, competitors]), rng) for one in criteria]
     is_good, shortfall = np.ones_like(drawn[0], dtype=bool), np.zeros_like(drawn[0])
     for one, outcome in zip(criteria, drawn, strict=True):

@@ -9,6 +9,7 @@ from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.output.pressure import patch_pressure
 from fast.models.simulation.output.recording import GraspRecording
 from fast.models.simulation.output.surface import section_of, section_outline, skin_of
 
@@ -47,6 +48,38 @@ def test_contact_balances_the_clamp(filmed: tuple[GraspSimulation, GraspRecordin
     assert (SPHERE.mirror_y, closed.mesh.is_half) == (True, True)
     middle = closed.contact_points - np.array([0.0, 0.0, 20.0])
     assert np.einsum("ci,ci->c", middle, closed.contact_normals) == pytest.approx(20.0, abs=0.5)
+
+
+def test_the_largest_pressure_is_that_of_ten_square_millimetres(
+    filmed: tuple[GraspSimulation, GraspRecording],
+) -> None:
+    result, recording = filmed
+    largest_kpa = 0.0
+    for snapshot in recording.of("right"):
+        order = np.argsort(-snapshot.pressure)
+        area_mm2 = np.concatenate([[0.0], np.cumsum(2.0 * snapshot.contact_areas[order])])  # of both halves
+        force_n = np.concatenate([[0.0], np.cumsum((2.0 * snapshot.contact_areas * snapshot.pressure)[order])])
+        largest_kpa = max(largest_kpa, 1e3 * snapshot.scale * np.interp(10.0, area_mm2, force_n) / 10.0)
+    assert result.pressure_kpa == pytest.approx(largest_kpa)
+    assert 50.0 < largest_kpa < 2000.0
+
+
+def test_half_a_finger_presses_as_a_whole_one_and_in_proportion_to_its_modulus(
+    filmed: tuple[GraspSimulation, GraspRecording],
+) -> None:
+    mesh = build_mesh(BEST_PUBLISHED, COARSE.mesh, full_width=True)
+    theta = Theta(young_modulus_mpa=2.0 * COARSE.theta.young_modulus_mpa)
+    stiffer = simulate_grasp(BEST_PUBLISHED, SPHERE, COARSE.model_copy(update={"theta": theta}), mesh=mesh)
+    assert stiffer.pressure_kpa == pytest.approx(2.0 * filmed[0].pressure_kpa, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("pressure", "patch_mm2", "mean"),
+    [([0.0, 0.0], 10.0, 0.0), ([2.0, 4.0], 5.0, 3.6), ([2.0, 4.0], 10.0, 2.4), ([2.0, 4.0], 1.0, 4.0)],
+)
+def test_pressure_is_a_mean_over_what_is_pressed_most(pressure: list[float], patch_mm2: float, mean: float) -> None:
+    areas_mm2 = np.array([4.0, 4.0])
+    assert patch_pressure(np.array(pressure), areas_mm2, patch_mm2) == pytest.approx(mean)
 
 
 def test_a_shifted_object_has_a_finger_on_either_side() -> None:

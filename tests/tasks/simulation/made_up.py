@@ -26,7 +26,7 @@ def append_grasp(campaign, tool, object_id, repeat, peak_force_n, attempt=0, sta
     campaign.lake.append([trace, row], campaign.provenance())
 
 
-def append_simulation(campaign, design, object_id, peak_force_n, version=None):
+def append_simulation(campaign, design, object_id, peak_force_n, version=None, pressure_kpa=None):
     setup, version_id = campaign.config.grasp, (version or campaign.version).version_id
     row = SimulationRow(
         simulation_id=SimulationRow.make_id(design.design_id, object_id, version_id, setup.setup_id),
@@ -37,5 +37,6 @@ def append_simulation(campaign, design, object_id, peak_force_n, version=None):
         setup_json=canonical_json(setup.model_dump()),
         status="failed" if peak_force_n is None else "ok",
         peak_force_n=peak_force_n,
+        pressure_kpa=pressure_kpa,
     )
     campaign.lake.append([row], campaign.provenance())

@@ -13,7 +13,7 @@ import numpy as np
 
 from fast.models.design.printability import estimate_mass_g
 from fast.models.records import Design
-from fast.models.scientist.surrogate.imputation import mean_over_objects
+from fast.models.scientist.surrogate.imputation import fill_objects
 
 # Which quantile over the objects counts; a tool holds a tenth of the objects with less than its `low_peak_n`.
 _QUANTILES = {"worst": 0.0, "low": 0.1, "largest": 1.0}
@@ -35,18 +35,14 @@ class Outcome:
     def over_objects(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The outcome of each design, and the extra variance that its missing objects cause.
 
-        values: n designs x n_objects, NaN where missing; no design may miss all. Missing values are imputed as the
-        paper does (`imputation.mean_over_objects`). Where one of the objects decides, one that is missing counts with
-        its whole variance.
+        values: n designs x n_objects, NaN where missing; no design may miss all. Missing values are predicted from the
+        other objects (`surrogate.imputation`). Where one of the objects decides, it may be one that is missing, so the
+        largest of their variances counts.
         """
-        mean, variance = mean_over_objects(values)
+        filled = fill_objects(values)
         if self.how == "mean":
-            return mean, variance
-        seen = values[:, np.isfinite(values).any(axis=0)]
-        missing = ~np.isfinite(seen)
-        filled = np.where(missing, np.nanmean(seen, axis=0), seen)
-        result = np.quantile(filled, _QUANTILES[self.how], axis=1)
-        return result, variance * seen.shape[1] ** 2 / np.maximum(missing.sum(axis=1), 1)
+            return filled.values.mean(axis=1), filled.mean_variance
+        return np.quantile(filled.values, _QUANTILES[self.how], axis=1), filled.variance.max(axis=1)
 
 
 OUTCOMES: Mapping[str, Outcome] = {

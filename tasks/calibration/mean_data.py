@@ -213,13 +213,13 @@ def plan_hypercube(plan: HypercubePlan, base: SimulatorVersion, measured: Measur
 def make_problem(
     measured: MeasuredTools, simulated: SimulatedPoints, base: SimulatorVersion, print_scatter: float = 0.0
 ) -> CalibrationProblem:
-    """Means over the objects, with the paper's rule for missing ones.
+    """Means over the objects, missing ones predicted from the others.
 
     `print_scatter`, relative, adds to the variance of a measured mean what the stiffness of prints scatters: force is
     proportional to it, so the strongest tools are the least certain.
 
-    Where forces scale with Young's modulus, simulated ones are imputed in N per MPa: over designs of 2 to 200 MPa, the
-    mean force of an object says little of a missing one.
+    Where forces scale with Young's modulus, simulated ones are filled in N per MPa: over designs of 2 to 200 MPa,
+    what objects have in common would be their modulus alone.
 
     Raises:
         UsageError: there is too little to learn from.

@@ -191,7 +191,7 @@ def plan_verification(lake: Lake, data: MeanData, row: CalibrationRow) -> Simula
 def verify(lake: Lake, data: MeanData, row: CalibrationRow, plan: SimulationPlan) -> CalibrationRow:
     """Score the simulated held-out designs, once the plan is simulated; the row with the scores replaces the old one.
 
-    Objects that failed are imputed by the paper's rule.
+    Objects that failed are predicted from the others.
     """
     versions = list(dict.fromkeys(version.version_id for _, version in plan.points))
     before, after = (_score(lake, data, plan, version_id) for version_id in versions)

@@ -48,7 +48,7 @@ def observe(
     """Observations of the closed `batches` and of all designs of the campaign that are simulated on every object.
 
     A measured tool counts as the finger that was printed, with its thicknesses as measured, not as the one that was
-    asked for. Objects without a value (given up on the bench, failed in simulation) are imputed by the paper's rule.
+    asked for. Objects without a value (given up on the bench, failed in simulation) are predicted from the others.
     Simulations of an older simulator version are scaled, mapped or left out, never taken as they are. Tools of prior
     campaigns are fidelities of their own, 2 and up, of mean peak forces alone. `outcome`: what `y` is; of one that is
     simulated alone, simulations stand in the place of measurements.

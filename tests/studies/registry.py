@@ -15,6 +15,7 @@ from tests.studies.platform.day import measure_day
 from tests.studies.scientist.lab_bounds import measure_lab_bounds
 from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.scientist.landscape_bank import measure_landscape_bank
+from tests.studies.scientist.object_models import measure_object_models
 from tests.studies.scientist.peers import measure_scientist_peers
 from tests.studies.scientist.prior import measure_prior
 from tests.studies.simulation.branches import measure_branches
@@ -43,6 +44,7 @@ STUDIES: dict[str, Benchmark] = {
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
     "scientist-peers": benchmark(measure_scientist_peers, "limit_minutes", "figure"),
     "prior": benchmark(measure_prior),
+    "object-models": benchmark(measure_object_models, "results", "worlds"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "landscape-bank": benchmark(measure_landscape_bank, "results", "limit_minutes"),
     "lab-bounds": benchmark(measure_lab_bounds),

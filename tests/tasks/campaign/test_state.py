@@ -86,7 +86,7 @@ def test_a_failed_simulation_is_imputed_with_variance(measured):
     data = observe(measured, measured.state(), [1])
     imputed = data.noise_variance > 0
     assert imputed.sum() == 1
-    assert data.y[imputed] == pytest.approx([(9.0 + 12.5) / 2])
+    assert 9.0 < data.y[imputed] < (9.0 + 12.5) / 2  # its other object is the weakest, so the failed one would be
 
 
 def test_a_design_that_failed_on_every_object_is_left_out(measured):

@@ -32,6 +32,11 @@ class Outcome:
     about: str
     is_simulated: bool = False
 
+    @property
+    def is_of_one_object(self) -> bool:
+        """Whether single objects decide it, and not their mean."""
+        return self.how != "mean"
+
     def over_objects(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The outcome of each design, and the extra variance that its missing objects cause.
 
@@ -40,9 +45,14 @@ class Outcome:
         largest of their variances counts.
         """
         filled = fill_objects(values)
-        if self.how == "mean":
-            return filled.values.mean(axis=1), filled.mean_variance
-        return np.quantile(filled.values, _QUANTILES[self.how], axis=1), filled.variance.max(axis=1)
+        variance = filled.mean_variance if self.how == "mean" else filled.variance.max(axis=1)
+        return self.of_all(filled.values), variance
+
+    def of_all(self, values: np.ndarray) -> np.ndarray:
+        """The outcome of values on all objects, n x n_objects (x any) to n (x any)."""
+        return np.asarray(
+            values.mean(axis=1) if self.how == "mean" else np.quantile(values, _QUANTILES[self.how], axis=1)
+        )
 
 
 OUTCOMES: Mapping[str, Outcome] = {

@@ -167,8 +167,8 @@ def _candidates(
     space: DesignSpace,
 ) -> np.ndarray:
     """Candidates around the incumbents of the surrogate and of every other one that counts, and around all tools."""
-    good = [one.model for one in criteria if one.model is not None and not one.less_is_better]
-    predictors: list[Predictor] = [surrogate, *(model for model in good if model is not surrogate)]
+    others = [one.predictor for one in criteria if one.predictor is not None and one.predictor is not surrogate]
+    predictors: list[Predictor] = [surrogate, *others]
     parts = [candidate_points(model, rng, settings, space) for model in predictors]
     if criteria:  # the front lies between the best of each objective, and what was measured lies along it
         measured = space.snap(surrogate.data.x[surrogate.data.s == REAL])

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from fast.models.scientist.acquisition.front import Criterion, find_front
+from fast.models.scientist.acquisition.candidates import Predictor
+from fast.models.scientist.acquisition.front import Criterion, draw_known, draw_surrogate, find_front
 from fast.models.scientist.objectives import KNOWN, LESS_IS_BETTER, MEAN_PEAK, OUTCOMES, known_of
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState
-from fast.tasks.scientist.fit import fit_outcome
-from fast.tasks.scientist.observe import observe, outcomes_of_tools
+from fast.tasks.scientist.fit import fit_outcome, fit_outcome_by_object
+from fast.tasks.scientist.observe import observe, observe_objects, outcomes_of_tools
 
 
 def make_criteria(
@@ -25,20 +26,24 @@ def make_criteria(
     scientist = campaign.config.scientist
     if not scientist.has_criteria:
         return []
-    batches = list(closed)
-    criteria = []
+    batches, criteria = list(closed), []
     for name in dict.fromkeys([*scientist.objectives, *scientist.at_least, *scientist.at_most]):
         is_less = name in LESS_IS_BETTER
         limit = (scientist.at_most if is_less else scientist.at_least).get(name)
-        model, known = None, None
+        predictor: Predictor | None = None
         if name in KNOWN:
-            known = _make_known(campaign, name)
-        elif name == MEAN_PEAK.name:
-            model = mean_peak
+            draw = draw_known(_make_known(campaign, name))
+        elif OUTCOMES[name].is_of_one_object:
+            known = observe_objects(campaign, state, batches, OUTCOMES[name])
+            objects = predictor = fit_outcome_by_object(campaign, batch, OUTCOMES[name], known)
+            draw = objects.draw
         else:
-            outcome = OUTCOMES[name]
-            model = fit_outcome(campaign, batch, outcome, observe(campaign, state, batches, outcome))
-        criteria.append(Criterion(model, known, name in scientist.objectives, limit, is_less))
+            model = predictor = mean_peak
+            if name != MEAN_PEAK.name:
+                data = observe(campaign, state, batches, OUTCOMES[name])
+                model = predictor = fit_outcome(campaign, batch, OUTCOMES[name], data)
+            draw = draw_surrogate(model)
+        criteria.append(Criterion(draw, None if is_less else predictor, name in scientist.objectives, limit, is_less))
     return criteria
 
 

@@ -5,14 +5,17 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
+import numpy as np
+
 from fast.lake.tables.campaign import FitRow
 from fast.models.blas import one_blas_thread
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json, content_id
+from fast.models.scientist.object_surrogate import ObjectsSurrogate, ObjectValues, fit_objects
 from fast.models.scientist.objectives import Outcome
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior, trust_simulations
 from fast.models.scientist.surrogate.health import health_of
-from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, ObservationSet
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, ObservationSet
 from fast.models.scientist.surrogate.parameters import PriorLink, SurrogateParameters
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
@@ -46,29 +49,56 @@ def fit(campaign: Campaign, batch: int, data: ObservationSet, rows: Sequence[str
 
 
 def fit_outcome(campaign: Campaign, batch: int, outcome: Outcome, data: ObservationSet) -> Surrogate:
-    """Fit another surrogate of another outcome before a batch is chosen, and record the fit with its health.
+    """Fit another surrogate of another mean over the objects before a batch is chosen, and record it with its health.
 
     Raises:
         UsageError: the grasps do not have it.
     """
-    if data.n_real < MIN_OBSERVATIONS and outcome.is_simulated:
-        raise UsageError(
-            f"the objective or limit `{outcome.name}` needs at least {MIN_OBSERVATIONS} designs that are simulated on "
-            f"every object with their pressures, there are {data.n_real} (simulations of earlier versions of FAST and "
-            "imported ones have none); take it out of the config, or start a new campaign."
-        )
-    if data.n_real < MIN_OBSERVATIONS:
-        raise UsageError(
-            f"the objective or limit `{outcome.name}` needs {outcome.column} of at least {MIN_OBSERVATIONS} measured "
-            f"tools, there are {data.n_real} (peaks that were told without samples have no work); take it out of the "
-            "config, or tell traces."
-        )
+    _check_enough(outcome, data.n_real)
     seed = campaign.seed("fit", batch, outcome.name)
     surrogate = fit_surrogate(in_units_of(campaign, data), None, seed=seed)
-    fit_id = content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim, outcome.name])
-    row = _fit_row(campaign, fit_id, batch, surrogate, seed, "tools").model_copy(update={"outcome": outcome.name})
+    row = _outcome_row(campaign, batch, surrogate, seed, outcome.name)
     campaign.lake.append([_with_health(row, surrogate)], campaign.provenance(seed))
     return surrogate
+
+
+def fit_outcome_by_object(campaign: Campaign, batch: int, outcome: Outcome, known: ObjectValues) -> ObjectsSurrogate:
+    """Fit a surrogate of an outcome that one of the objects decides, and record those of its components.
+
+    Raises:
+        UsageError: the grasps do not have it.
+    """
+    _check_enough(outcome, int(np.count_nonzero(known.s == REAL)))
+    seed = campaign.seed("fit", batch, outcome.name)
+    objects = fit_objects(known, outcome.of_all, seed)
+    rows = [
+        _outcome_row(campaign, batch, part, seed, f"{outcome.name}, component {number}")
+        for number, part in enumerate(objects.parts, start=1)
+    ]
+    campaign.lake.append(rows, campaign.provenance(seed))
+    return objects
+
+
+def _check_enough(outcome: Outcome, n: int) -> None:
+    if n >= MIN_OBSERVATIONS:
+        return
+    if outcome.is_simulated:
+        raise UsageError(
+            f"the objective or limit `{outcome.name}` needs at least {MIN_OBSERVATIONS} designs that are simulated on "
+            f"every object with their pressures, there are {n} (simulations of earlier versions of FAST and imported "
+            "ones have none); take it out of the config, or start a new campaign."
+        )
+    raise UsageError(
+        f"the objective or limit `{outcome.name}` needs {outcome.column} of at least {MIN_OBSERVATIONS} measured "
+        f"tools, there are {n} (peaks that were told without samples have no work); take it out of the config, or tell "
+        "traces."
+    )
+
+
+def _outcome_row(campaign: Campaign, batch: int, surrogate: Surrogate, seed: int, outcome: str) -> FitRow:
+    data = surrogate.data
+    fit_id = content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim, outcome])
+    return _fit_row(campaign, fit_id, batch, surrogate, seed, "tools").model_copy(update={"outcome": outcome})
 
 
 def in_units_of(campaign: Campaign, data: ObservationSet) -> ObservationSet:

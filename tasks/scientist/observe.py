@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fast.models.records import Design, SimulatorVersion
+from fast.models.scientist.object_surrogate import ObjectValues
 from fast.models.scientist.objectives import MEAN_PEAK, Outcome
 from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
@@ -50,22 +51,16 @@ def observe(
     A measured tool counts as the finger that was printed, with its thicknesses as measured, not as the one that was
     asked for. Objects without a value (given up on the bench, failed in simulation) are predicted from the others.
     Simulations of an older simulator version are scaled, mapped or left out, never taken as they are. Tools of prior
-    campaigns are fidelities of their own, 2 and up, of mean peak forces alone. `outcome`: what `y` is; of one that is
-    simulated alone, simulations stand in the place of measurements.
+    campaigns are fidelities of their own, 2 and up, of mean peak forces alone. `outcome`: what `y` is.
     """
     tools, designs = _measured_tools(state, batches), _simulated_designs(campaign, state)
     point_of = {t.tool_id: t.mounted_point(campaign.space) for t in tools} | dict(
         zip(designs, campaign.space.to_unit(list(designs.values())), strict=True)
     )
-    measured, simulated_as = NO_MEANS, REAL
-    if not outcome.is_simulated:
-        measured, simulated_as = (
-            _means([t.tool_id for t in tools], _tool_forces(campaign, tools, outcome), outcome),
-            SIM,
-        )
+    measured = _means([t.tool_id for t in tools], _tool_forces(campaign, tools, outcome), outcome)
     simulated = _simulated_means(campaign, state, designs, outcome)
     older = [part.means for part in _older(campaign, designs, simulated, outcome)]
-    parts = [(REAL, measured), *((simulated_as, means) for means in (simulated, *older))]
+    parts = [(REAL, measured), *((SIM, means) for means in (simulated, *older))]
     prior = read_prior(campaign) if outcome is MEAN_PEAK else []
     own_x = np.array([point_of[i] for _, means in parts for i in means.ids]).reshape(-1, campaign.space.n_dims)
     sizes = [(fidelity, len(means.ids)) for fidelity, means in parts]
@@ -76,6 +71,26 @@ def observe(
         y=np.concatenate([*(means.y for _, means in parts), *(one.mean_n for one in prior)]),
         noise_variance=np.concatenate([*(means.variance for _, means in parts), *(one.variance_n2 for one in prior)]),
     )
+
+
+def observe_objects(campaign: Campaign, state: CampaignState, batches: Iterable[int], outcome: Outcome) -> ObjectValues:
+    """The values of `outcome` on every object: of measured tools, and of what the present simulator has done.
+
+    Of an outcome that is simulated alone, simulations stand in the place of measurements.
+    """
+    tools, designs = _measured_tools(state, batches), _simulated_designs(campaign, state)
+    complete = _complete(campaign, state, designs)
+    points = campaign.space.to_unit([designs[design_id] for design_id in complete])
+    values = _simulated_forces(campaign, campaign.version, complete, outcome)
+    s = np.full(len(values), SIM)
+    if outcome.is_simulated:
+        s[:] = REAL
+    else:
+        points = np.concatenate([points, *(tool.mounted_point(campaign.space)[None] for tool in tools)])
+        values = np.concatenate([values, _tool_forces(campaign, tools, outcome)])
+        s = np.concatenate([s, np.full(len(tools), REAL)])
+    has_value = np.isfinite(values).any(axis=1)
+    return ObjectValues(points[has_value], s[has_value], values[has_value])
 
 
 def _simulated_designs(campaign: Campaign, state: CampaignState) -> dict[str, Design]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.candidates import Predictor, Spacing
 from fast.models.scientist.acquisition.paths import real_paths
 from fast.models.scientist.surrogate.observations import REAL
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -21,32 +21,43 @@ _TIE = 1e-6  # weight of a missed limit beside a gain
 _MARGIN = 0.1  # of the competitors' range, by which the reference point lies below their worst
 
 
+# Points (m x d), number n and generator to outcomes on n joint paths, m x n.
+Draw = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
+
+
+def draw_known(known: Callable[[np.ndarray], np.ndarray]) -> Draw:
+    """The draws of what follows from the design alone (m x d -> m): all alike."""
+    return lambda points, n, _: np.repeat(known(points)[:, None], n, axis=1)
+
+
+def draw_surrogate(model: Surrogate) -> Draw:
+    """The draws of a surrogate, in the units of the outcome."""
+    return lambda points, n, rng: model.data.force_n(real_paths(model, points, n, rng))
+
+
 @dataclass(frozen=True)
 class Criterion:
-    """An outcome that counts: by a surrogate, or by a function of the points (m x d -> m).
+    """An outcome that counts.
 
-    is_objective: it is maximised, or minimised where less is better. limit: a design below it, or above it where less
-    is better, counts for nothing; None: no limit.
+    draw: see `Draw`. predictor: where the outcome is likely to be large, for candidates; None: they need not look
+    there. is_objective: it is maximised, or minimised where less is better. limit: a design below it, or above it where
+    less is better, counts for nothing; None: no limit.
     """
 
-    model: Surrogate | None
-    known: Callable[[np.ndarray], np.ndarray] | None = None
+    draw: Draw
+    predictor: Predictor | None = None
     is_objective: bool = False
     limit: float | None = None
     less_is_better: bool = False
 
     @property
     def at_least(self) -> float | None:
-        """The limit on what `draw` returns."""
+        """The limit on what `paths` returns."""
         return -self.limit if self.less_is_better and self.limit is not None else self.limit
 
-    def draw(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def paths(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Outcomes on N_PATHS paths, m x N_PATHS, with their sign turned where less is better."""
-        sign = -1.0 if self.less_is_better else 1.0
-        if self.model is None:
-            assert self.known is not None
-            return np.repeat(sign * self.known(points)[:, None], N_PATHS, axis=1)
-        return sign * self.model.data.force_n(real_paths(self.model, points, N_PATHS, rng))
+        return (-1.0 if self.less_is_better else 1.0) * self.draw(points, N_PATHS, rng)
 
 
 def select_by_hypervolume(
@@ -67,7 +78,7 @@ def select_by_hypervolume(
     """
     assert fidelity == REAL
     competitors = np.concatenate([surrogate.data.x[surrogate.data.s == REAL], pending[pending[:, -1] == REAL, :-1]])
-    drawn = [one.draw(np.concatenate([points, competitors]), rng) for one in criteria]
+    drawn = [one.paths(np.concatenate([points, competitors]), rng) for one in criteria]
     is_good, shortfall = np.ones_like(drawn[0], dtype=bool), np.zeros_like(drawn[0])
     for one, outcome in zip(criteria, drawn, strict=True):
         if one.at_least is not None:

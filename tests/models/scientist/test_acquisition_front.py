@@ -5,7 +5,14 @@ import pytest
 
 from fast.models.design.space import random_unit
 from fast.models.scientist.acquisition.candidates import Spacing
-from fast.models.scientist.acquisition.front import Criterion, _gains, find_front, select_by_hypervolume
+from fast.models.scientist.acquisition.front import (
+    Criterion,
+    _gains,
+    draw_known,
+    draw_surrogate,
+    find_front,
+    select_by_hypervolume,
+)
 from fast.models.scientist.objectives import OUTCOMES
 from fast.models.scientist.propose import NO_PENDING, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate
@@ -49,31 +56,37 @@ def hill(column, n=40, seed=0) -> Surrogate:
     return fit_surrogate(ObservationSet(x, np.full(n, REAL), 10.0 * x[:, column], np.zeros(n)))
 
 
+def learnt(model: Surrogate) -> Criterion:
+    return Criterion(draw_surrogate(model), model, is_objective=True)
+
+
+def limit_on(model: Surrogate, limit: float, less_is_better: bool = False) -> Criterion:
+    return Criterion(draw_surrogate(model), None, limit=limit, less_is_better=less_is_better)
+
+
 def choose(criteria, n=4, points=None):
     points = random_unit(300, np.random.default_rng(5)) if points is None else points
     rows = select_by_hypervolume(
-        criteria, criteria[0].model, points, REAL, n, NO_PENDING, NOWHERE, np.random.default_rng(1)
+        criteria, criteria[0].predictor, points, REAL, n, NO_PENDING, NOWHERE, np.random.default_rng(1)
     )
     return points[[row for row, _ in rows]]
 
 
 def test_two_objectives_that_conflict_are_spread_along_the_front():
-    first, against = hill(0), Criterion(None, lambda x: x[:, 0] - x[:, 1], is_objective=True, less_is_better=True)
-    chosen = choose([Criterion(first, is_objective=True), against], n=6)
+    against = Criterion(draw_known(lambda x: x[:, 0] - x[:, 1]), is_objective=True, less_is_better=True)
+    chosen = choose([learnt(hill(0)), against], n=6)
     assert chosen[:, 1].mean() > 0.75  # what both want
     assert np.ptp(chosen[:, 0]) > 0.4  # what they disagree about
 
 
 def test_a_limit_on_another_outcome_is_kept():
-    limited = Criterion(hill(3, seed=2), limit=7.0)
-    chosen = choose([Criterion(hill(0), is_objective=True), limited])
+    chosen = choose([learnt(hill(0)), limit_on(hill(3, seed=2), 7.0)])
     assert (chosen[:, 3] > 0.6).all()
     assert chosen[:, 0].mean() > 0.6
 
 
 def test_an_upper_limit_is_kept():
-    limited = Criterion(hill(3, seed=2), limit=3.0, less_is_better=True)
-    chosen = choose([Criterion(hill(0), is_objective=True), limited])
+    chosen = choose([learnt(hill(0)), limit_on(hill(3, seed=2), 3.0, less_is_better=True)])
     assert (chosen[:, 3] < 0.4).all()
     assert chosen[:, 0].mean() > 0.6
 
@@ -81,15 +94,15 @@ def test_an_upper_limit_is_kept():
 def test_where_nothing_keeps_a_limit_what_misses_it_least_is_tried():
     points = random_unit(200, np.random.default_rng(3))
     points[:, 3] *= 0.5
-    chosen = choose([Criterion(hill(0), is_objective=True), Criterion(hill(3, seed=2), limit=50.0)], 3, points)
+    chosen = choose([learnt(hill(0)), limit_on(hill(3, seed=2), 50.0)], 3, points)
     assert (chosen[:, 3] > 0.4).all()
 
 
 def test_proposals_by_criteria_are_apart_and_printable():
     model = hill(0)
     criteria = [
-        Criterion(model, is_objective=True),
-        Criterion(None, lambda x: x[:, 1], True, None, less_is_better=True),
+        learnt(model),
+        Criterion(draw_known(lambda x: x[:, 1]), is_objective=True, less_is_better=True),
     ]
     proposals = propose(model, 1, 5, NO_PENDING, np.random.default_rng(0), criteria=criteria)
     again = propose(model, 1, 5, NO_PENDING, np.random.default_rng(0), criteria=criteria)

@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fast.lake.tables.campaign import FitRow
 from fast.models.errors import UsageError
 from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.settings import ScientistSettings
 from fast.tasks.scientist.criteria import list_outcomes, make_criteria
 from fast.tasks.scientist.fit import fit
-from fast.tasks.scientist.observe import observe
+from fast.tasks.scientist.observe import observe, proposed_designs
 from tests.tasks.campaign.small_campaign import begun, small_campaign
 from tests.tasks.simulation.made_up import append_simulation
 
@@ -45,11 +47,12 @@ def test_a_limit_on_the_pressure_is_learnt_from_simulations(campaign: Campaign) 
     force, pressure = criteria_of(campaign)
     assert (force.is_objective, force.less_is_better, pressure.is_objective) == (True, False, False)
     assert (pressure.less_is_better, pressure.limit, pressure.at_least) == (True, 300.0, -300.0)
-    assert pressure.model is not None
-    data = pressure.model.data
-    assert sorted(data.force_n(data.y)) == pytest.approx(sorted(largest.values()))
-    drawn = pressure.draw(data.x, np.random.default_rng(0))
-    assert np.corrcoef(drawn.mean(axis=1), data.y)[0, 1] < -0.5  # the sign is turned: less is better
+    assert pressure.predictor is None  # nobody has to look where it is large
+    designs = {design.design_id: design for design in proposed_designs(campaign.state()).values()}
+    x = campaign.space.to_unit([designs[design_id] for design_id in largest])
+    drawn = pressure.draw(x, 200, np.random.default_rng(0))
+    assert np.median(drawn, axis=1) == pytest.approx(list(largest.values()), rel=0.15)
+    assert (pressure.paths(x, np.random.default_rng(0)) < 0).all()
 
 
 def test_tools_are_listed_with_the_pressure_of_their_design(campaign: Campaign) -> None:
@@ -71,5 +74,21 @@ def test_simulations_without_pressures_are_left_out(campaign: Campaign) -> None:
     design = campaign.state().simulations[0].design
     for object_id in campaign.object_ids:
         append_simulation(campaign, design, object_id, 5.0)
-    _, pressure = criteria_of(campaign)
-    assert len(pressure.model.data) == 7
+    criteria_of(campaign)
+    fits = [row for row in campaign.lake.records(FitRow) if row.outcome is not None]
+    assert {(row.n_real, row.n_sim) for row in fits} == {(7, 0)}
+
+
+def test_the_worst_object_is_learnt_from_the_forces_on_all(campaign: Campaign) -> None:
+    config = campaign.config.model_copy(
+        update={"scientist": ScientistSettings(objectives=("mean_peak_n",), at_least={"worst_peak_n": 12.0})}
+    )
+    criteria = criteria_of(Campaign(campaign.lake, config))
+    fits = [row for row in campaign.lake.records(FitRow) if row.outcome is not None]
+    assert {row.outcome for row in fits} == {"worst_peak_n, component 1", "worst_peak_n, component 2"}  # two objects
+    assert {(row.n_real, row.n_sim, row.is_log) for row in fits} == {(4, 8, False)}
+    tools = campaign.state().tools
+    drawn = criteria[1].draw(campaign.space.to_unit([t.design for t in tools]), 200, np.random.default_rng(0))
+    assert np.median(drawn, axis=1) == pytest.approx([14.0, 15.0, 16.0, 17.0], abs=1.5)
+    assert criteria[1].predictor is not None
+    assert criteria[1].predictor.data.y[-4:] == pytest.approx([14.0, 15.0, 16.0, 17.0])

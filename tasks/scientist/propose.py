@@ -16,7 +16,7 @@ from fast.models.scientist.acquisition.front import Criterion
 from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
 from fast.models.scientist.propose import RANDOM, Constraint, propose
 from fast.models.scientist.propose import Proposal as ProposedDesign
-from fast.models.scientist.surrogate.observations import ObservationSet
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.own_designs import OWN
@@ -159,7 +159,7 @@ def propose_tools(
     own = [one.design for one in campaign.own_designs.get(batch, ())]
     # Tools of one's own hang in the batch whatever is chosen, so the others are chosen given them.
     pending = np.vstack(
-        [pending_points(campaign, state), np.column_stack([campaign.space.to_unit(own), np.ones(len(own))])]
+        [pending_points(campaign, state, REAL), np.column_stack([campaign.space.to_unit(own), np.ones(len(own))])]
     )
     n_tools = campaign.config.schedule.tools_of(batch) - len(own)
     model: Surrogate | OwnSurrogate = surrogate
@@ -198,7 +198,7 @@ def propose_simulation(
     """One more design for the simulator, given what is simulated, printed and measured right now."""
     seed = campaign.seed("simulation", batch, index)
     scientist = campaign.config.scientist
-    pending = pending_points(campaign, state)
+    pending = pending_points(campaign, state, SIM)
     proposal = propose(
         surrogate,
         0,
@@ -222,11 +222,12 @@ def constraint_of(campaign: Campaign) -> Constraint | None:
     return None if name is None else load_constraint(name)
 
 
-def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
+def pending_points(campaign: Campaign, state: CampaignState, fidelity: int) -> np.ndarray:
     """Designs of which an outcome is still to come as points (x, s), m x (d + 1): s is 1 for tools, 0 for simulations.
 
     Tools of a batch that is not closed are not learned from yet, measured or not. A design that the simulator could do
-    on no object counts too: its outcome stays unknown, and its surroundings promise no more than a pending one's.
+    on no object has no outcome to come. Where simulations are chosen (`fidelity` 0) it counts all the same: simulations
+    around it promise no more than those around a pending one. Tools around it may well be measured.
     """
     closed = set(closed_batches(campaign, state))
     tools = [t.design for t in state.tools if t.batch not in closed and state.confirmed.get(t.tool_id) != "rejected"]
@@ -234,11 +235,11 @@ def pending_points(campaign: Campaign, state: CampaignState) -> np.ndarray:
     simulations = [
         design
         for design in simulated_designs(campaign, state)
-        if not (objects <= state.ever_simulated(design.design_id) and design.design_id in state.fruitful)
+        if not objects <= state.ever_simulated(design.design_id)
+        or (fidelity == SIM and design.design_id not in state.fruitful)
     ]
     points = np.vstack([campaign.space.to_unit(tools), campaign.space.to_unit(simulations)])
-    fidelity = np.concatenate([np.ones(len(tools)), np.zeros(len(simulations))])
-    return np.column_stack([points, fidelity])
+    return np.column_stack([points, np.repeat([REAL, SIM], [len(tools), len(simulations)])])
 
 
 def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:

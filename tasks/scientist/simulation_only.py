@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from fast.models.scientist.propose import Proposal, propose
-from fast.models.scientist.surrogate.observations import REAL
+from fast.models.scientist.surrogate.observations import REAL, SIM
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState
@@ -31,7 +31,7 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
     surrogate, fit_id = surrogate_for_simulation(
         campaign, batch, index, data, lambda: observed_rows(campaign, state, ())
     )
-    pending = pending_points(campaign, state)
+    pending = pending_points(campaign, state, SIM)
     pending[:, -1] = REAL
     proposal = propose(
         as_target(surrogate),

@@ -42,7 +42,7 @@ def mean_over_objects(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         >>> mean, variance = mean_over_objects(np.array([[1.0, 4.0], [3.0, np.nan], [2.0, 6.0], [4.0, 10.0]]))
         >>> mean[[0, 2, 3]].tolist(), variance[[0, 2, 3]].tolist()
         ([2.5, 4.0, 7.0], [0.0, 0.0, 0.0])
-        >>> 5.0 < mean[1] < 6.0 and variance[1] > 0.0
+        >>> bool(5.0 < mean[1] < 6.0 and variance[1] > 0.0)
         True
     """
     filled = fill_objects(values)

@@ -1,10 +1,15 @@
 """Objects without a result are predicted from the other objects of the design."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from fast.models.errors import UsageError
 from fast.models.scientist.surrogate.imputation import fill_objects, mean_over_objects
+
+FORCES = Path(__file__).resolve().parents[3] / "docs" / "benchmarks" / "object-forces.json"
 
 
 def test_nothing_missing_is_the_plain_mean():
@@ -38,23 +43,23 @@ def test_a_gap_is_filled_by_what_goes_with_the_objects_that_are_there():
 
 @pytest.mark.parametrize(("n", "share"), [(20, 0.1), (40, 0.35), (100, 0.6)])
 def test_the_variance_is_the_real_error_of_what_is_filled(n: int, share: float) -> None:
-    """Fingers that are strong or weak on all objects by a factor, with scatter: 90 % intervals hold nearly as often."""
+    """On simulated forces of random designs, and that the paper's rule is further off."""
+    forces_n = np.array(json.loads(FORCES.read_text())["peaks_n"])
     held, errors, plain = [], [], []
-    for seed in range(30):
+    for seed in range(20):
         rng = np.random.default_rng([n, seed])
-        values = (
-            np.exp(0.5 * rng.normal(size=(n, 1))) * np.linspace(3, 14, 12) * np.exp(0.15 * rng.normal(size=(n, 12)))
-        )
+        values = rng.permutation(forces_n)[:n]
         holed = np.where(rng.random(values.shape) < share, np.nan, values)
-        holed, values = holed[np.isfinite(holed).any(axis=1)], values[np.isfinite(holed).any(axis=1)]
+        usable = np.isfinite(holed).any(axis=1)
+        holed, values = holed[usable], values[usable]
         mean, variance = mean_over_objects(holed)
         gaps = np.isnan(holed).any(axis=1)
         errors.append((mean - values.mean(axis=1))[gaps])
         held.append(np.abs(errors[-1]) < 1.645 * np.sqrt(variance[gaps]))
         paper = np.where(np.isnan(holed), np.nanmean(holed, axis=0), holed).mean(axis=1)
         plain.append((paper - values.mean(axis=1))[gaps])
-    assert 0.8 < np.concatenate(held).mean() < 0.98
-    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.5 * np.sqrt(np.mean(np.concatenate(plain) ** 2))
+    assert 0.85 < np.concatenate(held).mean() < 0.98
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.4 * np.sqrt(np.mean(np.concatenate(plain) ** 2))
 
 
 def test_scale_and_shift_of_an_object_change_nothing():

@@ -163,8 +163,7 @@ def _race(forces: Forces, model: Model, world: int) -> float:
     measured_n = forces.measure(np.array(taken), rng)
     for _ in range(N_ROUNDS):
         x = forces.x[taken]
-        draw = model(x, measured_n)
-        criterion = Criterion(lambda points, n, rng, draw=draw: draw(points, n, rng).mean(axis=1), is_objective=True)
+        criterion = Criterion(_mean_of(model(x, measured_n)), is_objective=True)
         spacing = Spacing(x, np.zeros((0, x.shape[1])), 0.0)
         chosen = select_by_hypervolume(
             [criterion], _fit(x, measured_n.mean(axis=1)), forces.x, REAL, PER_ROUND, NO_PENDING, spacing, rng
@@ -174,6 +173,10 @@ def _race(forces: Forces, model: Model, world: int) -> float:
         measured_n = np.concatenate([measured_n, forces.measure(np.array(new), rng)])
         regret += float(true_n.max() - true_n[taken].max()) / N_ROUNDS
     return regret
+
+
+def _mean_of(draw: Draw) -> Draw:
+    return lambda points, n, rng: draw(points, n, rng).mean(axis=1)
 
 
 def take_paper_means(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -110,6 +110,7 @@ def calibrate(
     from fast.flows.cli.live import open_reporter
     from fast.models.calibration.inference.settings import CalibrationSettings
     from fast.models.validation import load_record
+    from fast.tasks.calibration.means import OF_IMPORTED
 
     settings = load_record(CalibrationSettings, asdict(sampling), "fast calibrate")
     plan = _hypercube_plan(compared, sampling.seed)
@@ -120,7 +121,7 @@ def calibrate(
         outcome = run_calibration(found, order, reporter)
     page = str(write_page(found, outcome, out)) if out is not None else None
     show(_data(outcome) | {"report": page}, _text(outcome, page), json)
-    if outcome.row.version_id is None:
+    if outcome.row.version_id is None and outcome.row.reason != OF_IMPORTED:
         sys.exit(1)
 
 

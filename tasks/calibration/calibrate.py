@@ -156,7 +156,7 @@ def infer(
         warnings=(*data.warnings, *result.warnings, *drift),
         cpu_s=result.cpu_s,
     )
-    if version is not None and data.held_back:
+    if data.held_back and not row.reason:
         row = row.model_copy(update={"status": "failed", "reason": data.held_back})
     lake.append([row], _with_parents(provenance, data.parents))
     return row, result

@@ -2,8 +2,8 @@
 
 import tomllib
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from fast.models.calibration.means.problem import MIN_DESIGNS, MIN_SIMULATIONS, 
 from fast.models.design.space import FIN_RAYS, to_unit
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
-from fast.models.records import Design, GraspSetup, SimulatorVersion
+from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta
 from fast.models.scientist.surrogate.imputation import mean_over_objects
 from fast.models.simulation.effects.scaling import scales_with_modulus
 from fast.models.validation import closest, load_record
@@ -56,12 +56,16 @@ class MeasuredTools:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedPoints:
-    """Designs simulated at thetas of their own. points: n x 9. theta: n x 3. forces_n: n x n_objects, NaN if failed."""
+    """Designs simulated at thetas of their own. points: n x 9. theta: n x 3. forces_n: n x n_objects, NaN if failed.
+
+    is_imported: by another lab's simulator, of which only theta is known.
+    """
 
     points: np.ndarray
     theta: np.ndarray
     forces_n: np.ndarray
     simulation_ids: tuple[str, ...]
+    is_imported: bool = False
 
 
 def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[str] | None = None) -> MeasuredTools:
@@ -156,29 +160,41 @@ def read_simulated_points(
     Versions that somebody believes in (campaigns consult them, calibrations found them) are left out: what is simulated
     with them grows with every calibration. So are those of the grid of a calibration on traces and of the bank of a gap
     search, which are measured designs at a dozen thetas, and designs that miss an object, and those that failed on all.
+    Without any of this family, simulations that were imported with their theta count.
 
     Raises:
         TooLittleDataError: there are none.
     """
-    versions = _drawn_versions(lake, base)
+    own = {version_id: version.theta for version_id, version in _drawn_versions(lake, base).items()}
+    if found := _read_points(lake, own, measured, only):
+        return found
+    if found := _read_points(lake, _imported_thetas(lake), measured, only):
+        return replace(found, is_imported=True)
+    raise TooLittleDataError(_nothing_simulated(lake, base, measured))
+
+
+def _read_points(
+    lake: Lake, thetas: Mapping[str, Theta], measured: MeasuredTools, only: Collection[str] | None
+) -> SimulatedPoints | None:
+    """Designs simulated on all measured objects by these versions; None if there are none."""
     sql = f"""SELECT simulation_id, version_id || '/' || design_id, design_id, version_id, object_id,
             CASE WHEN status = 'ok' THEN peak_force_n END FROM simulations
         WHERE setup_id = ? AND object_id IN ({", ".join(map(str, measured.object_ids))})
         ORDER BY version_id, design_id, object_id"""
-    rows = [row for row in tuples(lake, sql, measured.setup.setup_id) if row[3] in versions]
+    rows = [row for row in tuples(lake, sql, measured.setup.setup_id) if row[3] in thetas]
     rows = [row for row in rows if only is None or row[0] in only]
-    n_of: dict[str, int] = {}
+    objects_of: dict[str, set[int]] = {}
     for row in rows:
-        n_of[row[1]] = n_of.get(row[1], 0) + 1
-    rows = [row for row in rows if n_of[row[1]] == len(measured.object_ids)]
+        objects_of.setdefault(row[1], set()).add(row[4])
+    rows = [row for row in rows if len(objects_of[row[1]]) == len(measured.object_ids)]
     if not rows:
-        raise TooLittleDataError(_nothing_simulated(lake, base, measured))
+        return None
     simulation_ids, keys, designs, version_ids, objects, peaks_n = map(list, zip(*rows, strict=True))
     forces_n = _mean_table(keys, objects, peaks_n, measured.object_ids)
     has_value = np.isfinite(forces_n).any(axis=1)
     first = [keys.index(key) for key in dict.fromkeys(keys)]
     known = load_designs(lake)
-    theta = np.array([list(versions[version_ids[i]].theta.model_dump().values()) for i in first])
+    theta = np.array([list(thetas[version_ids[i]].model_dump().values()) for i in first])
     return SimulatedPoints(
         points=to_unit([known[designs[i]] for i in first])[has_value],
         theta=theta[has_value],
@@ -224,7 +240,7 @@ def make_problem(
     Raises:
         UsageError: there is too little to learn from.
     """
-    scales = scales_with_modulus(base)
+    scales = scales_with_modulus(base) and not simulated.is_imported
     modulus_mpa = simulated.theta[:, 0] if scales else np.ones(len(simulated.theta))
     y_sim, variance_sim = mean_over_objects(simulated.forces_n / modulus_mpa[:, None])
     y_real, variance_real = mean_over_objects(measured.forces_n)
@@ -338,6 +354,17 @@ def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVe
         row.version_id: row.version
         for row in rows
         if row.version.theta not in known and describe_family(row.version) == wanted
+    }
+
+
+def _imported_thetas(lake: Lake) -> dict[str, Theta]:
+    """Thetas of imported simulations, by version; of those that told all three."""
+    rows = lake.rows(SimulatorVersionRow, tier="imported")
+    told = {row["version_id"]: {name: row[name] for name in Theta.model_fields} for row in rows}
+    return {
+        version_id: load_record(Theta, values, f"theta of {version_id}")
+        for version_id, values in told.items()
+        if None not in values.values()
     }
 
 

@@ -33,6 +33,9 @@ from fast.tasks.calibration.mean_data import (
 from fast.tasks.campaign.state import tuples
 from fast.tasks.simulation.plan import SimulationPlan
 
+# Why a calibration with imported simulations makes no simulator version.
+OF_IMPORTED = "theta is that of the simulator whose results were imported, which FAST cannot run"
+
 
 @dataclass(frozen=True, eq=False)
 class MeanData(CalibrationData):
@@ -74,7 +77,7 @@ class MeanData(CalibrationData):
 
         fitted = self.fitted
         result = calibrate(fitted, settings, progress)
-        version = make_version(self.base, result)
+        version = None if self.simulated.is_imported else make_version(self.base, result)
         columns = {
             "n_designs": fitted.n_real,
             "n_objects": len(self.measured.object_ids),
@@ -120,6 +123,7 @@ def compare_means(
     """
     problem = make_problem(measured, simulated, base, print_scatter)
     held_out = is_held_out(list(measured.design_ids), seed)
+    held_back = OF_IMPORTED if simulated.is_imported else ""
     return MeanData(
         measured.campaign_id,
         base,
@@ -130,6 +134,7 @@ def compare_means(
         simulated=simulated,
         problem=problem,
         held_out=held_out,
+        held_back=held_back,
     )
 
 

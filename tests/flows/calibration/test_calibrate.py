@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from fast.lake.query.lineage import find_lineage
+from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, SimulationRow, SimulatorVersionRow
 from fast.models.calibration.inference.lot_priors import make_lot_priors
 from fast.models.calibration.inference.settings import ThetaPriors
@@ -21,6 +22,7 @@ from tests.tasks.calibration.calibration_lake import (
     made_up_force_n,
     made_up_result,
     measured_rows,
+    simulated_rows,
 )
 from tests.tasks.simulation.test_hypercube import Pool
 
@@ -75,6 +77,43 @@ def test_table_2_diagnostics_and_the_new_version_are_printed(tmp_path, fast, ans
     assert "factorised: 2 x 200 draws, R-hat 1.0020, bulk ESS 1500, 0 divergences, k-hat 0.30" in answer.out
     assert "held out: 3 designs by the emulator, correlation " in answer.out
     assert lines[-1] == "warning: R-hat of sd_h is 1.02."
+
+
+def import_points(lake: Lake, n: int, is_theta_told: bool = True) -> None:
+    """Simulations of another lab's simulator, as `fast lake import` writes them."""
+    rows = []
+    for row in simulated_rows(n):
+        changes = {"version_id": f"other {row.version_id}"} if hasattr(row, "version_id") else {}
+        if isinstance(row, SimulatorVersionRow):
+            changes |= {"tier": "imported", "version_json": "{}"}
+            changes |= {} if is_theta_told else {"friction": None}
+        if isinstance(row, SimulationRow):
+            changes["simulation_id"] = f"other {row.simulation_id}"
+        rows.append(row.model_copy(update=changes))
+    lake.append(rows, PROVENANCE)
+
+
+def test_imported_simulations_with_their_theta_are_calibrated_and_make_no_version(tmp_path, fast, answers):
+    lake = calibration_lake(tmp_path / "lake", n_points=0)
+    import_points(lake, 40)
+    answer = fast("calibrate", "--lake", lake.root, "--verify", *SMALL)
+    assert answer.status == 0, answer
+    assert "40 simulated designs gave no simulator version: theta is that of the simulator" in answer.out
+    assert "nothing to verify" in answer.err
+    (row,) = lake.records(CalibrationRow)
+    assert (row.status, row.version_id, row.n_simulations) == ("failed", None, 40)
+    assert row.young_modulus_mean_mpa == pytest.approx(TRUTH.young_modulus_mpa, rel=0.2)
+    assert not fast("calibrate", "--lake", lake.root, "--json", *SMALL).json["is_new"]
+    lake.append(simulated_rows(30, seed=1), PROVENANCE)  # of FAST's own simulator: these go first
+    assert fast("calibrate", "--lake", lake.root, "--json", *SMALL).json["n_simulations"] == 30
+
+
+def test_imported_simulations_without_their_theta_are_nothing_to_calibrate_with(tmp_path, fast, answers):
+    lake = calibration_lake(tmp_path / "lake", n_points=0)
+    import_points(lake, 40, is_theta_told=False)
+    answer = fast("calibrate", "--lake", lake.root, *SMALL)
+    assert answer.status != 0
+    assert "add --simulate 100" in answer.err
 
 
 def test_nothing_new_is_said_and_not_calibrated_again(tmp_path, fast, answers):

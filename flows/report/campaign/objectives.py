@@ -4,6 +4,8 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fast.flows.report.campaign.content import NOT_MEASURED, Content
@@ -20,6 +22,7 @@ from fast.tasks.campaign.settings import ScientistSettings
 from fast.tasks.scientist.criteria import list_outcomes
 
 _DIGITS = {"mean_work_j": 3, "mass_g": 1, "pressure_kpa": 0}
+_NAME_SIZE = (0.09, 0.04)  # of a tool's name beside its point, as shares of the axes
 _MOST_ROWS = 15  # of the table; the rest is in the CSV
 
 
@@ -82,6 +85,17 @@ def _say(scientist: ScientistSettings, rows: Sequence[Mapping[str, Any]], front:
     return f"Tools are chosen for {wanted}.{kept} {len(front)} lie on the front."
 
 
+def _name_points(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None:
+    """Names of points, left out where they would lie on another one."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    taken: list[np.ndarray] = []
+    for name, x, y in points:
+        place = np.array([(x - left) / (right - left), (y - bottom) / (top - bottom)])
+        if all((np.abs(place - other) > _NAME_SIZE).any() for other in taken):
+            axes.annotate(name, (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7)
+            taken.append(place)
+
+
 def draw_front(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str], scientist: ScientistSettings) -> Figure:
     """Both objectives of every tool; those on the front are joined and named, those beyond a limit are hollow."""
     first, second = scientist.objectives
@@ -95,9 +109,6 @@ def draw_front(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str], sci
     if front:
         x, y = zip(*((row[first], row[second]) for row in front), strict=True)
         axes.plot(x, y, "-D", color=BEST, markersize=5, linewidth=1.2, label="front")
-        for row in front:
-            place = (row[first], row[second])
-            axes.annotate(labels[row["tool_id"]], place, xytext=(4, 4), textcoords="offset points", fontsize=7)
     for name, draw in ((first, axes.axvline), (second, axes.axhline)):
         limit = scientist.at_least.get(name, scientist.at_most.get(name))
         if limit is not None:
@@ -105,5 +116,6 @@ def draw_front(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str], sci
     axes.set_xlabel(describe_outcome(first))
     axes.set_ylabel(describe_outcome(second))
     axes.margins(0.1)
+    _name_points(axes, [(labels[row["tool_id"]], row[first], row[second]) for row in front])
     figure.legend(loc="outside upper left", ncols=3)
     return figure

@@ -70,9 +70,18 @@ def make_result(
     n_gradients: int = 0,
     k_hat: float | None = None,
     steps: Mapping[str, float] | None = None,
+    chains: np.ndarray | None = None,
 ) -> CalibrationResult:
-    """Constrained draws (chains x n x len(names)), diagnosed; `n_deepest`: trees cut at their greatest depth."""
+    """Constrained draws (chains x n x len(names)), diagnosed; `n_deepest`: trees cut at their greatest depth.
+
+    chains: c x m x k, what the sampler drew of the last k names, where `draws` are resampled from it by weight. Draws
+    that were weighted and drawn again look more alike from chain to chain, so the larger R-hat of both counts.
+    """
     r_hat, ess_bulk, ess_tail = measure_convergence(names, draws)
+    if chains is not None:
+        sampled = names[-chains.shape[2] :]
+        raw = measure_convergence(sampled, chains)[0]
+        r_hat |= {name: max(r_hat[name], raw[name]) for name in sampled}
     flat = {name: draws[:, :, i].ravel() for i, name in enumerate(names)}
     sentences = [
         *_sampler_sentences(draws.shape[0] * draws.shape[1], settings, n_divergences, n_deepest),

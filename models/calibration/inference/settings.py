@@ -78,6 +78,10 @@ class CalibrationSettings(Record):
     seed: int = Field(default=0, ge=0)
     workers: int = Field(default=2, ge=1, le=64, description="processes; changes no result")
 
+    def at_most(self, draws: int, tune: int) -> "CalibrationSettings":
+        """The same with at most so many draws kept and dropped per chain."""
+        return self.model_copy(update={"draws": min(self.draws, draws), "tune": min(self.tune, tune)})
+
 
 def read_settings(settings_json: str) -> CalibrationSettings:
     """Settings as a stored calibration has them, but for `method`: other versions of the program knew other methods.

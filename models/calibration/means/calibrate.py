@@ -11,6 +11,7 @@ from fast.models.calibration.means.problem import CalibrationProblem, drop_repea
 
 JOINT_LIMIT = 600  # simulations and designs that full joint NUTS samples in minutes
 LONGER = 3  # times the draws, where the first were too few
+FALLBACK_DRAWS, FALLBACK_TUNE = 1400, 600  # per chain, at most: a gradient of joint NUTS takes up to 0.1 s
 
 
 def calibrate(
@@ -52,7 +53,8 @@ def _calibrate_checked(
         return _with_cost_of(result, _by("factorised", problem, settings, progress, LONGER), "short chains")
     sentence = f"the factorised method was not used: {fault} Joint sampling was, which takes longer."
     tell(sentence)
-    joint = _with_cost_of(result, _by("joint", problem, settings, progress), "factorised")
+    fewer = settings.at_most(FALLBACK_DRAWS, FALLBACK_TUNE)
+    joint = _with_cost_of(result, _by("joint", problem, fewer, progress), "factorised")
     return dataclasses.replace(joint, warnings=(sentence, *joint.warnings), k_hat=result.k_hat)
 
 

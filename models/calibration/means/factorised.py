@@ -160,7 +160,7 @@ def _sample_psi(
             density = RidgeDensity(surrogate, _temper(surrogate, psi))
         starts = draw_starts(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
         covariance = density.covariance(peak.psi_covariance, psi)
-        fewer = _at_most(settings, TRIAL_DRAWS, TRIAL_TUNE)
+        fewer = settings.at_most(TRIAL_DRAWS, TRIAL_TUNE)
         trial = _run(density, density.from_psi(starts), covariance, fewer, "trial chains", steps)
         outside = _outside(density.to_psi(trial.flat), surrogate)
         if outside.sum() <= CONTACT_LIMIT or attempt == MAX_GROWTH:
@@ -169,7 +169,7 @@ def _sample_psi(
         box = box.grown(outside > 0.1 * CONTACT_LIMIT)
     n, weight = len(trial.flat), len(psi) + 10.0  # the trial's covariance is shrunk: it may have few draws
     covariance = (n * np.cov(trial.flat.T) + weight * covariance) / (n + weight)
-    full = _at_most(settings, length * MOST_DRAWS, MOST_TUNE)
+    full = settings.at_most(length * MOST_DRAWS, MOST_TUNE)
     samples = _run(density, trial.draws[:, -1], covariance, full, "sampling", steps)
     draws = density.to_psi(samples.draws)
     outside = _outside(draws.reshape(-1, draws.shape[2]), surrogate)
@@ -197,10 +197,6 @@ def _run(
         samples = sample(density, starts, settings, scale=covariance, progress=steps.tell)
         steps.add(step, samples.cpu_s if settings.workers > 1 else 0.0)
     return samples
-
-
-def _at_most(settings: CalibrationSettings, draws: int, tune: int) -> CalibrationSettings:
-    return settings.model_copy(update={"draws": min(settings.draws, draws), "tune": min(settings.tune, tune)})
 
 
 def _outside(draws: np.ndarray, surrogate: ThetaSurrogate) -> np.ndarray:
@@ -265,5 +261,6 @@ def _result(
             samples.n_deepest,
             samples.n_gradients,
             weighted.k_hat,
+            chains=samples.draws,
         )
     return replace(result, cpu_s=sum(steps.cpu_s.values()), steps=steps.cpu_s)

@@ -72,6 +72,30 @@ def test_bad_weights_fall_back_to_the_joint_sampler_and_say_so(monkeypatch, k_ha
     assert result.warnings[1:] == ("own",)
 
 
+def test_the_fallback_draws_no_more_than_it_needs(monkeypatch):
+    asked = []
+
+    def by(method, problem, settings, progress, length=1):
+        asked.append((method, settings.draws, settings.tune))
+        return made_up_result(method, k_hat=1.0)
+
+    monkeypatch.setattr(choice, "_by", by)
+    calibrate(PROBLEM, CalibrationSettings(chains=4, draws=8000, tune=8000))
+    assert asked == [("factorised", 8000, 8000), ("joint", 1400, 600)]
+
+
+def test_r_hat_is_that_of_the_chains_that_were_drawn():
+    rng = np.random.default_rng(0)
+    resampled = np.exp(rng.normal(size=(4, 500, 4)))
+    names = ("sd_h", *THETA)
+    chains = rng.normal(size=(4, 500, 3))
+    chains[0, :, 1] += 3.0  # one chain is elsewhere in friction, which the weights have hidden
+    result = make_result(PROBLEM, names, resampled, SETTINGS, "factorised", 0, chains=chains)
+    assert result.r_hat["friction"] > 1.4
+    assert max(result.r_hat[name] for name in names if name != "friction") < 1.02
+    assert any("friction" in sentence for sentence in result.warnings)
+
+
 def test_a_large_problem_with_bad_weights_has_not_converged_and_is_not_replaced(monkeypatch):
     large = make_up_problem(600, 10, seed=0)
     result, used = calibrate_with(monkeypatch, made_up_result("factorised", 0.9), large)

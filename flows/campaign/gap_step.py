@@ -20,6 +20,7 @@ from fast.flows.gap.answering import describe_command
 from fast.flows.gap.scheduled import search_and_tell
 from fast.flows.gap.search import GapOrder, GapOutcome
 from fast.lake.leases import is_held
+from fast.lake.tables.campaign import EventRow
 from fast.models.gap.findings import NextExperiment, PersonQuestion
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.mount import list_asked_tools
@@ -36,6 +37,7 @@ logger = logging.getLogger(__name__)
 
 Wait = Callable[[], PrefectFuture]
 PERSON_ASKED = "person_asked"  # kind of events: what no grasp tells
+NOT_SEARCHED = "gap_not_searched"  # kind of events: too little was measured
 
 
 def close_gap(run: CampaignRun, stage: int, wait: Wait) -> bool:
@@ -74,7 +76,10 @@ def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
             run.should_stop,
         )
     except TooLittleDataError as error:
-        logger.info("nothing to search: %s", error)
+        words = f"{label}: no search. {error}"
+        run.reporter.announce(words)
+        if not campaign.lake.rows(EventRow, campaign_id=campaign.campaign_id, kind=NOT_SEARCHED, message=words):
+            append_event(campaign.lake, campaign.campaign_id, NOT_SEARCHED, words)
         return None
 
 

@@ -20,6 +20,7 @@ from fast.flows.campaign.page import format_page
 from fast.flows.campaign.process import with_run_page
 from fast.flows.campaign.progress import Workload
 from fast.flows.campaign.status import describe_state
+from fast.flows.gap.scheduled import search_and_tell
 from fast.flows.progress import ProgressReporter
 from fast.hardware.bench import open_virtual_bench
 from fast.hardware.tools.mounted import MountedTool
@@ -174,6 +175,20 @@ def test_without_leave_nothing_is_searched_and_without_budget_nothing_is_asked(
     assert asked(campaign.lake) == []
     object.__setattr__(campaign, "config", off.model_copy(update={"gap": GapSettings(active=True, budget_share=0.0)}))
     assert gap_step.count_left(run) == 0
+
+
+def test_a_campaign_with_too_little_to_search_says_so_once(
+    campaign: Campaign, in_turn: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gap_step, "search_and_tell", search_and_tell)
+    said: list[str] = []
+    for _ in range(2):
+        run, wait = make_run(campaign)
+        run.reporter = ProgressReporter(said.append, said.append)
+        assert close_gap(run, 0, wait)
+    (event,) = campaign.lake.records(EventRow, kind=gap_step.NOT_SEARCHED)
+    assert event.message.startswith("gap after stage 0: no search. 2 designs were measured, gap discovery needs")
+    assert said.count(event.message) == 2
 
 
 def test_a_tool_that_is_gone_is_not_waited_for(campaign: Campaign, in_turn: None) -> None:

@@ -62,6 +62,52 @@ def test_the_variance_is_the_real_error_of_what_is_filled(n: int, share: float) 
     assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.4 * np.sqrt(np.mean(np.concatenate(plain) ** 2))
 
 
+def fill_slowly(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same, design by design as the equations stand: filled values, variances of their means."""
+    n, m = values.shape
+    middle, sd = np.nanmean(values, axis=0), np.nanstd(values, axis=0, ddof=1)
+    u, mean, covariance = (values - middle) / sd, np.zeros(m), 0.5 * np.eye(m) + 0.5
+    for _ in range(200):
+        filled, spread = u.copy(), np.zeros((m, m))
+        for row in filled:
+            gap, has = np.flatnonzero(np.isnan(row)), np.flatnonzero(~np.isnan(row))
+            inverse = np.linalg.inv(covariance[has][:, has])
+            row[gap] = mean[gap] + covariance[gap][:, has] @ inverse @ (row[has] - mean[has])
+            rest = covariance[gap][:, gap] - covariance[gap][:, has] @ inverse @ covariance[has][:, gap]
+            for i, a in enumerate(gap):
+                for j, b in enumerate(gap):
+                    spread[a, b] += rest[i, j]
+        mean = filled.mean(axis=0)
+        for row in filled:
+            spread += np.outer(row - mean, row - mean)
+        off_diagonal = np.sum(spread[~np.eye(m, dtype=bool)]) / (m * (m - 1))
+        correlation = np.clip(off_diagonal / np.mean(np.diag(spread)), 0.0, 0.95)
+        target = np.where(np.eye(m, dtype=bool), 1.0, correlation)
+        covariance = (spread + 0.25 * m * target) / (n + 0.25 * m) + 1e-6 * np.eye(m)
+    result, variance = values.copy(), np.zeros(n)
+    for k, row in enumerate(u):
+        gap, has = np.flatnonzero(np.isnan(row)), np.flatnonzero(~np.isnan(row))
+        inverse = np.linalg.inv(covariance[has][:, has])
+        away = row[has] - mean[has]
+        result[k, gap] = middle[gap] + sd[gap] * (mean[gap] + covariance[gap][:, has] @ inverse @ away)
+        rest = covariance[gap][:, gap] - covariance[gap][:, has] @ inverse @ covariance[has][:, gap]
+        wider = 1.0 + 1.0 / n + away @ inverse @ away / (n + 0.25 * m)
+        variance[k] = wider * (sd[gap] @ rest @ sd[gap]) / m**2
+    return result, variance
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gaps_are_filled_as_the_equations_say(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = np.exp(0.5 * rng.normal(size=(9, 1))) * np.linspace(3, 14, 5) + rng.normal(size=(9, 5))
+    values[rng.random(values.shape) < 0.3] = np.nan
+    values = values[np.isfinite(values).any(axis=1)]
+    filled, variance = fill_slowly(values)
+    found = fill_objects(values)
+    np.testing.assert_allclose(found.values, filled, atol=0.02)
+    np.testing.assert_allclose(found.mean_variance, variance, rtol=0.02)
+
+
 def test_scale_and_shift_of_an_object_change_nothing():
     values = np.random.default_rng(3).gamma(4.0, 3.0, (15, 4))
     values[2, 1] = values[5, 3] = values[5, 0] = np.nan

@@ -64,6 +64,8 @@ SIMULATED = (*AMPLITUDES, CLOSED_LESS)
 # Of a bank around a fitted theta, which may lie this near to an end of its grid before the bank is moved.
 LOCAL_FRICTION_SHARE, LOCAL_RATIO = 0.2, 0.04
 _EDGE_SHARE = 0.02
+_MODULUS_STEP, _FRICTION_STEP, _RATIO_STEP = 0.1, 0.04, 0.02  # of the lattice of such banks; of ln E
+_WIDER = 1.25  # from one width of a grid to the next
 
 
 @dataclass(frozen=True)
@@ -85,13 +87,15 @@ class BankPlan:
     def around(theta: np.ndarray, within: np.ndarray, effects: Sequence[str]) -> "BankPlan":
         """A bank around theta (3), whose grid also holds other frictions and Poisson ratios (`within`, p x 2).
 
-        The cross reaches friction by 20 % and Poisson ratio by 0.04 to either side, and never beyond the wide bank.
-        Values are rounded: a fit that is the same but for the last digits has the same bank.
+        The cross reaches friction by 20 % and Poisson ratio by 0.04 to either side, farther in steps of a quarter, and
+        never beyond the wide bank. The centre lies on a lattice, of which half a step is a sixth to a quarter of that:
+        the next search of a campaign, which knows more grasps and so another theta, mostly finds its bank in the lake.
         """
         wide = ThetaGrid()
-        friction = float(np.clip(float(f"{theta[1]:.3g}"), *wide.friction))
-        ratio = float(np.clip(float(f"{theta[2]:.3g}"), *wide.poisson_ratio))
-        centre = Theta(young_modulus_mpa=float(f"{theta[0]:.3g}"), friction=friction, poisson_ratio=ratio)
+        modulus_mpa = float(f"{np.exp(_MODULUS_STEP * np.round(np.log(theta[0]) / _MODULUS_STEP)):.3g}")
+        friction = float(np.clip(_to_step(theta[1], _FRICTION_STEP), *wide.friction))
+        ratio = float(np.clip(_to_step(theta[2], _RATIO_STEP), *wide.poisson_ratio))
+        centre = Theta(young_modulus_mpa=modulus_mpa, friction=friction, poisson_ratio=ratio)
         grid = ThetaGrid(
             friction=_find_range(friction, LOCAL_FRICTION_SHARE * friction, within[:, 0], wide.friction),
             poisson_ratio=_find_range(ratio, LOCAL_RATIO, within[:, 1], wide.poisson_ratio),
@@ -206,10 +210,15 @@ def carry_changes(steps_n: np.ndarray, from_n: np.ndarray, to_n: np.ndarray) -> 
     return np.asarray(to_n[:, :, None] + grows[..., None, None] * (steps_n - from_n[:, :, None]))
 
 
-def _find_range(middle: float, reach: float, within: np.ndarray, widest: tuple[float, float]) -> tuple[float, float]:
-    """An interval about the middle that holds `within`, in thousandths to either side, of the widest at most."""
-    half = round(max(reach, float(np.ceil(1e3 * np.abs(within - middle).max()) / 1e3)), 3)
+def _find_range(middle: float, usual: float, within: np.ndarray, widest: tuple[float, float]) -> tuple[float, float]:
+    """An interval about the middle that holds `within`: the usual half width or one of few larger ones."""
+    needed = float(np.abs(within - middle).max()) / usual
+    half = usual * _WIDER ** max(0.0, float(np.ceil(round(np.log(max(needed, 1e-9)) / np.log(_WIDER), 6))))
     return max(round(middle - half, 4), widest[0]), min(round(middle + half, 4), widest[1])
+
+
+def _to_step(value: float, step: float) -> float:
+    return round(step * float(np.round(value / step)), 4)
 
 
 def list_placed_setups(setup: GraspSetup) -> tuple[GraspSetup, ...]:

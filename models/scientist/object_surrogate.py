@@ -14,22 +14,10 @@ import numpy as np
 from fast.models.scientist.acquisition.paths import real_paths
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.imputation import fill_objects
-from fast.models.scientist.surrogate.observations import LOG_UNIT_N, REAL, ObservationSet
+from fast.models.scientist.surrogate.observations import LOG_UNIT_N, REAL, ObjectValues, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
 
 N_COMPONENTS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class ObjectValues:
-    """Values of n observed designs on m objects.
-
-    x: n x d, unit cube. s: n, fidelity: 0 simulated, 1 measured. values: n x m, NaN where missing; each design has one.
-    """
-
-    x: np.ndarray
-    s: np.ndarray
-    values: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

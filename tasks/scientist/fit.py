@@ -11,11 +11,11 @@ from fast.lake.tables.campaign import FitRow
 from fast.models.blas import one_blas_thread
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json, content_id
-from fast.models.scientist.object_surrogate import ObjectsSurrogate, ObjectValues, fit_objects
+from fast.models.scientist.object_surrogate import ObjectsSurrogate, fit_objects
 from fast.models.scientist.objectives import Outcome
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior, trust_simulations
 from fast.models.scientist.surrogate.health import health_of
-from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, ObservationSet
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, ObjectValues, ObservationSet
 from fast.models.scientist.surrogate.parameters import PriorLink, SurrogateParameters
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign

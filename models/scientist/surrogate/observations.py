@@ -1,4 +1,4 @@
-"""What the surrogate is fitted to: designs with their mean grasping force at either fidelity."""
+"""What surrogates are fitted to: designs with their mean grasping force, or their values on every object."""
 
 from dataclasses import dataclass, replace
 
@@ -101,3 +101,15 @@ class ObservationSet:
     def sims_first(self) -> "ObservationSet":
         """The same observations with the simulated ones first: the discrepancy then fills one block."""
         return self.take(np.argsort(self.s, kind="stable"))
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectValues:
+    """Values of n observed designs on m objects.
+
+    x: n x d, unit cube. s: n, fidelity: 0 simulated, 1 measured. values: n x m, NaN where missing; each design has one.
+    """
+
+    x: np.ndarray
+    s: np.ndarray
+    values: np.ndarray

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from fast.models.errors import UsageError
-from fast.models.scientist.object_surrogate import N_COMPONENTS, ObjectValues, fit_objects
+from fast.models.scientist.object_surrogate import N_COMPONENTS, fit_objects
 from fast.models.scientist.objectives import OUTCOMES
 from fast.models.scientist.surrogate.fit import fit_surrogate
-from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObjectValues, ObservationSet
 
 WORST = OUTCOMES["worst_peak_n"]
 

@@ -13,11 +13,11 @@ from fast.models.design.space import numbered_design, to_unit
 from fast.models.scientist.acquisition.candidates import Spacing
 from fast.models.scientist.acquisition.front import Criterion, select_by_hypervolume
 from fast.models.scientist.acquisition.paths import real_paths
-from fast.models.scientist.object_surrogate import ObjectValues, fit_objects
+from fast.models.scientist.object_surrogate import fit_objects
 from fast.models.scientist.propose import NO_PENDING
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.imputation import mean_over_objects
-from fast.models.scientist.surrogate.observations import REAL, ObservationSet
+from fast.models.scientist.surrogate.observations import REAL, ObjectValues, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.models.traces.quality import mean_of_tools
 

@@ -52,7 +52,9 @@ class ObjectsSurrogate:
 def fit_objects(
     known: ObjectValues, over_objects: Callable[[np.ndarray], np.ndarray], seed: int = 0
 ) -> ObjectsSurrogate:
-    """Fit the surrogates of the components; objects that a fidelity has never seen are left out.
+    """Fit the surrogates of the components.
+
+    Objects that a fidelity has never seen are left out, and so are designs that have no other.
 
     over_objects: the outcome of values on all objects, n x m (x any) to n (x any).
 
@@ -61,6 +63,7 @@ def fit_objects(
     """
     fidelities = np.unique(known.s)
     seen = np.all([np.isfinite(known.values[known.s == s]).any(axis=0) for s in fidelities], axis=0)
+    known = known.take(np.isfinite(known.values[:, seen]).any(axis=1))
     values, variance = np.zeros((2, len(known.s), int(seen.sum())))
     for s in fidelities:
         rows = known.s == s

@@ -113,3 +113,7 @@ class ObjectValues:
     x: np.ndarray
     s: np.ndarray
     values: np.ndarray
+
+    def take(self, rows: np.ndarray) -> "ObjectValues":
+        """The designs with these row numbers (or mask)."""
+        return ObjectValues(self.x[rows], self.s[rows], self.values[rows])

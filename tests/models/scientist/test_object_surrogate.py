@@ -68,6 +68,17 @@ def test_objects_that_a_fidelity_never_saw_are_left_out() -> None:
     assert objects.data.y == pytest.approx(values[:, [0, 1, 3]].min(axis=1))
 
 
+def test_a_design_that_has_only_objects_of_the_other_fidelity_is_left_out() -> None:
+    x, values = worlds(10, 8)
+    x_sim, simulated = worlds(12, 6)
+    simulated[:, 2] = np.nan  # the simulator fails on it
+    values[4, [0, 1, 3]] = np.nan
+    s = np.repeat([SIM, REAL], [12, 10])
+    known = ObjectValues(np.concatenate([x_sim, x]), s, np.concatenate([simulated, values]))
+    objects = fit_objects(known, WORST.of_all)
+    assert (objects.data.n_sim, objects.data.n_real) == (12, 9)
+
+
 def test_too_few_designs_are_refused() -> None:
     x, values = worlds(2, 9)
     with pytest.raises(UsageError, match="needs at least 3"):

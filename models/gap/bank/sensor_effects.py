@@ -134,17 +134,25 @@ def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetu
 
 
 def _lag(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """The recursion of `models.simulation.effects.sensor`, step by step for all grasps."""
-    tau_s = _column(effects, "time_constant_s")[:, 0]
-    steps_s = np.diff(_AT_MM) / setup.lift_speed_mm_per_s
-    decays = np.exp(-steps_s / np.where(tau_s > 0, tau_s, 1.0)[:, None]) * (tau_s > 0)[:, None]
-    behind = np.zeros(len(steps_n))  # reported less true
-    reported = steps_n.copy()
-    for i in range(1, steps_n.shape[1]):
-        lag = tau_s / steps_s[i - 1] * (steps_n[:, i] - steps_n[:, i - 1])
-        behind = (behind + lag) * decays[:, i - 1] - lag
-        reported[:, i] += behind
-    return reported
+    """The recursion of `models.simulation.effects.sensor` as one matrix per time constant."""
+    all_tau_s = _column(effects, "time_constant_s")[:, 0]
+    at_s = _AT_MM / setup.lift_speed_mm_per_s
+    reported_n = steps_n.copy()
+    for tau_s in np.unique(all_tau_s[all_tau_s > 0.0]):
+        rows = all_tau_s == tau_s
+        reported_n[rows] -= np.diff(steps_n[rows], axis=1) @ _share_behind(at_s, tau_s)
+    return reported_n
+
+
+def _share_behind(at_s: np.ndarray, tau_s: float) -> np.ndarray:
+    """Share of the j-th change of force (rows) by which the i-th reading (columns) is behind, (n - 1) x n.
+
+    The force changes evenly from one time to the next; a first-order lag is then behind by tau / step (1 - exp(-step /
+    tau)) of the change, and forgets that with time constant tau.
+    """
+    steps_s, since_s = np.diff(at_s), at_s - at_s[1:, None]
+    at_end = -tau_s / steps_s * np.expm1(-steps_s / tau_s)
+    return at_end[:, None] * np.where(since_s < 0.0, 0.0, np.exp(-np.maximum(since_s, 0.0) / tau_s))
 
 
 def _shift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:

@@ -63,8 +63,8 @@ def landscape_of(bank: LandscapeBank, number: int) -> Landscape:
     simulators = {BELIEVED: believed, **{name: emulator_of(bank, truth, name) for name in truth.sets if name != TRUE}}
     real = emulator_of(bank, truth, TRUE)
     starts = np.concatenate([bank.believed.x, random_unit(20_000, np.random.default_rng(number))])
-    best_n = _largest(real, starts, np.random.default_rng(number))
-    return Landscape(bank.landscape_name(number), real, simulators, best_n)
+    best = find_best(real, starts, np.random.default_rng(number))
+    return Landscape(bank.landscape_name(number), real, simulators, float(real(best[None])[0]))
 
 
 def emulator_of(bank: LandscapeBank, truth: Truth | None, name: str = BELIEVED) -> Force:
@@ -101,8 +101,8 @@ def _forces_n(surrogate: Surrogate, x: np.ndarray) -> np.ndarray:
     return np.asarray(np.exp(surrogate.mean(x, REAL)))
 
 
-def _largest(force: Force, starts: np.ndarray, rng: np.random.Generator) -> float:
-    """Largest force found by climbing from the best starts with shrinking steps."""
+def find_best(force: Force, starts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Point (9) of the largest force found by climbing from the best starts with shrinking steps."""
     best = starts[np.argsort(-force(starts))[:12]]
     for scale in np.repeat(_SEARCH_SCALES, 8):
         children = mutate(np.repeat(best, 40, axis=0), np.full(40 * len(best), scale), rng).reshape(len(best), 40, -1)
@@ -110,4 +110,4 @@ def _largest(force: Force, starts: np.ndarray, rng: np.random.Generator) -> floa
         litter = np.concatenate([best[:, None], children, ribs], axis=1)
         forces = force(litter.reshape(-1, N_DIMS)).reshape(len(best), -1)
         best = litter[np.arange(len(best)), forces.argmax(axis=1)]
-    return float(force(best).max())
+    return np.asarray(best[force(best).argmax()])

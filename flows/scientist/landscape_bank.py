@@ -45,8 +45,9 @@ class DesignSet(Record):
 class Truth(Record):
     """One hidden truth, and what a night finds of it.
 
-    `theta_only`: what a night finds without a name. `theta_found`, `found`: theta and effect, given the name of one of
-    the laws. `sets`: mean peaks of the same designs in the truth, and in the simulator after either night.
+    `theta_only`: what a night finds without a name. `theta_found`, `found`: theta and effects, given the names of the
+    laws; one that explains nothing is not among them. `sets`: mean peaks of the same designs in the truth, and in the
+    simulator after either night.
     """
 
     name: str

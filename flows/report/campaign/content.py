@@ -22,6 +22,7 @@ from fast.models.design.space import DesignSpace, space_of
 from fast.models.errors import UsageError
 from fast.models.records import Design
 from fast.models.validation import closest, load_record
+from fast.tasks.campaign.night_story import read_nights
 from fast.tasks.campaign.settings import DesignSettings
 
 NOT_MEASURED = (
@@ -100,7 +101,13 @@ class Content:
     @cached_property
     def compared(self) -> list[str]:
         """Simulator versions that are compared with measurements, oldest first."""
-        return choose_versions(self.pairs.rows, [row["version_id"] for row in self.versions.rows])
+        return choose_versions(self.pairs.rows, [row["version_id"] for row in self.versions.rows], self.in_use)
+
+    @cached_property
+    def in_use(self) -> str | None:
+        """Simulator version that the last night of the campaign took; None where no night took one."""
+        nights = read_nights(self.lake, self.campaign.campaign_id)
+        return nights[-1].version_id if nights else None
 
     def design_of(self, tool: Tool) -> Design:
         """Design of a mounted tool."""

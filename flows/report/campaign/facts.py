@@ -135,15 +135,18 @@ def measure_agreement(pairs: Sequence[Mapping[str, Any]]) -> Agreement:
     )
 
 
-def choose_versions(rows: Sequence[Mapping[str, Any]], ordered: Sequence[str]) -> list[str]:
-    """Simulator versions to compare with measurements: the oldest and the newest that have pairs.
+def choose_versions(rows: Sequence[Mapping[str, Any]], ordered: Sequence[str], in_use: str | None = None) -> list[str]:
+    """Simulator versions to compare with measurements: the oldest that has pairs, and the one in use.
 
-    Where any is of the production tier, only that tier is compared. `ordered` lists versions by age.
+    Where none is in use, or it has no pairs, the newest stands beside the oldest. Where any is of the production tier,
+    only that tier is compared. `ordered` lists versions by age.
     """
     production = [r for r in rows if r["tier"] == "production"]
     present = {r["version_id"] for r in (production or rows)}
     found = [v for v in ordered if v in present]
-    return found if len(found) < 2 else [found[0], found[-1]]
+    if len(found) < 2 or in_use == found[0]:
+        return found[:1]
+    return [found[0], in_use if in_use in found else found[-1]]
 
 
 def _quality(tool: Tool) -> float:

@@ -2,7 +2,7 @@
 
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, count, number, paragraph, section, table
+from fast.flows.report.html import Markup, count, number, paragraph, section, table, text
 from fast.tasks.campaign.night_story import Night, read_nights, read_verdicts
 
 TITLE = "How the simulator changed"
@@ -31,10 +31,13 @@ def write_nights(content: Content, folder: Folder) -> Markup:
         "of the forces that the simulator gives for the measured tools with the measured ones; 1 is the same order. "
         "Both before and after the change; a dash is not known."
     )
-    parts = [words, table(_HEADINGS, [_row(night) for night in nights], numeric=(2, 3, 4, 5, 6))]
+    rows = table(_HEADINGS, [_row(night) for night in nights], numeric=(2, 3, 4, 5, 6))
+    parts = [words, Markup(f'<div class="words">{rows}</div>')]
     if nights:
         parts.append(folder.numbers("nights", [night.model_dump(mode="json") for night in nights]))
-    parts += [paragraph(f"The simulator in use stayed: {verdict.sentence}.", "note") for verdict in refused]
+    if refused:
+        parts.append(paragraph("Searches whose simulator was not taken over, in order:", "note"))
+        parts.append(Markup(f"<ul>{''.join(f'<li>{text(verdict.sentence)}.</li>' for verdict in refused)}</ul>"))
     return section("nights", TITLE, *parts)
 
 

@@ -1,5 +1,6 @@
 """What the simulator says of the measured grasps: Fig. 2b, closure and pull-up; Fig. 3a, simulated against measured."""
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -99,8 +100,9 @@ def write_agreement(content: Content, folder: Folder) -> Markup:
         pairs = [row for row in content.pairs.rows if row["version_id"] == version_id]
         designs = draw_agreement(average_objects(pairs), "mean over objects")
         suffix = "" if place == 0 else "_latest"
-        when = "" if len(content.compared) == 1 else ("Oldest version: " if place == 0 else "Newest version: ")
-        parts.append(paragraph(Markup(f"<b>{when}{text(_describe_version(rows[version_id]))}</b>")))
+        newest = "In use at the end" if version_id == content.in_use else "Newest"
+        when = "" if len(content.compared) == 1 else f"{newest if place else 'Oldest'} version: "
+        parts.append(paragraph(Markup(f"<b>{when}{text(describe_version(rows[version_id]))}</b>")))
         parts.append(
             columns(
                 folder.figure(f"agreement_designs{suffix}", designs,
@@ -177,8 +179,18 @@ def _statistics(stated: Agreement) -> str:
     return f"n = {stated.n}{correlations}\nRMSE {stated.rmse_n:.2f} N, mean error {stated.bias_n:+.2f} N"
 
 
-def _describe_version(row: Mapping[str, Any]) -> str:
-    effects = "no effects" if row["effects_json"] == "[]" else f"effects {row['effects_json']}"
+def describe_version(row: Mapping[str, Any]) -> str:
+    """In words: tier, theta and effects of a row of `simulator_versions`."""
+    added = [_describe_effect(effect["effect"], effect["parameters"]) for effect in json.loads(row["effects_json"])]
     names = {"young_modulus_mpa": "E {:g} MPa", "friction": "friction {:g}", "poisson_ratio": "Poisson ratio {:g}"}
     told = [words.format(row[name]) for name, words in names.items() if row[name] is not None]  # imports may not say
-    return f"{row['version_id']} ({', '.join([row['tier'], *told, effects])})"
+    effects = f"With: {'; '.join(added)}." if added else "No effect of the catalogue is in it."
+    return f"{row['version_id']} ({', '.join([row['tier'], *told])}). {effects}"
+
+
+def _describe_effect(name: str, parameters: Mapping[str, float]) -> str:
+    from fast.models.simulation.effects.catalogue import CATALOGUE
+
+    title = CATALOGUE[name].title if name in CATALOGUE else name  # imported versions may have others
+    values = ", ".join(f"{key} = {value:.3g}" for key, value in parameters.items())
+    return f"{title} ({values})" if values else str(title)

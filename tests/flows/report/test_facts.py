@@ -71,3 +71,10 @@ def test_only_production_versions_are_compared_where_there_are_any():
     assert choose_versions(rows[:1], ["s", "a", "b"]) == ["s"]
     assert choose_versions([*rows, {"version_id": "c", "tier": "production"}], ["s", "a", "b", "c"]) == ["a", "c"]
     assert choose_versions([], ["a"]) == []
+
+
+def test_the_version_in_use_is_compared_with_the_oldest():
+    rows = [{"version_id": v, "tier": "production"} for v in "abc"]
+    assert choose_versions(rows, ["a", "b", "c"], in_use="b") == ["a", "b"]
+    assert choose_versions(rows, ["a", "b", "c"], in_use="a") == ["a"]
+    assert choose_versions(rows, ["a", "b", "c"], in_use="d") == ["a", "c"]

@@ -1,3 +1,4 @@
+import json
 import re
 from html import unescape
 from pathlib import Path
@@ -8,7 +9,7 @@ import pytest
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.page import write_report
 from fast.flows.report.campaign.quality import draw_quality
-from fast.flows.report.campaign.simulation import draw_agreement
+from fast.flows.report.campaign.simulation import describe_version, draw_agreement
 from fast.lake.provenance import Provenance
 from fast.lake.query.sql import csv_bytes, run_sql
 from fast.lake.store import Lake
@@ -240,3 +241,12 @@ def test_a_new_simulator_is_told_of(tmp_path):
         out
     )
     assert ",0.61,0.83,0.49," in (out.parent / "data" / "nights.csv").read_text()
+
+
+def test_a_version_is_told_in_words():
+    theta = {"young_modulus_mpa": 9.75, "friction": 0.7079, "poisson_ratio": None}
+    row = {"version_id": "V1", "tier": "production", "effects_json": "[]", **theta}
+    assert describe_version(row) == "V1 (production, E 9.75 MPa, friction 0.7079). No effect of the catalogue is in it."
+    stalls = {"effect": "force_limited_closing", "parameters": {"max_force_n": 16.8901}}
+    told = describe_version({**row, "effects_json": json.dumps([stalls, {"effect": "x", "parameters": {}}])})
+    assert told.endswith("With: Pneumatic jaws stall at their largest force (max_force_n = 16.9); x.")

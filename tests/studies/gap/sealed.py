@@ -33,7 +33,7 @@ from tests.studies.gap.truth import results_folder
 from tests.studies.gap.worlds import Group, WorldKey, Worlds
 from tests.synthetic.gap import of_one_setup
 
-N_SEALED: dict[Group, int] = {"null": 30, "single": 48, "alias": 4, "unlisted": 10, "pair": 12}
+N_SEALED: dict[Group, int] = {"null": 96, "single": 96, "alias": 6, "unlisted": 22, "pair": 30}
 
 
 class Sealed(Record):

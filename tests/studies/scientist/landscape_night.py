@@ -1,7 +1,8 @@
-"""What a night makes of the simulator: theta and one named effect, fitted to traces of the initial tools alone.
+"""What a night makes of the simulator: theta and effects that were named, fitted to traces of the initial tools alone.
 
 A night never sees a law that is hidden. It knows the traces of `N_INITIAL` random tools, with the scatter of prints and
-noise, and a name: that of one of the laws, drawn. How often gap discovery finds it is in `flows.scientist.landscape`.
+noise, and the names of the laws. As gap discovery does, it takes them one after the other, first the one that explains
+most, and leaves out one that explains nothing. How often discovery finds names is in `flows.scientist.landscape_study`.
 """
 
 from collections.abc import Callable
@@ -18,7 +19,6 @@ from tests.studies.scientist.landscape_bank import (
     HIGH_FRICTION,
     LOW_FRICTION,
     LOW_RATIO,
-    OBJECTS,
     SEED,
     THETA_NODES,
     Grasps,
@@ -27,6 +27,8 @@ from tests.studies.scientist.landscape_bank import (
 
 N_INITIAL = 10
 TOOL_SD, NOISE_N, MODEL_SHARE = 0.04, 0.1, 0.05  # prints; a bin's mean; what no theta explains, of the peak
+LEAST_GAIN = 5.0  # of the logarithm of the density, for one more effect: as odds of 150
+N_CORRECTIONS = 2
 # Parameter of the catalogue, and the three values that a night tries first, weakest first.
 TRIED: dict[str, tuple[str, tuple[float, float, float]]] = {
     "static_kinetic_friction": ("kinetic_ratio", (0.9, 0.75, 0.55)),
@@ -79,21 +81,31 @@ def theta_model(grasps: Grasps, x: np.ndarray) -> ThetaModel:
     return ThetaModel(*found)
 
 
-def draw_name(number: int, truth: Simulator) -> str:
-    """The law of a truth that gap discovery names where it names one; never more than one in the first night."""
-    rng = np.random.default_rng([SEED, number, 9])
-    return truth.laws[int(rng.integers(len(truth.laws)))].effect
+@dataclass(frozen=True)
+class _Fit:
+    """Theta and strengths of effects of largest density. `cost`: half the sum of squares there."""
+
+    names: tuple[str, ...]
+    p: np.ndarray  # ln E, ln friction, Poisson's ratio, a strength for each name
+    cost: float
+
+    @property
+    def simulator(self) -> Simulator:
+        """With theta as a person would write it."""
+        values = [_value(name, float(strength)) for name, strength in zip(self.names, self.p[3:], strict=True)]
+        effects = [_effect(name, value) for name, value in zip(self.names, values, strict=True)]
+        return Simulator(_rounded(_theta_of(self.p)), effects=tuple(effects))
 
 
 @dataclass(eq=False)
 class Night:
-    """The first night of a campaign on one truth; `named` is the effect that gap discovery names."""
+    """The first night of a campaign on one truth. `names`: effects that gap discovery may name."""
 
     grasps: Grasps
     model: ThetaModel
     truth: Simulator
     x: np.ndarray
-    named: str
+    names: tuple[str, ...]
     print_seed: int
 
     def __post_init__(self) -> None:
@@ -102,46 +114,58 @@ class Night:
         true_n = self.grasps.bins_n(self.truth, self.x[:N_INITIAL])
         prints = np.exp(TOOL_SD * rng.standard_normal((N_INITIAL, 1, 1)))
         self._measured_n = true_n * prints + NOISE_N * rng.standard_normal(true_n.shape)
-        self._theta: np.ndarray = _PRIOR_MEAN
+        self._theta = self._fit((), lambda p: self.model.bins_n(_theta_of(p))[:N_INITIAL], _PRIOR_MEAN)
 
     def fit_theta(self) -> Theta:
         """Theta by largest posterior density, without any effect."""
-        self._theta = self._fit(lambda p: self.model.bins_n(_theta_of(p))[:N_INITIAL], _PRIOR_MEAN, 0.0)
-        return _rounded(_theta_of(self._theta))
+        return self._theta.simulator.theta
 
-    def fit_effect(self) -> Simulator:
-        """Theta and strength of the named effect, corrected once by a simulation at what was found first."""
-        first = _rounded(_theta_of(self._theta))
-        _, tried = TRIED[self.named]
-        strengths = np.array([0.0, *(_strength(self.named, value) for value in tried)])
-        changes = [np.zeros((N_INITIAL, len(OBJECTS), self._measured_n.shape[2]))]
-        for value in tried:
-            changes.append(self._initial_n(self._simulator(first, value)) - self.model.bins_n(first)[:N_INITIAL])
-        change = PchipInterpolator(strengths, np.nan_to_num(changes), axis=0)
+    def fit_effects(self) -> Simulator:
+        """Theta and strengths of the effects that explain something, corrected by simulations at what was found."""
+        found = self._theta
+        changes: dict[str, PchipInterpolator] = {}
+        for _ in self.names:
+            left = [name for name in self.names if name not in found.names]
+            changes |= {name: self._change(name) for name in left if name not in changes}
+            best = min((self._with_effects((*found.names, n), changes) for n in left), key=lambda fit: fit.cost)
+            if found.cost - best.cost < LEAST_GAIN:
+                break
+            found = best
+        for _ in range(N_CORRECTIONS if found.names else 0):
+            missing = np.nan_to_num(self._initial_n(found.simulator) - self._forces_n(found.p, found.names, changes))
+            found = self._with_effects(found.names, changes, missing, found.p)
+        return found.simulator
 
-        def model(p: np.ndarray) -> np.ndarray:
-            scale = np.exp(p[0] - self._theta[0])
-            return np.asarray(self.model.bins_n(_theta_of(p))[:N_INITIAL] + scale * change(p[3]))
+    def _with_effects(
+        self,
+        names: tuple[str, ...],
+        changes: dict[str, PchipInterpolator],
+        missing: np.ndarray | float = 0.0,
+        start: np.ndarray | None = None,
+    ) -> _Fit:
+        if start is None:
+            start = np.array([*self._theta.p, *(_strength(name, TRIED[name][1][0]) for name in names)])
+        return self._fit(names, lambda p: self._forces_n(p, names, changes) + missing, start)
 
-        start = np.array([*self._theta, strengths[1]])
-        found = self._fit(model, start, strengths[-1])
-        made = self._initial_n(self._found(found))
-        missing = np.nan_to_num(made - model(found))
-        return self._found(self._fit(lambda p: model(p) + missing, found, strengths[-1]))
+    def _forces_n(self, p: np.ndarray, names: tuple[str, ...], changes: dict[str, PchipInterpolator]) -> np.ndarray:
+        """Forces of the initial tools; what each effect changes is added, and grows with E as all forces do."""
+        scale = np.exp(p[0] - self._theta.p[0])
+        change = sum((changes[name](strength) for name, strength in zip(names, p[3:], strict=True)), 0.0)
+        return np.asarray(self.model.bins_n(_theta_of(p))[:N_INITIAL] + scale * change)
 
-    def _found(self, p: np.ndarray) -> Simulator:
-        return self._simulator(_rounded(_theta_of(p)), _value(self.named, float(p[3])))
-
-    def _simulator(self, theta: Theta, value: float) -> Simulator:
-        name, _ = TRIED[self.named]
-        spec = CATALOGUE[self.named]
-        shapes = {p.name: p.prior_median for p in spec.parameters if p.name != name}
-        return Simulator(theta, effects=(EffectValue(effect=self.named, parameters={name: value, **shapes}),))
+    def _change(self, name: str) -> PchipInterpolator:
+        """What an effect changes in the initial tools, N, by its strength; simulated at the theta found first."""
+        first = self._theta.simulator.theta
+        before_n = self.model.bins_n(first)[:N_INITIAL]
+        _, tried = TRIED[name]
+        changes = [np.zeros_like(before_n)]
+        changes += [self._initial_n(Simulator(first, (_effect(name, value),))) - before_n for value in tried]
+        return PchipInterpolator([0.0, *(_strength(name, value) for value in tried)], np.nan_to_num(changes), axis=0)
 
     def _initial_n(self, simulator: Simulator) -> np.ndarray:
         return self.grasps.bins_n(simulator, self.x[:N_INITIAL])
 
-    def _fit(self, model: Model, start: np.ndarray, strongest: float) -> np.ndarray:
+    def _fit(self, names: tuple[str, ...], model: Model, start: np.ndarray) -> _Fit:
         """Parameters of largest density; every tool has a modulus of its own."""
         n = len(start)
         sd_n = np.hypot(NOISE_N, MODEL_SHARE * self._measured_n[..., :1])
@@ -152,10 +176,19 @@ class Night:
             prior = (values[:3] - _PRIOR_MEAN) / _PRIOR_SD
             return np.concatenate([misfit.ravel(), prior, values[n:] / TOOL_SD])
 
-        lowest = np.array([*_LOWEST, 0.0][:n] + [-0.3] * N_INITIAL)
-        highest = np.array([*_HIGHEST, strongest][:n] + [0.3] * N_INITIAL)
+        strongest = [_strength(name, TRIED[name][1][-1]) for name in names]
+        lowest = np.array([*_LOWEST, *np.zeros(len(names)), *np.full(N_INITIAL, -0.3)])
+        highest = np.array([*_HIGHEST, *strongest, *np.full(N_INITIAL, 0.3)])
         values = np.clip([*start, *np.zeros(N_INITIAL)], lowest + 1e-9, highest - 1e-9)
-        return np.asarray(least_squares(residuals, values, bounds=(lowest, highest)).x[:n])
+        found = least_squares(residuals, values, bounds=(lowest, highest))
+        return _Fit(names, np.asarray(found.x[:n]), float(found.cost))
+
+
+def _effect(name: str, value: float) -> EffectValue:
+    """An effect of the catalogue with this value of its strength; its other parameters at their prior medians."""
+    of_strength = TRIED[name][0]
+    shapes = {p.name: p.prior_median for p in CATALOGUE[name].parameters if p.name != of_strength}
+    return EffectValue(effect=name, parameters={of_strength: value, **shapes})
 
 
 def _rounded(theta: Theta) -> Theta:

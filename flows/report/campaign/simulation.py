@@ -100,8 +100,8 @@ def write_agreement(content: Content, folder: Folder) -> Markup:
         pairs = [row for row in content.pairs.rows if row["version_id"] == version_id]
         designs = draw_agreement(average_objects(pairs), "mean over objects")
         suffix = "" if place == 0 else "_latest"
-        newest = "In use at the end" if version_id == content.in_use else "Newest"
-        when = "" if len(content.compared) == 1 else f"{newest if place else 'Oldest'} version: "
+        newest = "Version in use: " if version_id == content.in_use else "Newest version: "
+        when = "" if len(content.compared) == 1 else (newest if place else "Oldest version: ")
         parts.append(paragraph(Markup(f"<b>{when}{text(describe_version(rows[version_id]))}</b>")))
         parts.append(
             columns(
@@ -182,7 +182,11 @@ def _statistics(stated: Agreement) -> str:
 def describe_version(row: Mapping[str, Any]) -> str:
     """In words: tier, theta and effects of a row of `simulator_versions`."""
     added = [_describe_effect(effect["effect"], effect["parameters"]) for effect in json.loads(row["effects_json"])]
-    names = {"young_modulus_mpa": "E {:g} MPa", "friction": "friction {:g}", "poisson_ratio": "Poisson ratio {:g}"}
+    names = {
+        "young_modulus_mpa": "E {:.3g} MPa",
+        "friction": "friction {:.3g}",
+        "poisson_ratio": "Poisson's ratio {:.3g}",
+    }
     told = [words.format(row[name]) for name, words in names.items() if row[name] is not None]  # imports may not say
     effects = f"With: {'; '.join(added)}." if added else "No effect of the catalogue is in it."
     return f"{row['version_id']} ({', '.join([row['tier'], *told])}). {effects}"

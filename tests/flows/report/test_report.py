@@ -246,7 +246,7 @@ def test_a_new_simulator_is_told_of(tmp_path):
 def test_a_version_is_told_in_words():
     theta = {"young_modulus_mpa": 9.75, "friction": 0.7079, "poisson_ratio": None}
     row = {"version_id": "V1", "tier": "production", "effects_json": "[]", **theta}
-    assert describe_version(row) == "V1 (production, E 9.75 MPa, friction 0.7079). No effect of the catalogue is in it."
+    assert describe_version(row) == "V1 (production, E 9.75 MPa, friction 0.708). No effect of the catalogue is in it."
     stalls = {"effect": "force_limited_closing", "parameters": {"max_force_n": 16.8901}}
     told = describe_version({**row, "effects_json": json.dumps([stalls, {"effect": "x", "parameters": {}}])})
     assert told.endswith("With: Pneumatic jaws stall at their largest force (max_force_n = 16.9); x.")

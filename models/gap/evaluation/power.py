@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
+from fast.models.gap.bank.surrogate import N_BINS
 from fast.models.gap.fit.fit import Fit, axes_of
 from fast.models.gap.naming.rank_effects import DEFLATION, LEAST_NATS, EffectRanking
 from fast.models.gap.naming.thresholds import Thresholds
@@ -71,17 +72,21 @@ def find_visible_sizes(
     fit: Fit,
     ranking: EffectRanking,
     line_r2: float = Thresholds.model_fields["effect_r2"].default,
+    least_size: float = Thresholds.model_fields["least_size"].default,
 ) -> tuple[VisibleSize, ...]:
     """The smallest size of every ranked effect whose expected evidence passes the lines, in the order of the ranking.
 
     fit: with all that was named; its residual is what an effect must show against. An effect that is scaled to a
     changes a times what theta, tools and meshes cannot make up for. It passes if that is at least `line_r2` of all
-    squares, and `LEAST_NATS` of evidence.
+    squares, `least_size` of the forces, and `LEAST_NATS` of evidence.
     """
     noise = float((fit.residual**2).sum())
     wanted = max(line_r2 / (1.0 - line_r2) * noise, 2.0 * LEAST_NATS / DEFLATION)
     squares = (ranking.own**2).sum(axis=(1, 2))
     scales = np.sqrt(wanted / np.maximum(squares, 1e-12))
+    changes_n = fit.features.unwhiten(ranking.own / fit.weight)[..., :N_BINS]
+    of_force = np.sqrt((changes_n**2).mean(axis=(1, 2)) / (fit.predict_features()[:, :N_BINS] ** 2).mean())
+    scales = np.maximum(scales, least_size / np.maximum(of_force, 1e-9))
     found = []
     for effect in ranking.names:
         places = [place for place, name in enumerate(ranking.effects) if name == effect]

@@ -89,6 +89,14 @@ def compute_r2(base: Score, other: Score) -> float:
     return min(1.0 - float((after**2).sum() / max((before**2).sum(), 1e-12)) for before, after in ways)
 
 
+def compute_size(fit: Fit, other: Fit) -> float:
+    """What another fit changes in the traces of the grasps: root mean square, as a share of that of the forces."""
+    before_n, after_n = (
+        one.features.surrogate.predict_steps(one.theta, one.effects, one.tool_factor) for one in (fit, other)
+    )
+    return float(np.sqrt(((after_n - before_n) ** 2).mean() / max(float((before_n**2).mean()), 1e-12)))
+
+
 def compute_gain_nats(fit: Fit, base: Score, other: Score) -> np.ndarray:
     """Evidence for the other over the base, designs x objects: the mean of the two ways; 0 where nothing was measured.
 

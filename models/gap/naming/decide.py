@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fast.models.gap.findings import Decision
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
-from fast.models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead
+from fast.models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead, compute_size
 from fast.models.gap.naming.families import WORDS, find_families
 from fast.models.gap.naming.patterns import Pattern
 from fast.models.gap.naming.second_look import SecondLook
@@ -42,9 +42,12 @@ class CandidateSet:
         """What is predicted of left-out grasps over its line; above 1 it is an alarm.
 
         A misfit alone is none: honest simulators differ as much. Something has to predict left-out designs, objects or
-        repeats.
+        repeats; and an effect has to change the forces by more than they differ by, however well it predicts.
         """
-        of_effect = self.best.r2 / thresholds.effect_r2 if self.best is not None else 0.0
+        of_effect = 0.0
+        if self.best is not None:
+            size = compute_size(self.base, self.best.fit)
+            of_effect = min(self.best.r2 / thresholds.effect_r2, size / thresholds.least_size)
         is_pattern = self.pattern.nats > thresholds.least_nats
         return max(of_effect, self.pattern_r2 / thresholds.pattern_r2 if is_pattern else 0.0)
 

@@ -7,6 +7,7 @@ import pytest
 
 from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.confounds import find_confounds
+from fast.models.gap.naming.candidates import compute_size
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import EffectValue
@@ -57,6 +58,17 @@ def test_what_is_hidden_is_named(effect: str) -> None:
     result = name(world(effect))
     assert (result.named.kind, result.named.effects) == ("effect", (effect,))
     assert result.named.probability > 0.8
+
+
+def test_an_effect_that_changes_less_than_solvers_differ_by_is_no_alarm(lag: NamingResult) -> None:
+    best = lag.tried.best
+    assert best is not None
+    size = compute_size(lag.fit, best.fit)
+    assert compute_size(lag.fit, lag.fit) == 0.0
+    assert 0.01 < size < 0.2  # a lag of 0.35 s in forces of some seconds
+    assert lag.tried.measure_alarm(LINES) > 1.0
+    larger = lag.tried.measure_alarm(LINES.model_copy(update={"least_size": 2.0 * size, "pattern_r2": 1.0}))
+    assert larger == pytest.approx(0.5)
 
 
 def test_a_lag_is_named_with_its_time_constant(lag: NamingResult) -> None:

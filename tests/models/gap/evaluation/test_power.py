@@ -24,7 +24,7 @@ def fit() -> Fit:
 
 def test_an_offset_of_the_given_size_passes_the_line_and_no_smaller_one(fit: Fit) -> None:
     line = 0.05
-    sizes = {one.effect: one for one in find_visible_sizes(fit, rank_effects(fit, EFFECTS), line)}
+    sizes = {one.effect: one for one in find_visible_sizes(fit, rank_effects(fit, EFFECTS), line, least_size=0.0)}
     assert list(sizes) == list(EFFECTS)
     offset = sizes["load_cell_offset"]
     assert offset.value is not None
@@ -47,6 +47,16 @@ def test_more_noise_hides_larger_effects(fit: Fit) -> None:
     (never,) = find_visible_sizes(fit, ranking, 0.9999)
     assert never.value is None
     assert never.words == "not at any plausible size"
+
+
+def test_an_effect_smaller_than_the_differences_of_solvers_is_not_seen(fit: Fit) -> None:
+    ranking = rank_effects(fit, ("load_cell_offset",))
+    offsets_n = []
+    for least in (0.02, 0.04):
+        (one,) = find_visible_sizes(fit, ranking, 0.001, least)
+        assert one.value is not None
+        offsets_n.append(abs(one.value.parameters["offset_n"]))
+    assert offsets_n[1] == pytest.approx(2.0 * offsets_n[0], rel=0.01)
 
 
 def test_needs_agree_with_each_other() -> None:

@@ -20,8 +20,8 @@ class Thresholds(Record):
     Probabilities of names are those of 144 worlds of a public seed: 24 with nothing hidden, 48 with one effect, each
     also with the effect taken out of the catalogue, 12 with two and 12 with what no catalogue lists. The lines, and the
     probability of a gap, were set after 104 sealed worlds, of whose 30 null worlds four crossed the former lines of
-    0.015 and 0.0075 (docs/reference/measured-figures.md). The least size was set after 250 more, of whose 96 null worlds
-    four were named for effects of 0.5 to 0.9 %.
+    0.015 and 0.0075 (docs/reference/measured-figures.md). The least size was set after 250 more, of whose 96 null
+    worlds four were named for effects of 0.5 to 0.9 %.
     """
 
     effect_r2: float = 0.02

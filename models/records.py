@@ -194,6 +194,16 @@ class MeshSettings(Record):
 REFERENCE_MESH = MeshSettings(refine=1, layers=2)
 
 
+class ContactSettings(Record):
+    """How stiff a finger's surface meets an object: every simulator's own choice; see `ContactLaw` for the defaults.
+
+    In N/mm3 at the reference modulus; stiffnesses are in proportion to E for any other.
+    """
+
+    normal_n_per_mm3: float = Field(default=4.0, gt=0, description="pressure per depth of penetration")
+    tangential_n_per_mm3: float = Field(default=4.0, gt=0, description="shear per slip, before the surface slides")
+
+
 # Lakes may hold versions of the removed tier `screening`, a plane section of the finger: they are read, listed and
 # compared; `check_tier` refuses to simulate with them.
 Tier = Literal["screening", "production", "reference"]
@@ -206,13 +216,15 @@ class SimulatorVersion(Record):
     theta: Theta = Theta()
     effects: tuple[EffectValue, ...] = ()
     mesh: MeshSettings = MeshSettings()
+    contact: ContactSettings = ContactSettings()
     tier: Tier = "production"
     fem_version: str = "3"
 
     @property
     def version_id(self) -> str:
-        """Id derived from the whole content."""
-        return content_id("V", self.model_dump())
+        """Id derived from the whole content; versions that are older than the settings of contact keep theirs."""
+        is_usual = self.contact == ContactSettings()
+        return content_id("V", self.model_dump(exclude={"contact"} if is_usual else None))
 
 
 TIERS = {

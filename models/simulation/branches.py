@@ -35,7 +35,7 @@ from fast.models.records import (
     Trace,
 )
 from fast.models.simulation.grasp import SNAP, simulate_grasp
-from fast.models.simulation.problem import Numerics
+from fast.models.simulation.problem import find_numerics
 from fast.models.simulation.solver.stepping import StepLimits
 
 PLACEMENT_SD_MM = 0.2  # of an object on its mount, in x and in z
@@ -180,7 +180,7 @@ class _Cell:
                 version,
                 self._setup.model_copy(update=gaps),
                 placement=Placement(offset_z_mm=z_mm),
-                numerics=Numerics(limits=limits),
+                numerics=replace(find_numerics(version), limits=limits),
                 deadline_s=left_s,
             )
         except SimulationFailed:

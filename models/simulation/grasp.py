@@ -32,7 +32,7 @@ from fast.models.simulation.output.pressure import PressureGauge
 from fast.models.simulation.output.recording import Camera, Phase, Recorder
 from fast.models.simulation.output.twist import TwistGauge
 from fast.models.simulation.placement import Side, check_overlap, check_reach, find_symmetry
-from fast.models.simulation.problem import TIER_NUMERICS, FingerProblem, Numerics
+from fast.models.simulation.problem import FingerProblem, Numerics, find_numerics
 from fast.models.simulation.solver.newton import NewtonSolver
 from fast.models.simulation.solver.stepping import (
     FingerRecord,
@@ -135,7 +135,7 @@ def simulate_grasp(
         raise UsageError(
             f"half a finger is not enough for object {obj.object_id} at this placement; mesh it with full_width=True."
         )
-    problem = FingerProblem(mesh, design, theta, setup, active, numerics or TIER_NUMERICS[version.tier])
+    problem = FingerProblem(mesh, design, theta, setup, active, numerics or find_numerics(version))
     solved = [_Finger.of(problem, obj, placement, side) for side in symmetry.sides]
     check_overlap(obj, placement, setup, [finger.first_gap_mm() for finger in solved])
     ready = time.process_time()

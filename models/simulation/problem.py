@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fast.models.records import Design, GraspSetup, Theta
+from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta
 from fast.models.simulation.actuation import Jaw
 from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
@@ -33,6 +33,17 @@ class Numerics:
 
 # Production takes steps that a campaign can afford; the reference locates events more finely and never takes long ones.
 TIER_NUMERICS = {"production": Numerics(), "reference": Numerics(limits=REFERENCE_LIMITS)}
+
+
+def find_numerics(version: SimulatorVersion) -> Numerics:
+    """Numerics of a simulator version: those of its tier, with its stiffness of contact."""
+    usual, contact = TIER_NUMERICS[version.tier], version.contact
+    law = replace(
+        usual.contact,
+        normal_n_per_mm3=contact.normal_n_per_mm3,
+        tangential_n_per_mm3=contact.tangential_n_per_mm3,
+    )
+    return replace(usual, contact=law)
 
 
 @dataclass(frozen=True)

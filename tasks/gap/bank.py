@@ -16,7 +16,7 @@ from fast.models.gap.bank.bank import (
     AMPLITUDES,
     CLOSED_LESS,
     DEEPER_MM,
-    NUMERICAL_MESHES,
+    NUMERICAL,
     VARIANTS,
     WIDE,
     WIDER_MM,
@@ -92,7 +92,7 @@ def read_bank(
     }
     parts = [values[cells.is_wanted][..., 0] for values in (steps_n, *own.values())]
     if not bank_plan.is_local:
-        after += len(NUMERICAL_MESHES)
+        after += len(NUMERICAL)
         own["numerical_steps_n"] = steps_n[:, :, n_grid + 1 : after]
     if wide is not None:
         carried = {name: carry_changes(getattr(wide, name), wide.centre_steps_n, at_centre) for name in VARIANTS}

@@ -19,7 +19,7 @@ from fast.models.gap.ask.predict import Pair, make_grasps
 from fast.models.gap.bank.bank import (
     AMPLITUDES,
     DEEPER_MM,
-    NUMERICAL_MESHES,
+    NUMERICAL,
     WIDE,
     WIDER_MM,
     Bank,
@@ -151,7 +151,7 @@ def made_up_bank(objects: Sequence[int], shapes: np.ndarray, plan: BankPlan = WI
         grid_steps_n=np.stack([_steps(shapes, theta) for theta in grid], axis=2),
         grid_lead_n=np.stack([_leads(shapes, theta) for theta in grid], axis=2),
         centre_steps_n=_steps(shapes, centre),
-        numerical_steps_n=np.stack([_steps(shapes, centre, mesh=row) for row in np.eye(len(NUMERICAL_MESHES))], axis=2),
+        numerical_steps_n=np.stack([_steps(shapes, centre, mesh=row) for row in np.eye(len(NUMERICAL))], axis=2),
         placed_steps_n=np.stack([_steps(shapes, centre, late_mm=deeper) for deeper in DEEPER_MM], axis=2),
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.stack([_steps(shapes, centre, wider_mm=wider) for wider in WIDER_MM], axis=2),

@@ -14,7 +14,17 @@ import numpy as np
 from fast.models.calibration.traces.response_surface import LEAST_AMPLITUDE
 from fast.models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
 from fast.models.gap.grasps import Grasps, Target
-from fast.models.records import Design, EffectValue, FinRay, GraspSetup, MeshSettings, SimulatorVersion, Theta
+from fast.models.records import (
+    ContactSettings,
+    Design,
+    EffectValue,
+    FinRay,
+    GraspSetup,
+    MeshSettings,
+    Record,
+    SimulatorVersion,
+    Theta,
+)
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
 CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
@@ -45,8 +55,13 @@ AMPLITUDES: Mapping[str, tuple[Mapping[str, float], ...]] = {
     ),
 }
 
-# Other meshes of the same physics: what they change is not to be explained by an effect.
-NUMERICAL_MESHES = (MeshSettings(edge_mm=5.0), MeshSettings(layers=2), MeshSettings(refine=1))
+# Other choices of a simulator of the same physics: what they change is not to be explained by an effect. How far a
+# contact gives way before it slides decides the first millimetre of the lift (decision 055).
+NUMERICAL: tuple[Mapping[str, Record], ...] = (
+    {"mesh": MeshSettings(edge_mm=5.0)},
+    {"contact": ContactSettings(tangential_n_per_mm3=2.0)},
+    {"contact": ContactSettings(tangential_n_per_mm3=8.0)},
+)
 
 # How much deeper the tips stand below the object, in mm: a bench places objects to about this height.
 DEEPER_MM = (-0.25, 0.25)
@@ -183,15 +198,15 @@ class Bank:
 
 
 def list_versions(base: SimulatorVersion, plan: BankPlan = WIDE) -> tuple[SimulatorVersion, ...]:
-    """Simulator versions of a bank around `base`: the grid of theta, the centre, other meshes, and effects.
+    """Simulator versions of a bank around `base`: the grid of theta, the centre, other numerical choices, and effects.
 
     A centre that is a point of the grid is there twice.
     """
     centre = base.model_copy(update={"theta": plan.centre})
     thetas = [base.model_copy(update={"theta": theta}) for theta in plan.grid_thetas]
-    meshes = [] if plan.is_local else [centre.model_copy(update={"mesh": mesh}) for mesh in NUMERICAL_MESHES]
+    numerical = [] if plan.is_local else [centre.model_copy(update=dict(choice)) for choice in NUMERICAL]
     effects = [add_effect(centre, name, values) for name in plan.effects for values in AMPLITUDES.get(name, ())]
-    return (*thetas, centre, *meshes, *effects)
+    return (*thetas, centre, *numerical, *effects)
 
 
 def add_effect(version: SimulatorVersion, effect: str, parameters: Mapping[str, float]) -> SimulatorVersion:

@@ -15,7 +15,7 @@ from fast.models.calibration.means.problem import THETA
 from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from fast.models.calibration.traces.theta_grid import ThetaGrid
 from fast.models.errors import UsageError
-from fast.models.gap.bank.bank import CENTRE, DEEPER_MM, NUMERICAL_MESHES, WIDER_MM, Bank
+from fast.models.gap.bank.bank import CENTRE, DEEPER_MM, NUMERICAL, WIDER_MM, Bank
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.posterior import sample_posterior
@@ -56,7 +56,7 @@ def make_grid_bank(cells: Cells, grid_steps_n: np.ndarray, grid_lead_n: np.ndarr
         grid_steps_n=grid_steps_n,
         grid_lead_n=grid_lead_n,
         centre_steps_n=np.where(is_known[..., None], at_centre[..., 0, :], np.nan),
-        numerical_steps_n=np.full((t, o, len(NUMERICAL_MESHES), n_steps), np.nan),
+        numerical_steps_n=np.full((t, o, len(NUMERICAL), n_steps), np.nan),
         placed_steps_n=np.full((t, o, len(DEEPER_MM), n_steps), np.nan),
         wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.full((t, o, len(WIDER_MM), n_steps), np.nan),

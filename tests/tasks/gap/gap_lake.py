@@ -16,7 +16,7 @@ from fast.lake.tables.campaign import (
 from fast.lake.tables.requests import setup_columns
 from fast.lake.tables.row import Row
 from fast.models.design.space import numbered_design, to_unit
-from fast.models.gap.bank.bank import NUMERICAL_MESHES
+from fast.models.gap.bank.bank import NUMERICAL
 from fast.models.gap.grasps import Cells
 from fast.models.records import (
     Design,
@@ -52,7 +52,7 @@ def shape(design: Design, object_id: int) -> np.ndarray:
 def simulated_trace(design: Design, version: SimulatorVersion, setup: GraspSetup, object_id: int) -> Trace:
     """What the made-up simulator answers; effects that it has no law for are a wave on the force."""
     neutral = {value.effect: CATALOGUE[value.effect].neutral.parameters | value.parameters for value in version.effects}
-    mesh = np.array([float(version.mesh == other) for other in NUMERICAL_MESHES])
+    mesh = np.array([float(version == version.model_copy(update=dict(choice))) for choice in NUMERICAL])
     wider_mm = setup.closed_gap_mm - SETUP.closed_gap_mm
     late_mm = setup.tip_below_mm - SETUP.tip_below_mm
     trace = made_up_trace(

@@ -12,7 +12,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, SimulationRow
 from fast.models.design.space import numbered_design, to_unit
 from fast.models.errors import UsageError
-from fast.models.gap.bank.bank import AMPLITUDES, NUMERICAL_MESHES, WIDE, list_versions
+from fast.models.gap.bank.bank import AMPLITUDES, NUMERICAL, WIDE, list_versions
 from fast.models.gap.grasps import Cells
 from fast.models.gap.local_bank import MOST_EFFECTS
 from fast.models.objects.catalogue import get_object
@@ -43,8 +43,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Lake:
 
 
 def simulate(lake: Lake, plans: Sequence[SimulationPlan], cpu_s: float, fine_s: float) -> None:
-    """Grasps that took so long, on a finer mesh `fine_s`."""
-    fine = {version.version_id for version in list_versions(BASE) if version.mesh == NUMERICAL_MESHES[-1]}
+    """Grasps that took so long, on the finer mesh `fine_s`."""
+    fine = {version.version_id for version in list_versions(BASE) if version.mesh == FINE_MESH}
     rows = plan_rows(plans)
     lake.append(
         [
@@ -62,7 +62,8 @@ def test_the_cost_of_a_cold_bank_is_not_known_until_a_few_grasps_of_each_mesh_ar
     cold = estimate_cost(lake, PLANS, GraspCosts.read(lake))
     assert (cold.n_grasps, cold.cpu_s) == (n_all, None)
     probe = plan_probe(lake, PLANS, GraspCosts.read(lake))
-    assert len(probe) == 1 + len(NUMERICAL_MESHES)
+    kinds = {name_kind(version) for version in list_versions(BASE)}
+    assert len(probe) == len(kinds) == 1 + len(NUMERICAL)
     assert [plan.n_grasps for plan in probe] == [4] * len(probe)
     simulate(lake, probe, 2.0, 10.0)
     costs = GraspCosts.read(lake)

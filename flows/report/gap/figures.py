@@ -98,7 +98,13 @@ def draw_components(components: Sequence[PhaseComponents]) -> Figure:
         left = left + width
     floor = 100.0 * np.sqrt([s.numerical for s in components])
     axes.vlines(
-        floor, places - 0.4, places + 0.4, color=INK, linewidth=1.4, linestyle=(0, (2, 1)), label="other meshes"
+        floor,
+        places - 0.4,
+        places + 0.4,
+        color=INK,
+        linewidth=1.4,
+        linestyle=(0, (2, 1)),
+        label="another mesh or contact",
     )
     axes.set_yticks(places, [s.phase for s in components])
     axes.invert_yaxis()

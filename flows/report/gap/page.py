@@ -347,9 +347,12 @@ def _unsure_cells(content: GapPage) -> Markup:
     head = Markup("<h3>Where the simulator itself is unsure</h3>")
     if not content.unsure:
         return Markup(
-            head + paragraph("Nowhere do other meshes or heights change the force by more than a tenth of the peak.")
+            head
+            + paragraph(
+                "Nowhere does another mesh, contact or height change the force by more than a tenth of the peak."
+            )
         )
-    causes = {"mesh": "other meshes", "height": "0.25 mm of height"}
+    causes = {"mesh": "another mesh or contact", "height": "0.25 mm of height"}
     rows = [
         (shorten_tool(c.tool), c.object_name, causes[c.cause], f"{c.spread_n:.2f} of {c.peak_n:.1f} N")
         for c in content.unsure[:_MOST_UNSURE]
@@ -374,7 +377,7 @@ def _list(sentences: Sequence[str]) -> Markup:
 def _components_note() -> Markup:
     return paragraph(
         "What the squares of the gap go with. Noise is what repeats scatter; the dashed mark is what another mesh "
-        "changes: a bar that ends before it is no gap of physics. Common: the same for all grasps.", "note",
+        "or contact changes: a bar that ends before it is no gap of physics. Common: the same for all grasps.", "note",
     )  # fmt: skip
 
 

@@ -64,7 +64,7 @@ def evaluate(
 def measure_gap_closed(held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0) -> Gap:
     """Root mean square errors before and after, the floor, and the closed share of what is above it.
 
-    The floor is the scatter of repeats or what other meshes change, whichever is larger. Designs and objects are drawn
+    The floor is the scatter of repeats or what numerical variants change, whichever is larger. Designs and objects are drawn
     with replacement, both at once, for the 95 % interval: too wide rather than too narrow. Fewer than three of either
     have none.
     """
@@ -146,7 +146,7 @@ def _count_held_out(held_out: HeldOut) -> tuple[int, int]:
 
 
 class _Cells:
-    """Sums of squares by tool and object: n, before, after, repeats with their number, other meshes (c each)."""
+    """Sums of squares by tool and object: n, before, after, repeats with their number, variants (c each)."""
 
     def __init__(self, tool: np.ndarray, obj: np.ndarray, columns: np.ndarray) -> None:
         self.tool, self.obj = tool, obj

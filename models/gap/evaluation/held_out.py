@@ -21,8 +21,8 @@ _Z90 = float(norm.ppf(0.95))
 class HeldOut:
     """m grasps that touch a design or an object kept for the end.
 
-    tool, obj: m. measured_n: m x steps. is_new_tool, is_new_object: m. numerical_n: m, root mean square of what other
-    meshes change in each. way: m, number of the setup and placement.
+    tool, obj: m. measured_n: m x steps. is_new_tool, is_new_object: m. numerical_n: m, root mean square of what
+    numerical variants change in each. way: m, number of the setup and placement.
     """
 
     tools: tuple[str, ...]

@@ -77,7 +77,7 @@ def find_visible_sizes(
     """The smallest size of every ranked effect whose expected evidence passes the lines, in the order of the ranking.
 
     fit: with all that was named; its residual is what an effect must show against. An effect that is scaled to a
-    changes a times what theta, tools and meshes cannot make up for. It passes if that is at least `line_r2` of all
+    changes a times what theta, tools and variants cannot make up for. It passes if that is at least `line_r2` of all
     squares, `least_size` of the forces, and `LEAST_NATS` of evidence.
     """
     noise = float((fit.residual**2).sum())

@@ -3,7 +3,7 @@
     y = F(v) + C d + e,    d ~ N(0, P^-1),  e ~ N(0, phi),  all whitened,
 
 v: ln E, friction, Poisson ratio and the effects' parameters on the axes of `models.gap.fit.fit`; C d: moduli of tools,
-what other meshes change and what a law may differ by (`law_freedom`), integrated out with C as it is at the fit. The
+what numerical variants change and what a law may differ by (`law_freedom`), integrated out with C as it is at the fit. The
 residual is a quadratic polynomial of v around the fit, found by least squares over points of the posterior's own
 ellipsoid, so that the log likelihood is one quadratic form of its terms: thousands of evaluations cost what one
 prediction of all grasps does. What the polynomial misses is measured at draws and said. `phi` (1 or more) is what the
@@ -126,7 +126,7 @@ def sample_posterior(
     """Draws of theta and of `<effect>.<parameter>` of every effect of a fit, by NUTS from the priors of the catalogue.
 
     `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. Theta is the
-    simulator's: what the other meshes of the bank change is integrated out, but that is not all that a bench differs by
+    simulator's: what the numerical variants of the bank change is integrated out, but that is not all that a bench differs by
     (`models.gap.fit.theta`). Uses priors, chains, draws, tune, target_accept, seed, workers of settings.
     """
     surface = LikelihoodSurface.around(fit, settings.priors)
@@ -173,7 +173,7 @@ class LikelihoodSurface:
     """The residual around a fit as polynomials of v.
 
     point: k, their middle. phi: how much wider errors are than stated. weight: m x 1, roots of the weights. nuisance:
-    what tools and other meshes change, weighted, c x (m f); inverse: c x c, of its precision with the priors.
+    what tools and numerical variants change, weighted, c x (m f); inverse: c x c, of its precision with the priors.
     """
 
     fit: Fit
@@ -220,7 +220,7 @@ class LikelihoodSurface:
         return surface
 
     def rows(self, v: np.ndarray) -> np.ndarray:
-        """Weighted residual at v with tools and meshes as fitted, with what those take up added back, (m f)."""
+        """Weighted residual at v with tools and variants as fitted, with what those take up added back, (m f)."""
         fitted = np.concatenate([self.fit.tool_log, self.fit.numerical])
         nuisance = np.pad(fitted, (0, len(self.nuisance) - len(fitted)))  # laws are the catalogue's at the fit
         is_free = self.fit.precision[_N_THETA : _N_THETA + len(nuisance)] < HELD
@@ -228,7 +228,7 @@ class LikelihoodSurface:
         return np.asarray((_residual(self.fit, self.density.axes, v) * self.weight).ravel() + taken)
 
     def project(self, rows: np.ndarray) -> np.ndarray:
-        """Rows ((m f) x ...) times the precision of what tools and meshes leave of them."""
+        """Rows ((m f) x ...) times the precision of what tools and variants leave of them."""
         return np.asarray(rows - self.nuisance.T @ (self.inverse @ (self.nuisance @ rows)))
 
     def error_nats(self, points: np.ndarray) -> float:

@@ -36,9 +36,9 @@ PLACEMENT_SHARE = 0.0166  # scatter of the force of a tool on an object, relativ
 SHIFT_MM = 0.02  # of the whole trace along the lift: where the lift starts
 PLACED_MM = 0.15  # of the height at which a person or a bench places the object
 UNPLACED_SHIFT_MM = 0.039  # of the trace along the lift in cells without simulations of placements: both of them
-# Of all traces together, at most: how far a contact gives way before it slides is the simulator's choice.
+# Of all traces together, at most: what the stiffness of the contact leaves of how far it gives way before it slides.
 COMMON_SHIFT_MM = 0.03
-NUMERICAL_WEIGHT = 0.47  # of the variance that other meshes show
+NUMERICAL_WEIGHT = 0.47  # of the variance that numerical variants show
 SURFACE_WEIGHT = 0.06  # of the squared errors of surfaces at left-out grid points, which lie at the ends of the grid
 CONTRAST_SHARE = 0.003  # what repeats of a cell differ by for no reason, relative
 TARE_SD_N = 0.05  # zero of the load cell from grasp to grasp, as unloaded cells show
@@ -59,7 +59,7 @@ class WhitenedFeatures:
     surrogate: of these grasps. measured: m x f, free of the bias of sensor noise. amplitude: m x f, what a relative
     error of 1 is. cells: rows of the repeats of the c cells
     with r of them, c x r for each r.
-    whiteners: m x f x f. numerical: v x m x f, what other meshes and, last, forces that are late by `COMMON_SHIFT_MM`
+    whiteners: m x f x f. numerical: v x m x f, what numerical variants and, last, forces that are late by `COMMON_SHIFT_MM`
     change at the centre's modulus, not whitened.
     """
 
@@ -120,14 +120,14 @@ def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: floa
     at = (cells[:, 0], cells[:, 1])
     scatter = _outer(amplitude) * (FLOOR_SHARE**2 * error_correlation(FEATURES) + OWN_SHARE**2 * np.eye(len(FEATURES)))
     scatter = scatter + PLACEMENT_SHARE**2 * _outer(force) + _placed_scatter(bank, at, predicted_n[first], amplitude)
-    scatter_of_meshes = _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
+    scatter_of_variants = _numerical_scatter(bank.numerical_steps_n[at], bank.centre_steps_n[at], amplitude)
     in_unit = np.where(IS_LIFT, 1.0, stiffer)
     surface = _surface_error(bank, at) * np.outer(in_unit, in_unit)
-    scatter = scatter + NUMERICAL_WEIGHT * scatter_of_meshes + SURFACE_WEIGHT * surface
+    scatter = scatter + NUMERICAL_WEIGHT * scatter_of_variants + SURFACE_WEIGHT * surface
     contrast = _repeat_scatter(clean, amplitude) + noise
     whiteners, places = _whiteners(inverse, contrast, scatter)
     changed = _features(bank.numerical_steps_n) - _features(bank.centre_steps_n)[:, :, None]
-    of_meshes = np.moveaxis(np.nan_to_num(changed)[grasps.tool, surrogate.column], 1, 0)
+    of_variants = np.moveaxis(np.nan_to_num(changed)[grasps.tool, surrogate.column], 1, 0)
     # A contact gives way by a length, whatever the speed.
     shifts = [LiftMisalignment(COMMON_SHIFT_MM * SHIFT_SPEED_MM_PER_S / v) for v in grasps.lift_speed_mm_per_s]
     late_n = surrogate.apply_to_traces(shifts, with_lead_n)[:, N_LEAD:]
@@ -138,7 +138,7 @@ def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: floa
         amplitude=amplitude[inverse],
         cells=places,
         whiteners=whiteners,
-        numerical=np.concatenate([of_meshes, late[None]]),
+        numerical=np.concatenate([of_variants, late[None]]),
     )
 
 
@@ -226,9 +226,9 @@ def _slopes(steps_n: np.ndarray) -> np.ndarray:
 
 
 def _numerical_scatter(other_n: np.ndarray, centre_n: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Mean outer product of what other meshes change in a cell itself, c x f x f, at the amplitude of its forces.
+    """Mean outer product of what numerical variants change in a cell itself, c x f x f, at the amplitude of its forces.
 
-    A cell that snaps in one mesh and not in another says little.
+    A cell that snaps in one variant and not in another says little.
     """
     change = np.nan_to_num(_changes(other_n, centre_n, amplitude))
     return np.asarray(np.swapaxes(change, 1, 2) @ change / max(change.shape[1], 1))

@@ -44,7 +44,7 @@ class Residuals:
 
     tool, obj, repeat: n, numbers from 0. order: n, grasps of this tool before. measured_n, predicted_n:
     n x steps. tool_factor: t, what was fitted as the modulus of each tool over the common one. numerical_n:
-    n x v x steps, what v other meshes change at this theta; NaN where a simulation failed.
+    n x v x steps, what v numerical variants change at this theta; NaN where a simulation failed.
     """
 
     tools: tuple[str, ...]
@@ -149,9 +149,9 @@ class Residuals:
 
     @cached_property
     def numerical_relative(self) -> np.ndarray:
-        """The same for what other meshes change, v x n x 5.
+        """The same for what numerical variants change, v x n x 5.
 
-        Where no other mesh was simulated the change is taken as zero.
+        Where no variant was simulated the change is taken as zero.
         """
         v = self.numerical_n.shape[1]
         changes = np.nan_to_num(self.numerical_n)

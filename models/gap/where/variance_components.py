@@ -26,7 +26,7 @@ class PhaseComponents:
     """Where the squares of one phase come from: relative to the predicted peak, squared.
 
     `parts`: by `SOURCES`, with 90 % intervals; they add up to the mean square but for noise. `noise`: repeat to repeat.
-    `numerical`: mean square of what other meshes change. `order_confounding`: how much of the order is known from
+    `numerical`: mean square of what numerical variants change. `order_confounding`: how much of the order is known from
     the object and the tool (1: nothing can be said about it).
     """
 

@@ -295,7 +295,7 @@ def test_too_few_held_out_and_a_small_gap_are_said(tmp_path: Path) -> None:
     page = write_gap_report(GapPage(findings), tmp_path, "X4").read_text(encoding="utf-8")
     assert "too few designs or objects held out for an interval, which takes 3 of either" in page
     assert "95 %: " not in page
-    assert "not larger than what repeats scatter or other meshes change, 0.13 N" in page
+    assert "not larger than what repeats scatter or another mesh or contact changes, 0.13 N" in page
 
 
 def test_recording_holds_measured_before_and_after(content: GapPage, tmp_path: Path) -> None:

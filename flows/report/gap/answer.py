@@ -132,12 +132,12 @@ def describe_closed(gap: Gap) -> tuple[str, str]:
 
 
 def describe_smallness(gap: Gap) -> str:
-    """A sentence for a gap that is no larger than what repeats scatter or another mesh or contact changes; else empty."""
+    """A sentence for a gap no larger than what repeats scatter or another mesh or contact changes; else empty."""
     if gap.rmse_before_n > gap.rmse_floor_n:
         return ""
     return (
-        f"The whole gap, {gap.rmse_before_n:.2f} N, is not larger than what repeats scatter or another mesh or contact changes, "
-        f"{gap.rmse_floor_n:.2f} N: another honest solver would disagree as much."
+        f"The whole gap, {gap.rmse_before_n:.2f} N, is not larger than what repeats scatter or another mesh or contact "
+        f"changes, {gap.rmse_floor_n:.2f} N: another honest solver would disagree as much."
     )
 
 

@@ -104,7 +104,7 @@ def draw_components(components: Sequence[PhaseComponents]) -> Figure:
         color=INK,
         linewidth=1.4,
         linestyle=(0, (2, 1)),
-        label="another mesh or contact",
+        label="mesh, contact",
     )
     axes.set_yticks(places, [s.phase for s in components])
     axes.invert_yaxis()

@@ -347,10 +347,7 @@ def _unsure_cells(content: GapPage) -> Markup:
     head = Markup("<h3>Where the simulator itself is unsure</h3>")
     if not content.unsure:
         return Markup(
-            head
-            + paragraph(
-                "Nowhere does another mesh, contact or height change the force by more than a tenth of the peak."
-            )
+            head + paragraph("Nowhere does another mesh, contact or height change the force by a tenth of the peak.")
         )
     causes = {"mesh": "another mesh or contact", "height": "0.25 mm of height"}
     rows = [

@@ -55,8 +55,8 @@ AMPLITUDES: Mapping[str, tuple[Mapping[str, float], ...]] = {
     ),
 }
 
-# Numerical variants, other choices of a simulator of the same physics: what they change is not to be explained by an effect. How far a
-# contact gives way before it slides decides the first millimetre of the lift (decision 055).
+# Numerical variants, other choices of a simulator of the same physics: what they change is not to be explained by an
+# effect. How far a contact gives way before it slides decides the first millimetre of the lift (decision 055).
 NUMERICAL: tuple[Mapping[str, Record], ...] = (
     {"mesh": MeshSettings(edge_mm=5.0)},
     {"contact": ContactSettings(tangential_n_per_mm3=2.0)},
@@ -87,7 +87,7 @@ _WIDER = 1.25  # from one width of a grid to the next
 class BankPlan:
     """What a bank holds: simulations of a grid of theta, and of everything else at its centre.
 
-    The default is the wide bank: all that is plausible, with every effect, in numerical variants, and placed in other ways.
+    The default is the wide bank: all that is plausible, with every effect, numerical variants, and other placements.
     A local one has a cross of theta and some effects; how much variants and placements change, it takes from the wide
     bank, and so it does with jaws that stop early unless it has their effect. `effects`: names, of
     `SIMULATED`.
@@ -166,9 +166,9 @@ class Bank:
     NaN where a simulation failed, or was not asked for: other targets than those of the base setup are simulated for
     the tools that were measured on them. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x k x g x 120;
     grid_lead_n: t x k x g x 12, the same before the lift, see `sensor_effects.read_lead`, at the timing of the base
-    setup. centre_steps_n: t x k x 120. numerical_steps_n: t x k x v x 120, the centre in the variants of `NUMERICAL`. placed_steps_n:
-    t x k x 2 x 120, the centre with tips deeper by `DEEPER_MM`. wider_mm: w, how much earlier the jaws stop;
-    wider_steps_n: t x k x w x 120. effects: runs of the effects of cost C and F, by name. failed_share: of all
+    setup. centre_steps_n: t x k x 120. numerical_steps_n: t x k x v x 120, the centre in the variants of `NUMERICAL`.
+    placed_steps_n: t x k x 2 x 120, the centre with tips deeper by `DEEPER_MM`. wider_mm: w, how much earlier the jaws
+    stop; wider_steps_n: t x k x w x 120. effects: runs of the effects of cost C and F, by name. failed_share: of all
     simulations that were asked for.
     """
 

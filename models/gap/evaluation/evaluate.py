@@ -64,9 +64,9 @@ def evaluate(
 def measure_gap_closed(held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0) -> Gap:
     """Root mean square errors before and after, the floor, and the closed share of what is above it.
 
-    The floor is the scatter of repeats or what numerical variants change, whichever is larger. Designs and objects are drawn
-    with replacement, both at once, for the 95 % interval: too wide rather than too narrow. Fewer than three of either
-    have none.
+    The floor is the scatter of repeats or what numerical variants change, whichever is larger. Designs and objects are
+    drawn with replacement, both at once, for the 95 % interval: too wide rather than too narrow. Fewer than three of
+    either have none.
     """
     parts = _Cells.of(held_out, before, after)
     rng = np.random.default_rng(seed)

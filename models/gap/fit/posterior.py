@@ -3,8 +3,8 @@
     y = F(v) + C d + e,    d ~ N(0, P^-1),  e ~ N(0, phi),  all whitened,
 
 v: ln E, friction, Poisson ratio and the effects' parameters on the axes of `models.gap.fit.fit`; C d: moduli of tools,
-what numerical variants change and what a law may differ by (`law_freedom`), integrated out with C as it is at the fit. The
-residual is a quadratic polynomial of v around the fit, found by least squares over points of the posterior's own
+what numerical variants change and what a law may differ by (`law_freedom`), integrated out with C as it is at the fit.
+The residual is a quadratic polynomial of v around the fit, found by least squares over points of the posterior's own
 ellipsoid, so that the log likelihood is one quadratic form of its terms: thousands of evaluations cost what one
 prediction of all grasps does. What the polynomial misses is measured at draws and said. `phi` (1 or more) is what the
 fit leaves beyond its errors; with an effect, only `DEFLATION` of the data count, since features of a cell are no
@@ -126,7 +126,7 @@ def sample_posterior(
     """Draws of theta and of `<effect>.<parameter>` of every effect of a fit, by NUTS from the priors of the catalogue.
 
     `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. Theta is the
-    simulator's: what the numerical variants of the bank change is integrated out, but that is not all that a bench differs by
+    simulator's: what numerical variants change is integrated out, but that is not all that a bench differs by
     (`models.gap.fit.theta`). Uses priors, chains, draws, tune, target_accept, seed, workers of settings.
     """
     surface = LikelihoodSurface.around(fit, settings.priors)

@@ -59,7 +59,7 @@ class WhitenedFeatures:
     surrogate: of these grasps. measured: m x f, free of the bias of sensor noise. amplitude: m x f, what a relative
     error of 1 is. cells: rows of the repeats of the c cells
     with r of them, c x r for each r.
-    whiteners: m x f x f. numerical: v x m x f, what numerical variants and, last, forces that are late by `COMMON_SHIFT_MM`
+    whiteners: m x f x f. numerical: v x m x f, what numerical variants and, last, forces late by `COMMON_SHIFT_MM`
     change at the centre's modulus, not whitened.
     """
 

@@ -26,7 +26,7 @@ class HeavyCell:
 
 @dataclass(frozen=True)
 class UnsureCell:
-    """A cell in which numerical variants or another height of the object change the force by `spread_n` (rms over the lift).
+    """A cell in which numerical variants or another height change the force by `spread_n` (rms over the lift).
 
     `peak_n`: simulated, at the centre of the bank.
     """

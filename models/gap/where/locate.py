@@ -26,7 +26,7 @@ from fast.models.gap.where.variance_components import PhaseComponents, estimate_
 from fast.models.objects.catalogue import get_object
 from fast.models.units import spell_name
 
-# Of the peak, beyond what numerical variants of the bank change: meshes and contact laws that the bank does not know make
+# Of the peak, beyond what numerical variants change: meshes and contact laws that the bank does not know make
 # gaps of 2 % here and there in null worlds (docs/explanation/gap-discovery-limits.md).
 LEAST_SHARE = 0.025
 LEAST_DRIFT = 0.01  # meshes do not drift, so that less can be believed

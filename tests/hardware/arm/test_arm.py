@@ -71,8 +71,6 @@ class TestArm(BenchContract):
 
 
 class TestGantry(BenchContract):
-    middle_of_a_grasp_s = 0.3
-
     @pytest.fixture
     def bench(self) -> Iterator[Bench]:
         world = World(seed=7, sensor=Sensor(noise_sd_n=0.05))

@@ -36,7 +36,7 @@ STUDIES: dict[str, Benchmark] = {
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
     "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds"),
     "gap-ask": benchmark(measure_asking, "worlds", "results"),
-    "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds"),
+    "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds", "workers"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
     ),

@@ -42,14 +42,16 @@ class CandidateSet:
         """What is predicted of left-out grasps over its line; above 1 it is an alarm.
 
         A misfit alone is none: honest simulators differ as much. Something has to predict left-out designs, objects or
-        repeats; and an effect has to change the forces by more than they differ by, however well it predicts.
+        repeats; and it has to change the forces by more than they differ by, however well it predicts.
         """
-        of_effect = 0.0
+        of_effect = of_pattern = 0.0
         if self.best is not None:
             size = compute_size(self.base, self.best.fit)
             of_effect = min(self.best.r2 / thresholds.effect_r2, size / thresholds.least_size)
-        is_pattern = self.pattern.nats > thresholds.least_nats
-        return max(of_effect, self.pattern_r2 / thresholds.pattern_r2 if is_pattern else 0.0)
+        if self.pattern.nats > thresholds.least_nats:
+            share = self.pattern.measure_share(self.base)
+            of_pattern = min(self.pattern_r2 / thresholds.pattern_r2, share / thresholds.least_size)
+        return max(of_effect, of_pattern)
 
 
 @dataclass(frozen=True, eq=False)

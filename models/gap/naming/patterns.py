@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from fast.models.gap.bank.surrogate import features_of_steps
+from fast.models.gap.bank.surrogate import N_BINS, features_of_steps
 from fast.models.gap.fit.fit import Fit
+from fast.models.gap.fit.law_freedom import solve_step
 from fast.models.gap.grasps import Grasps
 from fast.models.gap.where.strata import object_shape
 from fast.models.traces.step_features import N_STEPS, STEP_MM
@@ -44,6 +45,14 @@ class Pattern:
     def add_to(self, fit: Fit) -> Fit:
         """The fit with the columns of the pattern."""
         return fit.add_columns(self.columns, self.size)
+
+    def measure_share(self, fit: Fit) -> float:
+        """What the pattern at its best changes in the forces of a fit: root mean square, as a share of theirs."""
+        place = len(fit.columns) - fit.n_effect_columns
+        coefficients = solve_step(self.add_to(fit))[place : place + len(self.columns)]
+        change = fit.features.unwhiten(np.tensordot(coefficients, self.columns, 1) / fit.weight)[:, :N_BINS]
+        force = fit.predict_features()[:, :N_BINS]
+        return float(np.sqrt((change**2).mean() / max(float((force**2).mean()), 1e-12)))
 
 
 def rank_patterns(fit: Fit) -> list[Pattern]:

@@ -11,7 +11,7 @@ class Thresholds(Record):
     """When gap discovery speaks.
 
     effect_r2, pattern_r2: held-out share of squares below which an effect, or a pattern without a name, is no gap.
-    least_size: share of the force by which an effect must change the traces; honest solvers differ by as much.
+    least_size: share of the force by which either must change the traces; honest solvers differ by as much.
     least_nats: evidence below which a pattern is none, and between predictions of two effects that are told apart.
     temperature: of evidence in nats between effects. gap_logit: intercept and slope of the log odds that an alarm is
     right, in ln(r2 / line). name_logit: intercept and slopes of the log odds that the named family is right, see

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fast.models.gap.fit.fit import Fit
     from fast.models.gap.naming.name import NamingResult
     from fast.models.gap.naming.thresholds import Thresholds
+    from tests.studies.gap.local_banks import LocalBanks
 
 MAX_ROUNDS = 3
 LIFT_STEPS = 2 * N_STEPS // 3  # 40 mm: beyond, little is in the fingers
@@ -77,44 +78,56 @@ class Answer(Record):
 def naming_code() -> str:
     """Id of the code that names effects; lines have one of their own (`thresholds_id`)."""
     root = Path(fast.models.__file__).parent
-    kept = ("gap/bank", "gap/fit", "gap/naming", "gap/grasps.py", "gap/data.py")
+    kept = ("gap/bank", "gap/fit", "gap/naming", "gap/grasps.py", "gap/data.py", "gap/local_bank.py")
     files = [file.relative_to(root).as_posix() for file in (root / "gap").rglob("*.py") if file.stem != "thresholds"]
     return source_id(root, (*(f for f in files if f.startswith(kept)), "simulation/effects", "calibration/traces"))
 
 
 def answer(
-    problem: GapData, thresholds: "Thresholds", *, without: Sequence[str] = (), max_rounds: int = MAX_ROUNDS
+    problem: GapData,
+    thresholds: "Thresholds",
+    *,
+    without: Sequence[str] = (),
+    max_rounds: int = MAX_ROUNDS,
+    banks: "LocalBanks | None" = None,
 ) -> Answer:
     """Name effects round by round until nothing more is said; of a set, the first stands for all.
 
-    without: effects taken out of the catalogue.
+    without: effects taken out of the catalogue. banks: around the fitted theta; none, and the wide bank answers.
     """
     from fast.models.gap.naming.name import name_effect
 
     started = time.process_time()
     catalogue = [name for name in problem.surrogate.names if name not in without]
-    results: list[NamingResult] = []
+    results: list[tuple[NamingResult, GapData]] = []
     in_model: tuple[EffectValue, ...] = ()
+    plan = None
     for _ in range(max_rounds):
-        result = name_effect(problem, in_model, thresholds, catalogue)
-        results.append(result)
+        if banks is None:
+            result, data = name_effect(problem, in_model, thresholds, catalogue), problem
+        else:
+            result, data, plan = banks.name(problem, in_model, thresholds, catalogue, plan)
+        results.append((result, data))
         if not result.values:
             break
         in_model = tuple(result.best.effects)
     return Answer(
         code=naming_code(),
         thresholds=thresholds_id(thresholds),
-        rounds=tuple(_said(result) for result in results),
-        closing=_closing(problem, results),
+        rounds=tuple(_said(result) for result, _ in results),
+        closing=_closing(results),
         cpu_s=round(time.process_time() - started, 2),
     )
 
 
-def measure_twin(problem: GapData) -> float:
+def measure_twin(problem: GapData, thresholds: "Thresholds", banks: "LocalBanks | None" = None) -> float:
     """Held-out error of a world in which nothing is hidden, calibrated anew, N: what nobody can close."""
     from fast.models.gap.fit.recalibrate import recalibrate
 
-    return _held_out_rmse_n(problem, recalibrate(problem.training))
+    if banks is None:
+        return _held_out_rmse_n(problem, recalibrate(problem.training))
+    found, data, _ = banks.name(problem, (), thresholds, problem.surrogate.names)
+    return _held_out_rmse_n(data, found.fit)
 
 
 def thresholds_id(thresholds: "Thresholds") -> str:
@@ -143,13 +156,15 @@ def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _closing(problem: GapData, results: Sequence["NamingResult"]) -> Closing | None:
+def _closing(results: Sequence[tuple["NamingResult", GapData]]) -> Closing | None:
     """How much of the gap on held-out grasps what was named closes; None if nothing is held out."""
+    first, problem = results[0]
     if not (problem.is_held_out & problem.surrogate.is_usable).any():
         return None
-    named = [result for result in results if result.values]
-    before, after = results[0].fit, named[-1].best if named else results[0].fit
-    return Closing(before_n=_held_out_rmse_n(problem, before), after_n=_held_out_rmse_n(problem, after))
+    before_n = _held_out_rmse_n(problem, first.fit)
+    named = [(result, data) for result, data in results if result.values]
+    after_n = _held_out_rmse_n(named[-1][1], named[-1][0].best) if named else before_n
+    return Closing(before_n=before_n, after_n=after_n)
 
 
 def _held_out_rmse_n(problem: GapData, fit: "Fit") -> float:

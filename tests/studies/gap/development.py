@@ -72,7 +72,7 @@ def measure_gap(options: Options) -> Tables:
             key = worlds.draw(group, number)
             problem = worlds.problem(key)
             said = answer(problem, thresholds, without=key.names if is_left_out else ())
-            twin_n = None if is_left_out else measure_twin(worlds.problem(worlds.twin(key)))
+            twin_n = None if is_left_out else measure_twin(worlds.problem(worlds.twin(key)), thresholds)
             outcomes[place] = GapOutcome(stage="development", key=key, answer=said, left_out=is_left_out, twin_n=twin_n)
             file.append(outcomes[place])
             options.tell(_line(outcomes[place]))

@@ -28,11 +28,14 @@ from fast.models.traces.step_noise import SensorNoise
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.development import open_panels
 from tests.studies.gap.judgement import Judged
+from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import results_folder
 from tests.studies.gap.worlds import Group, WorldKey, Worlds
 from tests.synthetic.gap import of_one_setup
 
+# Banks around fitted thetas lie on a lattice of Young's modulus; worlds of one lot of material share them.
+ONE_LOT_MPA = (8.8, 9.3)
 N_SEALED: dict[Group, int] = {"null": 96, "single": 96, "alias": 6, "unlisted": 22, "pair": 30}
 
 
@@ -76,13 +79,14 @@ def measure_gap_sealed(options: Options) -> Tables:
     folder = results_folder(options)
     thresholds = frozen_lines(folder)
     panels, bank = open_panels(folder)
+    banks = LocalBanks.of(folder, options.workers or 1)
     if not (folder / "sealed.jsonl").exists():
-        worlds = Worlds(panels, bank, secrets.token_hex(16))
+        worlds = Worlds(panels, bank, secrets.token_hex(16), ONE_LOT_MPA)
         seal(worlds, folder, thresholds_id(thresholds), options)
-    answer_all(folder, bank, thresholds, options)
+    answer_all(folder, bank, banks, thresholds, options)
     judged(folder)  # no key is opened before every hash is checked
-    ask_without_truth(folder, bank, thresholds, options)
-    twins = _measure_twins(folder, Worlds(panels, bank, ""), options)
+    ask_without_truth(folder, bank, banks, thresholds, options)
+    twins = _measure_twins(folder, Worlds(panels, bank, ""), banks, thresholds, options)
     found = [replace(one, twin_n=twins.get(one.key.world_id)) for one in judged(folder)]
     return gap_tables([*found, *left_out(folder)])
 
@@ -94,14 +98,17 @@ class Twin(Record):
     twin_n: float
 
 
-def _measure_twins(folder: Path, worlds: Worlds, options: Options) -> dict[str, float]:
+def _measure_twins(
+    folder: Path, worlds: Worlds, banks: LocalBanks, thresholds: Any, options: Options
+) -> dict[str, float]:
     """Errors of the twins of worlds with one effect, from the results file or measured now."""
     path = folder / "sealed-twins.jsonl"
     known = {one.world_id: one.twin_n for one in read_records(path, Twin, "twin of a sealed world")}
     with RecordFile(path) as file:
         for one in judged(folder):
             if one.key.group == "single" and one.key.world_id not in known:
-                twin = Twin(world_id=one.key.world_id, twin_n=measure_twin(worlds.problem(worlds.twin(one.key))))
+                problem = worlds.problem(worlds.twin(one.key))
+                twin = Twin(world_id=one.key.world_id, twin_n=measure_twin(problem, thresholds, banks))
                 known[twin.world_id] = twin.twin_n
                 file.append(twin)
                 options.tell(f"{twin.world_id}: {twin.twin_n:.3f} N with nothing hidden")
@@ -142,7 +149,7 @@ def seal(worlds: Worlds, folder: Path, lines: str, options: Options) -> None:
             options.tell(f"{name} sealed, {key.key_hash[:12]}")
 
 
-def answer_all(folder: Path, bank: Bank, thresholds: Any, options: Options) -> None:
+def answer_all(folder: Path, bank: Bank, banks: LocalBanks, thresholds: Any, options: Options) -> None:
     """Answer every sealed world once, from its data alone.
 
     Raises:
@@ -159,12 +166,12 @@ def answer_all(folder: Path, bank: Bank, thresholds: Any, options: Options) -> N
                 raise UsageError(
                     f"{one.world} was sealed for other lines or code; move the sealed files away and seal new worlds."
                 )
-            said = answer(read_problem(folder / "sealed" / f"{one.world}.npz", bank), thresholds)
+            said = answer(read_problem(folder / "sealed" / f"{one.world}.npz", bank), thresholds, banks=banks)
             file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
             options.tell(f"{one.world}: {said.rounds[0].kind}, {said.cpu_s:.1f} s")
 
 
-def ask_without_truth(folder: Path, bank: Bank, thresholds: Any, options: Options) -> None:
+def ask_without_truth(folder: Path, bank: Bank, banks: LocalBanks, thresholds: Any, options: Options) -> None:
     """Ask answered worlds with one effect again, the effect taken out of the catalogue; their keys are open by now."""
     path = folder / "sealed-left-out.jsonl"
     known = {one.world for one in read_records(path, SealedAnswer, "answer to a sealed world")}
@@ -176,7 +183,7 @@ def ask_without_truth(folder: Path, bank: Bank, thresholds: Any, options: Option
             if key.group != "single" or one.world in known or time.monotonic() > end:
                 continue
             problem = read_problem(folder / "sealed" / f"{one.world}.npz", bank)
-            said = answer(problem, thresholds, without=key.names, max_rounds=1)
+            said = answer(problem, thresholds, without=key.names, max_rounds=1, banks=banks)
             file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
             options.tell(f"{one.world} without its effect: {said.rounds[0].kind}")
 

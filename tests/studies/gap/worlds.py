@@ -88,11 +88,15 @@ class WorldKey(Record):
 
 @dataclass(frozen=True, eq=False)
 class Worlds:
-    """Draws worlds of a panel; `seed` is public for development and a secret for sealed worlds."""
+    """Draws worlds of a panel; `seed` is public for development and a secret for sealed worlds.
+
+    moduli_mpa: ends between which Young's modulus is drawn.
+    """
 
     panels: Panels
     bank: Bank
     seed: int | str
+    moduli_mpa: tuple[float, float] = MODULI_MPA
 
     def draw(self, group: Group, number: int) -> WorldKey:
         """The key of a world, always the same for a seed."""
@@ -104,7 +108,7 @@ class Worlds:
             number=number,
             seed=int(rng.integers(2**53)),
             base=base,
-            young_modulus_mpa=round(float(rng.uniform(*MODULI_MPA)), 3),
+            young_modulus_mpa=round(float(rng.uniform(*self.moduli_mpa)), 3),
             nuisance=nuisance,
         )
         effects = {"single": self._singles, "alias": tuple(ALIASES), "unlisted": self._unlisted, "pair": self._singles}

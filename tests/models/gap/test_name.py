@@ -12,6 +12,7 @@ from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.traces.step_features import N_STEPS
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 # Made-up grasps have less to hide than a simulator's: their lines are of made-up null worlds.
@@ -68,6 +69,20 @@ def test_an_effect_that_changes_less_than_solvers_differ_by_is_no_alarm(lag: Nam
     assert 0.01 < size < 0.2  # a lag of 0.35 s in forces of some seconds
     assert lag.tried.measure_alarm(LINES) > 1.0
     larger = lag.tried.measure_alarm(LINES.model_copy(update={"least_size": 2.0 * size, "pattern_r2": 1.0}))
+    assert larger == pytest.approx(0.5)
+
+
+def test_a_pattern_that_changes_less_than_solvers_differ_by_is_no_alarm() -> None:
+    problem = world()
+    lift_mm = 60.0 * (np.arange(N_STEPS) + 0.5) / N_STEPS
+    pulled_n = problem.grasps.steps_n + 0.6 * np.exp(-lift_mm / 8.0)  # a magnet, which no effect is
+    pulled = name(replace(problem, grasps=replace(problem.grasps, steps_n=pulled_n)))
+    share = pulled.tried.pattern.measure_share(pulled.fit)
+    raw = np.sqrt(np.mean((pulled_n - problem.grasps.steps_n) ** 2) / np.mean(pulled_n**2))
+    assert 0.3 * raw < share < 1.2 * raw
+    only_patterns = LINES.model_copy(update={"effect_r2": 1e9, "least_size": 0.5 * share})
+    assert pulled.tried.measure_alarm(only_patterns) > 1.0
+    larger = pulled.tried.measure_alarm(only_patterns.model_copy(update={"least_size": 2.0 * share}))
     assert larger == pytest.approx(0.5)
 
 

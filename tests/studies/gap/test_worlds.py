@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from fast.flows.benchmarks.base import Options
+from fast.lake.store import Lake
 from fast.models.errors import UsageError
-from fast.models.gap.bank.bank import Bank
+from fast.models.gap.bank.bank import Bank, BankPlan
+from fast.models.gap.data import GapData
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import measure_gap, with_known_fields
 from tests.studies.gap.judgement import Judged, fit_probabilities
+from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.panels import Panels, raw_strength, visible_share
 from tests.studies.gap.sealed import SealedKey, judged, measure_gap_sealed, read_problem, seal, write_problem
 from tests.studies.gap.small import read_small, write_small
@@ -242,7 +245,29 @@ def test_a_tiny_null_world_is_answered_with_nothing(worlds: Worlds) -> None:
     said = answer(problem, Thresholds(), max_rounds=1)
     assert said.rounds[0].kind == "none"
     assert said.closing is not None
-    assert said.closing.before_n == said.closing.after_n == pytest.approx(measure_twin(problem))
+    assert said.closing.before_n == said.closing.after_n == pytest.approx(measure_twin(problem, Thresholds()))
+
+
+def test_a_world_is_answered_with_the_bank_around_its_theta(
+    worlds: Worlds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last bank answers: the one around theta, moved where theta left it."""
+    from fast.models.gap.naming.thresholds import Thresholds
+
+    plans: list[BankPlan] = []
+
+    def take(banks: LocalBanks, wide: GapData, plan: BankPlan) -> GapData:
+        plans.append(plan)
+        return wide
+
+    monkeypatch.setattr(LocalBanks, "_with_bank", take)
+    monkeypatch.setattr("tests.studies.gap.local_banks.has_left", lambda found, plan: len(plans) == 1)
+    problem = worlds.problem(_key(worlds))
+    banks = LocalBanks(Lake.open(tmp_path, create=True))
+    said = answer(problem, Thresholds(), max_rounds=1, banks=banks)
+    assert [plan.is_local for plan in plans] == [True, True]
+    assert said.rounds[0].kind == "none"
+    assert measure_twin(problem, Thresholds(), banks) == pytest.approx(measure_twin(problem, Thresholds()))
 
 
 def test_a_tiny_world_with_another_friction_law_is_named(worlds: Worlds) -> None:

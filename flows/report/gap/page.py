@@ -135,7 +135,7 @@ def headline(content: GapPage) -> Markup:
 def write_where(content: GapPage, folder: Folder) -> Markup:
     """Sentences, the map of the phase that they are about, and what the gap goes with."""
     rounds = content.findings.rounds
-    parts = [_sentences(found, place, len(rounds)) for place, found in enumerate(rounds)]
+    parts = [_sentences(found, place, len(rounds), content.findings.power) for place, found in enumerate(rounds)]
     if content.where and content.residuals is not None:
         where = content.where[0]
         lead = where.findings[0].phase if where.findings else "peak"
@@ -321,11 +321,13 @@ def write_theta(content: GapPage, folder: Folder) -> Markup:
     )
 
 
-def _sentences(found: RoundFindings, place: int, n_rounds: int) -> Markup:
+def _sentences(found: RoundFindings, place: int, n_rounds: int, power: str) -> Markup:
     head = Markup(f"<h3>Round {place + 1}</h3>") if n_rounds > 1 else Markup("")
     if not found.where:
-        pattern = " What is named above shows in the pattern of all traces." if found.named.kind != "none" else ""
-        sentence = "No single tool, object or phase stands out from noise, scatter of prints and meshes." + pattern
+        sentence = "No single tool, object or phase stands out from noise, scatter of prints and meshes."
+        if found.named.kind != "none":
+            unsure = "There is a gap, but no single tool, object or phase is sure to carry more of it than others."
+            sentence = " ".join(filter(None, [unsure, power, "What is named above explains the traces together."]))
         return Markup(head + paragraph(sentence))
     first, *others = found.where
     return Markup(head + paragraph(first.sentence, "lead" if place == 0 else "") + _list([f.sentence for f in others]))

@@ -211,6 +211,16 @@ def test_answer_alone_makes_a_page_and_silence_is_said(tmp_path: Path) -> None:
     assert "No single tool, object or phase stands out" in page
 
 
+def test_a_gap_that_no_place_is_sure_of_says_what_so_few_tools_can_show(content: GapPage, tmp_path: Path) -> None:
+    (first, *others), power = content.findings.rounds, "4 designs show a gap of 22 % or more."
+    nowhere = content.findings.model_copy(
+        update={"rounds": (first.model_copy(update={"where": ()}), *others), "power": power}
+    )
+    page = write_gap_report(replace(content, findings=nowhere, where=()), tmp_path, "X2").read_text(encoding="utf-8")
+    assert f"no single tool, object or phase is sure to carry more of it than others. {power}" in page
+    assert "stands out" not in page
+
+
 def _told(*rounds: RoundFindings) -> Findings:
     gap = Gap(rmse_before_n=0.5, rmse_after_n=0.3, rmse_floor_n=0.1, closed_fraction=0.5, ci95=(0.4, 0.6))
     is_alarm = any(r.named.kind != "none" for r in rounds)

@@ -155,7 +155,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
         first = describe_effect(named.effects[0])
         notes.append(f"The simulator gets {first}, since all of them correct alike; which of them it is stays open.")
     if found.refused:
-        notes.append(f"Not added to the simulator: {found.refused}")
+        notes.append(found.refused)
     if found.patternless_n is not None:
         notes.append(
             f"Differences of {found.patternless_n:.2g} N are left in which designs, objects and repeats show no "

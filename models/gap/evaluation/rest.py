@@ -183,7 +183,7 @@ def _describe_patternless(gap_n: np.ndarray, mean_n: np.ndarray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """Means of a part's force by tool and object, t x o, of the tools and objects that have all of them (NaN: none).
+    """Means of a part's force by tool and object, t x o, of the tools and objects that have any (NaN: a cell has none).
 
     tools, objects: numbers of the rows and columns; scale: t x o, predicted peaks in N.
     """
@@ -195,14 +195,14 @@ class _Cells:
 
     @staticmethod
     def of(residuals: Residuals, force_n: np.ndarray) -> "_Cells":
-        tools, t = np.unique(residuals.tool, return_inverse=True)
-        objects, o = np.unique(residuals.obj, return_inverse=True)
+        is_there = np.isfinite(force_n) & np.isfinite(residuals.amplitude_n)
+        tools, t = np.unique(residuals.tool[is_there], return_inverse=True)
+        objects, o = np.unique(residuals.obj[is_there], return_inverse=True)
         tables = []
         for values in (force_n, residuals.amplitude_n):
-            is_there = np.isfinite(values) & np.isfinite(force_n)
             total, count = np.zeros((len(tools), len(objects))), np.zeros((len(tools), len(objects)))
-            np.add.at(total, (t[is_there], o[is_there]), values[is_there])
-            np.add.at(count, (t[is_there], o[is_there]), 1.0)
+            np.add.at(total, (t, o), values[is_there])
+            np.add.at(count, (t, o), 1.0)
             tables.append(np.where(count > 0, total / np.maximum(count, 1.0), np.nan))
         return _Cells(tables[0], tables[1], tools, objects)
 

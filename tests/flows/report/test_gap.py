@@ -244,7 +244,7 @@ def test_a_set_and_a_name_behind_it_are_both_said() -> None:
     (note,) = answer.describe_notes(_round(either, version="V2"), False)
     assert note == "The simulator gets load cell lag, since all of them correct alike; which of them it is stays open."
     (note,) = answer.describe_notes(_round(either, refused="it does not help."), False)
-    assert note == "Not added to the simulator: it does not help."
+    assert note == "it does not help."
 
 
 def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
@@ -285,7 +285,7 @@ def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:
         "Probability that this answer is right: 0.93.",
         "Probability that this answer is right: 0.71.",
         "would still explain 12 % of what this answer explains",
-        "Not added to the simulator: It made held-out grasps worse.",
+        "It made held-out grasps worse.",
         "A pull stays.",
         "Differences of 0.1 N are left in which designs, objects and repeats show no pattern.",
     ):

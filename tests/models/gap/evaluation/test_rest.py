@@ -37,6 +37,7 @@ class Made:
         rest = describe_rest(self.residuals(measured))
         assert len(rest.lift_mm) == len(rest.force_n) == N_STEPS
         assert all(low <= x <= high for low, x, high in zip(rest.low_n, rest.force_n, rest.high_n, strict=True))
+        assert "nan" not in rest.sentence
         return rest.sentence
 
     def residuals(self, measured_n: np.ndarray) -> Residuals:
@@ -65,6 +66,12 @@ def test_a_hose_pulls_on_and_grows(made: Made) -> None:
     assert told.startswith("A pull stays after the object has gone: 0.9"), told
     assert "and grows by 0.02 N per mm." in told
     assert "It " not in told  # it goes with nothing else
+
+
+def test_an_object_that_never_comes_free_has_no_say_in_what_stays(made: Made) -> None:
+    made.predicted_n[made.obj == len(OBJECTS) - 1] = 5.0
+    told = made.told(np.broadcast_to(0.02 * LIFT_MM, made.predicted_n.shape))
+    assert told.startswith("A pull stays after the object has gone: 0.9"), told
 
 
 def test_a_constant_tail_does_not_grow(made: Made) -> None:

@@ -327,7 +327,8 @@ def _sentences(found: RoundFindings, place: int, n_rounds: int, power: str) -> M
         sentence = "No single tool, object or phase stands out from noise, scatter of prints and meshes."
         if found.named.kind != "none":
             unsure = "There is a gap, but no single tool, object or phase is sure to carry more of it than others."
-            sentence = " ".join(filter(None, [unsure, power, "What is named above explains the traces together."]))
+            explained = "What is named above explains the traces together." if found.named.effects else ""
+            sentence = " ".join(filter(None, [unsure, power, explained]))
         return Markup(head + paragraph(sentence))
     first, *others = found.where
     return Markup(head + paragraph(first.sentence, "lead" if place == 0 else "") + _list([f.sentence for f in others]))

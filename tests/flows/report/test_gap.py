@@ -219,6 +219,11 @@ def test_a_gap_that_no_place_is_sure_of_says_what_so_few_tools_can_show(content:
     page = write_gap_report(replace(content, findings=nowhere, where=()), tmp_path, "X2").read_text(encoding="utf-8")
     assert f"no single tool, object or phase is sure to carry more of it than others. {power}" in page
     assert "stands out" not in page
+    assert "explains the traces together" in page
+    unknown = _round(Decision(kind="unknown", probability=0.7))
+    page = write_gap_report(GapPage(_told(unknown)), tmp_path, "X3").read_text(encoding="utf-8")
+    assert "no single tool, object or phase is sure" in page
+    assert "explains the traces together" not in page
 
 
 def _told(*rounds: RoundFindings) -> Findings:

@@ -15,6 +15,7 @@ from fast.models.gap.bank.surrogate import N_BINS
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.recalibrate import Fitter, estimate_theta
 from fast.models.gap.fit.whitened_features import apply_robust_loss
+from fast.models.gap.naming.patterns import Kind, Pattern, rank_patterns, rank_single_patterns
 from fast.models.gap.naming.rank_effects import EffectRanking, compute_left_out_errors
 from fast.models.records import EffectValue
 
@@ -83,10 +84,24 @@ def score_fit(fit: Fit) -> Score:
     return _make_score(fit, *_compute_left_out_ways(fit))
 
 
-def compute_r2(base: Score, other: Score) -> float:
-    """Share of the held-out squares that the other explains, the smaller of the two ways."""
-    ways = ((base.by_design, other.by_design), (base.by_class, other.by_class))
+def compute_r2(base: Score, other: Score, kind: Kind = "common") -> float:
+    """Share of the held-out squares that the other explains, the smaller of the two ways.
+
+    kind: of what is by object, only designs that are left out count, since nothing is known of an object that is left
+    out; of what is by tool, only object classes.
+    """
+    by_design, by_class = (base.by_design, other.by_design), (base.by_class, other.by_class)
+    ways = {"common": (by_design, by_class), "by object": (by_design,), "by tool": (by_class,)}[kind]
     return min(1.0 - float((after**2).sum() / max((before**2).sum(), 1e-12)) for before, after in ways)
+
+
+def score_patterns(fit: Fit, score: Score) -> list[tuple[Pattern, float]]:
+    """The best pattern that is common to all grasps, and those by object and by tool, with what each predicts.
+
+    The one with the greatest evidence comes first. score: of the fit.
+    """
+    patterns = sorted([rank_patterns(fit)[0], *rank_single_patterns(fit)], key=lambda pattern: -pattern.nats)
+    return [(one, compute_r2(score, score_fit(one.add_to(fit)), one.kind)) for one in patterns]
 
 
 def compute_size(fit: Fit, other: Fit) -> float:

@@ -23,15 +23,24 @@ _EVEN = 0.5  # a name is said if it is more probable than not
 class CandidateSet:
     """All that a decision rests on.
 
-    base, score: the fit without new effects. singles: effects that were fitted, by what they explain. pattern: the
-    strongest without a name; pattern_r2: of the held-out squares.
+    base, score: the fit without new effects. singles: effects that were fitted, by what they explain. patterns: without
+    a name, with what each predicts of the held-out squares, of `score_patterns`.
     """
 
     base: Fit
     score: Score
     singles: Sequence[FittedCandidate]
-    pattern: Pattern
-    pattern_r2: float
+    patterns: Sequence[tuple[Pattern, float]]
+
+    @property
+    def pattern(self) -> Pattern:
+        """The pattern with the greatest evidence."""
+        return self.patterns[0][0]
+
+    @property
+    def pattern_r2(self) -> float:
+        """What the pattern that predicts best predicts of the held-out squares."""
+        return max(r2 for _, r2 in self.patterns)
 
     @property
     def best(self) -> FittedCandidate | None:
@@ -44,14 +53,18 @@ class CandidateSet:
         A misfit alone is none: honest simulators differ as much. Something has to predict left-out designs, objects or
         repeats; and it has to change the forces by more than they differ by, however well it predicts.
         """
-        of_effect = of_pattern = 0.0
+        of_effect = 0.0
         if self.best is not None:
             size = compute_size(self.base, self.best.fit)
             of_effect = min(self.best.r2 / thresholds.effect_r2, size / thresholds.least_size)
-        if self.pattern.nats > thresholds.least_nats:
-            share = self.pattern.measure_share(self.base)
-            of_pattern = min(self.pattern_r2 / thresholds.pattern_r2, share / thresholds.least_size)
-        return max(of_effect, of_pattern)
+        of_patterns = []
+        for pattern, r2 in self.patterns:
+            is_common = pattern.kind == "common"
+            least_r2 = thresholds.pattern_r2 if is_common else thresholds.single_r2
+            least_size = thresholds.least_size if is_common else thresholds.single_size
+            if pattern.nats > thresholds.least_nats:
+                of_patterns.append(min(r2 / least_r2, pattern.measure_share(self.base) / least_size))
+        return max([of_effect, *of_patterns])
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,10 @@ from fast.models.gap.naming.candidates import (
     compute_shares,
     fit_candidates,
     score_fit,
+    score_patterns,
     top_candidates,
 )
 from fast.models.gap.naming.decide import CandidateSet, Judgement, decide
-from fast.models.gap.naming.patterns import rank_patterns
 from fast.models.gap.naming.rank_effects import EffectRanking, Separability, compute_separability, rank_effects
 from fast.models.gap.naming.second_look import SecondLook, look_again
 from fast.models.gap.naming.thresholds import Thresholds
@@ -100,7 +100,6 @@ def name_effect(
 def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
     """Everything that is tried on a fit: the most promising effects, and patterns without a name."""
     score = score_fit(fit)
-    pattern = rank_patterns(fit)[0]
     singles = fit_candidates(fit, score, ranking, top_candidates(ranking))
     if singles:
         known = {single.effects[0] for single in singles}
@@ -110,8 +109,7 @@ def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
         base=fit,
         score=score,
         singles=singles,
-        pattern=pattern,
-        pattern_r2=compute_r2(score, score_fit(pattern.add_to(fit))),
+        patterns=score_patterns(fit, score),
     )
 
 

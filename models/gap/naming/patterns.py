@@ -4,9 +4,14 @@ A pattern is a force over the lift, or a factor on the force over the lift, that
 with something that is known of the grasp: the repeat, the order, the width of the object, the force. It has a few
 smooth coefficients with a normal prior whose size is not known, so its evidence can be compared with that of an effect,
 and it can be said in words.
+
+Or every object has a factor of its own, or every tool: what is wrong with single objects (their size, edges, surface)
+predicts the grasps of other designs on them, and nothing of other objects. Prints differ in their modulus anyway, so a
+factor of a tool is one that changes over the lift.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -21,6 +26,9 @@ from fast.models.traces.step_features import N_STEPS, STEP_MM
 KNOTS_MM = (0.0, 1.5, 5.0, 12.0, 25.0, 45.0)  # of the lift, where a pattern has a coefficient; straight between
 SIZES = (0.003, 0.01, 0.03, 0.1)  # standard deviations of coefficients that are tried, of the force
 _LEAST_SD = 1e-9
+_FACTOR = "a factor on the force"
+
+Kind = Literal["common", "by object", "by tool"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +36,7 @@ class Pattern:
     """A pattern at a fit. columns: k x m x f, whitened and weighted. nats: its log evidence over none at all.
 
     `what` and `how`: its words, "a force" or "a factor on the force", and what it depends on. size: of `SIZES`, the
-    likeliest.
+    likeliest. kind: whether it is common to all grasps, or every object or tool has its own.
     """
 
     what: str
@@ -36,6 +44,7 @@ class Pattern:
     columns: np.ndarray
     nats: float
     size: float
+    kind: Kind = "common"
 
     @property
     def words(self) -> str:
@@ -64,6 +73,21 @@ def rank_patterns(fit: Fit) -> list[Pattern]:
         for what, change in list_changes(steps_n)
         for how, by in list_variates(grasps, steps_n)
     ]
+    return sorted(found, key=lambda pattern: -pattern.nats)
+
+
+def rank_single_patterns(fit: Fit) -> list[Pattern]:
+    """Factors that every object, or every tool, has for itself, the one with the greater evidence first."""
+    steps_n = fit.features.surrogate.predict_steps(fit.theta, fit.effects, fit.tool_factor)
+    change = dict(list_changes(steps_n))[_FACTOR]
+    groups: tuple[tuple[str, np.ndarray, Kind], ...] = (
+        ("another on each object", fit.features.obj, "by object"),
+        ("another for each tool", fit.features.tool, "by tool"),
+    )
+    found = []
+    for how, group, kind in groups:
+        rows = [fit.features.whiten(change * (group == one)[None, :, None]) for one in np.unique(group)]
+        found.append(_weigh(fit, _FACTOR, how, np.concatenate(rows) * fit.weight, kind))
     return sorted(found, key=lambda pattern: -pattern.nats)
 
 
@@ -96,7 +120,7 @@ def list_variates(grasps: Grasps, steps_n: np.ndarray) -> list[tuple[str, np.nda
 def list_changes(steps_n: np.ndarray) -> list[tuple[str, np.ndarray]]:
     """Changes of features (k x m x f) by a force as large as the median peak, or twice the force, about each knot."""
     peak_n = float(np.median(steps_n.max(axis=1)))
-    changes = (("a force", np.full_like(steps_n, peak_n)), ("a factor on the force", steps_n))
+    changes = (("a force", np.full_like(steps_n, peak_n)), (_FACTOR, steps_n))
     small, before = 1e-3, features_of_steps(steps_n)
     return [
         (what, np.array([(features_of_steps(steps_n + small * hat * change_n) - before) / small for hat in _hats()]))
@@ -110,9 +134,9 @@ def _hats() -> np.ndarray:
     return np.array([np.interp(lift_mm, KNOTS_MM, row) for row in np.eye(len(KNOTS_MM))])
 
 
-def _weigh(fit: Fit, what: str, how: str, columns: np.ndarray) -> Pattern:
+def _weigh(fit: Fit, what: str, how: str, columns: np.ndarray, kind: Kind = "common") -> Pattern:
     """The pattern with its evidence, averaged over sizes."""
     without = compute_log_evidence(fit)
     nats = np.array([compute_log_evidence(fit.add_columns(columns, size)) - without for size in SIZES])
     mean = float(np.logaddexp.reduce(nats) - np.log(len(SIZES)))
-    return Pattern(what, how, columns, mean, SIZES[int(np.argmax(nats))])
+    return Pattern(what, how, columns, mean, SIZES[int(np.argmax(nats))], kind)

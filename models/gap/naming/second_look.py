@@ -22,9 +22,10 @@ from fast.models.gap.naming.candidates import (
     fit_candidates,
     fit_effect,
     score_fit,
+    score_patterns,
     top_candidates,
 )
-from fast.models.gap.naming.patterns import Pattern, rank_patterns
+from fast.models.gap.naming.patterns import Pattern
 from fast.models.gap.naming.rank_effects import EffectRanking, rank_effects
 
 DESCRIPTION = ("explained", "pattern left", "share left", "lead", "over a pattern", "pair")
@@ -39,8 +40,9 @@ class SecondLook:
 
     fit: everything calibrated anew with it; score: held-out. r2: of the held-out squares without it. further: the
     effect that explains most of the rest, on top. is_pair: whether both belong there; then `pattern` is what both
-    leave. pattern: the strongest without a name; pattern_r2: what it predicts of left-out grasps. left_share: of what
-    is explained, what is left for another effect or pattern. scale: how many times wider than stated errors are.
+    leave. pattern: the strongest without a name; pattern_r2: what the best of them predicts of left-out grasps.
+    left_share: of what is explained, what is left for another effect or pattern. scale: how many times wider than
+    stated errors are.
     """
 
     effect: str
@@ -111,8 +113,8 @@ def look_at(base_score: Score, candidate: FittedCandidate, names: Sequence[str])
     score_again = score_fit(again)
     taken = {value.effect for value in again.effects}
     further = _best_further(again, score_again, [name for name in names if name not in taken])
-    pattern = rank_patterns(again)[0]
-    pattern_r2 = compute_r2(score_again, score_fit(pattern.add_to(again)))
+    patterns = score_patterns(again, score_again)
+    pattern_r2 = max(r2 for _, r2 in patterns)
     remaining = 1.0 - candidate.r2
     left = max(further.r2 if further is not None else 0.0, pattern_r2, 0.0) * remaining / max(candidate.r2, 1e-6)
     is_pair = False
@@ -121,8 +123,8 @@ def look_at(base_score: Score, candidate: FittedCandidate, names: Sequence[str])
         with_both_r2 = 1.0 - (1.0 - further.r2) * remaining
         is_pair = with_both_r2 - compute_r2(base_score, score_fit(alone)) > _NEEDED * candidate.r2
         if is_pair:
-            pattern = rank_patterns(further.fit)[0]
-            pattern_r2 = compute_r2(further.score, score_fit(pattern.add_to(further.fit)))
+            patterns = score_patterns(further.fit, further.score)
+            pattern_r2 = max(r2 for _, r2 in patterns)
             left = max(pattern_r2, 0.0) * (1.0 - with_both_r2) / max(with_both_r2, 1e-6)
     return SecondLook(
         effect=candidate.effects[0],
@@ -131,7 +133,7 @@ def look_at(base_score: Score, candidate: FittedCandidate, names: Sequence[str])
         r2=candidate.r2,
         further=further,
         is_pair=is_pair,
-        pattern=pattern,
+        pattern=patterns[0][0],
         pattern_r2=pattern_r2,
         left_share=left,
         scale=compute_error_scale(further.fit if is_pair and further is not None else again),

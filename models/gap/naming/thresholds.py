@@ -12,6 +12,7 @@ class Thresholds(Record):
 
     effect_r2, pattern_r2: held-out share of squares below which an effect, or a pattern without a name, is no gap.
     least_size: share of the force by which either must change the traces; honest solvers differ by as much.
+    single_r2, single_size: the same of patterns by object or tool, by which honest solvers differ more.
     least_nats: evidence below which a pattern is none, and between predictions of two effects that are told apart.
     temperature: of evidence in nats between effects. gap_logit: intercept and slope of the log odds that an alarm is
     right, in ln(r2 / line). name_logit: intercept and slopes of the log odds that the named family is right, see
@@ -27,6 +28,8 @@ class Thresholds(Record):
     effect_r2: float = 0.02
     pattern_r2: float = 0.015
     least_size: float = 0.01
+    single_r2: float = 0.02
+    single_size: float = 0.015
     least_nats: float = 3.0
     temperature: float = 5.28
     gap_logit: tuple[float, float] = (0.918, 2.117)

@@ -7,7 +7,7 @@ import pytest
 
 from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.confounds import find_confounds
-from fast.models.gap.naming.candidates import compute_size
+from fast.models.gap.naming.candidates import compute_r2, compute_size, score_fit
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import EffectValue
@@ -84,6 +84,23 @@ def test_a_pattern_that_changes_less_than_solvers_differ_by_is_no_alarm() -> Non
     assert pulled.tried.measure_alarm(only_patterns) > 1.0
     larger = pulled.tried.measure_alarm(only_patterns.model_copy(update={"least_size": 2.0 * share}))
     assert larger == pytest.approx(0.5)
+
+
+def test_objects_that_are_not_as_drawn_are_unknown_and_told_as_such() -> None:
+    """Nothing is known of an object that is left out, so only designs that are left out can show it."""
+    problem = world()
+    factor = np.array([1.1, 0.9, 1.1, 0.92, 1.08, 0.9, 1.0])[problem.grasps.obj]  # in no relation to their widths
+    steps_n = problem.grasps.steps_n * factor[:, None]
+    found = name(replace(problem, grasps=replace(problem.grasps, steps_n=steps_n)))
+    assert found.named.kind == "unknown"
+    assert "another on each object" in found.named.sentence
+    by_kind = {pattern.kind: (pattern, r2) for pattern, r2 in found.tried.patterns}
+    pattern, r2 = by_kind["by object"]
+    assert pattern is found.tried.pattern
+    assert r2 > 0.2 > by_kind["by tool"][1]
+    assert pattern.measure_share(found.fit) == pytest.approx(np.std(factor), rel=0.4)
+    ways = score_fit(pattern.add_to(found.fit))
+    assert compute_r2(found.tried.score, ways) < 0.05  # with the objects that are left out, it predicts nothing
 
 
 def test_a_lag_is_named_with_its_time_constant(lag: NamingResult) -> None:

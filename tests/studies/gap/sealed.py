@@ -6,13 +6,11 @@ writes `sealed-answers.jsonl` with a hash of each answer. *Judge*: checks every 
 """
 
 import hashlib
-import json
 import secrets
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +21,7 @@ from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData
 from fast.models.gap.grasps import Grasps
+from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import GraspContext, Record
 from fast.models.traces.step_noise import SensorNoise
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
@@ -31,12 +30,12 @@ from tests.studies.gap.judgement import Judged
 from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import results_folder
-from tests.studies.gap.worlds import Group, WorldKey, Worlds
+from tests.studies.gap.worlds import MODULI_MPA, Group, WorldKey, Worlds
 from tests.synthetic.gap import of_one_setup
 
 # Banks around fitted thetas lie on a lattice of Young's modulus; worlds of one lot of material share them.
 ONE_LOT_MPA = (8.8, 9.3)
-N_SEALED: dict[Group, int] = {"null": 96, "single": 96, "alias": 6, "unlisted": 22, "pair": 30}
+N_SEALED: dict[Group, int] = {"null": 96, "single": 96, "alias": 6, "unlisted": 32, "pair": 30}
 
 
 class Sealed(Record):
@@ -75,13 +74,15 @@ def hash_key(salt: str, key: Record) -> str:
 
 
 def measure_gap_sealed(options: Options) -> Tables:
-    """The figures of gap discovery on sealed worlds; the lines are those of the study `gap`, frozen before."""
+    """The figures of gap discovery on sealed worlds, with the lines that ship; `--workers 0` makes no local banks."""
     folder = results_folder(options)
-    thresholds = frozen_lines(folder)
+    thresholds = Thresholds()
     panels, bank = open_panels(folder)
-    banks = LocalBanks.of(folder, options.workers or 1)
+    n_workers = 1 if options.workers is None else options.workers
+    banks = LocalBanks.of(folder, n_workers) if n_workers else None
     if not (folder / "sealed.jsonl").exists():
-        worlds = Worlds(panels, bank, secrets.token_hex(16), ONE_LOT_MPA)
+        moduli_mpa = MODULI_MPA if banks is None else ONE_LOT_MPA
+        worlds = Worlds(panels, bank, secrets.token_hex(16), moduli_mpa)
         seal(worlds, folder, thresholds_id(thresholds), options)
     answer_all(folder, bank, banks, thresholds, options)
     judged(folder)  # no key is opened before every hash is checked
@@ -99,7 +100,7 @@ class Twin(Record):
 
 
 def _measure_twins(
-    folder: Path, worlds: Worlds, banks: LocalBanks, thresholds: Any, options: Options
+    folder: Path, worlds: Worlds, banks: LocalBanks | None, thresholds: Thresholds, options: Options
 ) -> dict[str, float]:
     """Errors of the twins of worlds with one effect, from the results file or measured now."""
     path = folder / "sealed-twins.jsonl"
@@ -113,23 +114,6 @@ def _measure_twins(
                 file.append(twin)
                 options.tell(f"{twin.world_id}: {twin.twin_n:.3f} N with nothing hidden")
     return known
-
-
-def frozen_lines(folder: Path) -> Any:
-    """The lines of the last calibration.
-
-    Raises:
-        UsageError: there are none, or the code has changed since.
-    """
-    from fast.models.gap.naming.thresholds import Thresholds
-
-    path = folder / "thresholds.json"
-    if not path.exists():
-        raise UsageError(f"{path} is missing; `python -m tests.studies gap` fits the lines on null worlds first.")
-    content = json.loads(path.read_text())
-    if content["code"] != naming_code():
-        raise UsageError(f"the lines in {path} are of other code; run `python -m tests.studies gap` again first.")
-    return Thresholds(**content["lines"])
 
 
 def seal(worlds: Worlds, folder: Path, lines: str, options: Options) -> None:
@@ -149,7 +133,7 @@ def seal(worlds: Worlds, folder: Path, lines: str, options: Options) -> None:
             options.tell(f"{name} sealed, {key.key_hash[:12]}")
 
 
-def answer_all(folder: Path, bank: Bank, banks: LocalBanks, thresholds: Any, options: Options) -> None:
+def answer_all(folder: Path, bank: Bank, banks: LocalBanks | None, thresholds: Thresholds, options: Options) -> None:
     """Answer every sealed world once, from its data alone.
 
     Raises:
@@ -171,7 +155,9 @@ def answer_all(folder: Path, bank: Bank, banks: LocalBanks, thresholds: Any, opt
             options.tell(f"{one.world}: {said.rounds[0].kind}, {said.cpu_s:.1f} s")
 
 
-def ask_without_truth(folder: Path, bank: Bank, banks: LocalBanks, thresholds: Any, options: Options) -> None:
+def ask_without_truth(
+    folder: Path, bank: Bank, banks: LocalBanks | None, thresholds: Thresholds, options: Options
+) -> None:
     """Ask answered worlds with one effect again, the effect taken out of the catalogue; their keys are open by now."""
     path = folder / "sealed-left-out.jsonl"
     known = {one.world for one in read_records(path, SealedAnswer, "answer to a sealed world")}

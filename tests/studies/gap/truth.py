@@ -70,6 +70,9 @@ LAWS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "base_compliance": {"compliance_mm_per_n": (0.03, 0.07)},
     "print_anisotropy": {"excess": (0.2, 0.4)},
     "hyperelastic_stiffening": {"stiffening": (10.0, 20.0)},
+    "object_surfaces": {"spread": (0.06, 0.15)},
+    "soft_objects": {"foundation_n_per_mm3": (0.04, 0.15)},
+    "weak_finger": {"thinner_mm": (0.15, 0.35)},
     "rib_imperfection": {"bow_mm": (0.25, 0.5)},
     "finger_finger_contact": {"half_gap_mm": (6.5, 8.0)},
 }

@@ -31,7 +31,16 @@ STRENGTHS = (0.02, 0.05, 0.1)
 MODULI_MPA = (6.5, 13.0)  # wider than the prior, and never its mean
 # Unlike effects of the catalogue: theta takes them up exactly, or nobody listed them.
 ALIASES = {"load_cell_gain": "young_modulus_mpa", "batch_ageing": "tool_modulus"}
-UNLISTED = ("magnetic_pull", "warm_posts", "scaled_objects", "other_material_law")
+UNLISTED = (
+    "magnetic_pull",
+    "warm_posts",
+    "pulling_hose",
+    "scaled_objects",
+    "other_material_law",
+    "weak_finger",
+    "soft_objects",
+    "object_surfaces",
+)
 _HELD_OUT_TOOLS, _HELD_OUT_OBJECTS = 4, 3
 # Largest amplitude that is plausible, and whether it may be negative.
 _LIMITS: Mapping[str, tuple[float, bool]] = {
@@ -51,6 +60,7 @@ _LIMITS: Mapping[str, tuple[float, bool]] = {
     "batch_ageing": (0.2, True),
     "magnetic_pull": (3.0, False),
     "warm_posts": (1.0, True),
+    "pulling_hose": (6.0, False),
 }
 
 

@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from fast.hardware.virtual.world.hidden import DirectionalDilation
 from fast.models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
 from fast.models.records import Design, GraspSetup
 from fast.models.simulation.effects.base import Effect
@@ -119,3 +120,14 @@ class OtherMaterialLaw(Effect):
 
     No catalogue lists it. The law is a setting of the solver, which `tests.studies.hidden.truth` makes for this class.
     """
+
+
+class WeakFinger(DirectionalDilation):
+    """Walls of one of the two fingers thinner by `thinner_mm`. No catalogue lists fingers that differ.
+
+    Fingers touch an object that does not move, so each pulls as one of two like it: `tests.studies.hidden.truth` takes
+    the mean of a grasp with this effect and one without.
+    """
+
+    def __init__(self, thinner_mm: float, tool_seed: int) -> None:
+        super().__init__(-thinner_mm, tool_seed)

@@ -97,6 +97,32 @@ class ScaledObjects(Effect):
         return obj.model_copy(update={"parameters": obj.parameters | made})
 
 
+class SoftObjects(Effect):
+    """Objects of foam, which give way by their pressure over `foundation_n_per_mm3`; the simulator's are rigid.
+
+    The foundation is in series with the usual contact. How stiff a contact is is a setting of the solver, which
+    `tests.studies.hidden.truth` makes for this class.
+    """
+
+    def __init__(self, foundation_n_per_mm3: float) -> None:
+        self.foundation_n_per_mm3 = foundation_n_per_mm3
+
+    def in_series(self, stiffness_n_per_mm3: float) -> float:
+        """Stiffness of a contact of this stiffness on the foundation."""
+        return 1.0 / (1.0 / stiffness_n_per_mm3 + 1.0 / self.foundation_n_per_mm3)
+
+
+class ObjectSurfaces(Effect):
+    """Objects of unlike surfaces: friction differs from object to object by `spread` sd, in no relation to shape."""
+
+    def __init__(self, spread: float, object_id: int) -> None:
+        self.factor = max(1.0 + spread * float(tool_draws(object_id, 0x50F, 1)[0]), 0.1)
+
+    def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> float:
+        """Factor on the friction coefficient on this object."""
+        return self.factor
+
+
 def _sizes(obj: RigidObject) -> dict[str, float]:
     """Lengths of an object in mm, but for its edge radius and what is zero."""
     return {n: v for n, v in obj.parameters.items() if n.endswith("_mm") and n != "rounding_mm" and v > 0.0}

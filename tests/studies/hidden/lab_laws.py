@@ -227,6 +227,17 @@ class WarmPosts(LabLaw):
         return self.amplitude * math.sin(2.0 * math.pi * moment.context.clock_s / self.period_s)
 
 
+class PullingHose(LabLaw):
+    """A hose that pulls the gripper down the more the higher it is: `amplitude` N at 60 mm, a tenth of it at rest.
+
+    It pulls on after the object has gone. Unlisted.
+    """
+
+    def trace(self, trace: Trace, moment: Moment) -> Trace:
+        """The force with the hose's."""
+        return _with_force(trace, trace.force_n + self.amplitude * (0.1 + 0.9 * trace.lift_mm / 60.0))
+
+
 # By the name of the catalogue's effect of the same physics; what no catalogue lists comes last.
 LAB_LAWS: dict[str, type[LabLaw]] = {
     "stress_relaxation": PowerLawRelaxation,
@@ -245,6 +256,7 @@ LAB_LAWS: dict[str, type[LabLaw]] = {
     "batch_ageing": AgedBatch,
     "magnetic_pull": MagneticPull,
     "warm_posts": WarmPosts,
+    "pulling_hose": PullingHose,
 }
 
 

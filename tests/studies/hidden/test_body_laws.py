@@ -18,8 +18,10 @@ from tests.studies.hidden.body_laws import (
 from tests.studies.hidden.contact_laws import (
     FlashedFingers,
     HertzFriction,
+    ObjectSurfaces,
     SaturatingAdhesion,
     ScaledObjects,
+    SoftObjects,
     WornEdges,
 )
 from tests.studies.hidden.truth import (
@@ -151,6 +153,30 @@ def test_a_truth_closes_with_less_force_where_the_jaws_stall() -> None:
     assert results[0].contact_force_n > 4.0
     assert limit_n * 0.8 < results[1].contact_force_n < limit_n
     assert results[1].peak_force_n < results[0].peak_force_n
+
+
+def test_a_weak_finger_takes_half_of_what_two_would() -> None:
+    """Solved with the finite elements: the mean of a grasp with both fingers weak and one with none."""
+    strong = TrueGrasp(theta=THETA, design=3, object_id=14)
+    weak = strong.model_copy(update={"law": "weak_finger", "parameters": {"thinner_mm": 0.3}})
+    both = strong.model_copy(update={"law": "wall_thickness_offset", "parameters": {"offset_mm": -0.3}})
+    at_mm = np.array([2.0, 10.0, 20.0])
+    forces = [
+        np.interp(at_mm, trace.lift_mm[trace.is_lift], trace.force_n[trace.is_lift])
+        for trace in (solve_truth(grasp).trace for grasp in (strong, both, weak))
+    ]
+    assert (forces[1] < 0.95 * forces[0]).all()
+    assert forces[2] == pytest.approx(0.5 * (forces[0] + forces[1]), rel=1e-6)
+
+
+def test_soft_objects_give_way_and_their_surfaces_differ() -> None:
+    """A foundation in series with the contact; a factor for each object, the same whatever grasps it."""
+    soft = SoftObjects(0.1)
+    assert soft.in_series(0.1) == pytest.approx(0.05)
+    assert soft.in_series(4.8) == pytest.approx(0.1, rel=0.03)
+    factors = np.array([ObjectSurfaces(0.1, number).friction_factor(NO_SLIP, PRESSURES) for number in range(36)])
+    assert (np.mean(factors), np.std(factors)) == pytest.approx((1.0, 0.1), rel=0.3)
+    assert factors[3] == ObjectSurfaces(0.1, 3).friction_factor(NO_SLIP + 5.0, PRESSURES)
 
 
 @pytest.mark.parametrize("name", sorted(GRASP_LAWS))

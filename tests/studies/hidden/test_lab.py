@@ -104,6 +104,8 @@ def test_sensor_laws() -> None:
     assert np.ptp(change("tool_weight", 1.0)) < 1e-9
     magnet = change("magnetic_pull", 2.0)
     assert np.interp([0.0, 8.0], trace.lift_mm[2:], magnet[2:]) == pytest.approx([2.0, 2.0 / np.e], rel=1e-3)
+    hose = change("pulling_hose", 2.0)
+    assert np.interp([0.0, 30.0], trace.lift_mm[2:], hose[2:]) == pytest.approx([0.2, 1.1])
 
 
 def test_time_laws() -> None:

@@ -4,8 +4,8 @@ Laws of cost P (time, sensors, memory) need no grasp of their own; `tests.studie
 """
 
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +17,16 @@ from fast.models.design.space import numbered_design
 from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
 from fast.models.ids import content_id, seed_from
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, Record, SimulatorVersion, Theta
+from fast.models.records import (
+    GraspSetup,
+    GraspSimulation,
+    MeshSettings,
+    Placement,
+    Record,
+    SimulatorVersion,
+    Theta,
+    Trace,
+)
 from fast.models.simulation.effects.base import Effect
 from fast.models.solver_code import source_id
 from fast.models.validation import closest
@@ -27,6 +36,7 @@ from tests.studies.hidden import contact_laws as contact
 SETUP = GraspSetup()
 # Shorter walls, flatter fillets: none of the meshes that the simulator's numerical error is estimated from.
 MESH = MeshSettings(edge_mm=4.4, fillet_mm=0.4)
+CONTACT_N_PER_MM3 = (4.8, 3.2)  # normal, tangential
 PLACEMENT_SD_MM = 0.2
 TOOL_MODULUS_SD = 0.04
 DEADLINE_S = 300.0
@@ -103,6 +113,12 @@ GRASP_LAWS: Mapping[str, GraspLaw] = {
     "wider_closing": GraspLaw(body.WiderClosing, _plain(body.WiderClosing)),
     "scaled_objects": GraspLaw(contact.ScaledObjects, _plain(contact.ScaledObjects)),
     "other_material_law": GraspLaw(body.OtherMaterialLaw, _plain(body.OtherMaterialLaw)),
+    "weak_finger": GraspLaw(body.WeakFinger, _by_tool(body.WeakFinger)),
+    "soft_objects": GraspLaw(contact.SoftObjects, _plain(contact.SoftObjects), scales=False),
+    "object_surfaces": GraspLaw(
+        contact.ObjectSurfaces,
+        lambda parameters, grasp: contact.ObjectSurfaces(**parameters, object_id=grasp.object_id),
+    ),
 }
 
 
@@ -149,16 +165,27 @@ def solve_truth(grasp: TrueGrasp) -> GraspSimulation:
         SimulationFailed: no solution, or no mesh (reason `mesh_...`).
         UsageError: the law does not exist.
     """
+    effects = [hidden_law(grasp.law).build(grasp.parameters, grasp)] if grasp.law else []
+    solved = _solve(grasp, effects)
+    if any(isinstance(effect, body.WeakFinger) for effect in effects):
+        return replace(solved, trace=_mean_trace(solved.trace, _solve(grasp, []).trace))
+    return solved
+
+
+def _solve(grasp: TrueGrasp, effects: Sequence[Effect]) -> GraspSimulation:
     from fast.models.simulation.contact.law import ContactLaw  # heavy: compiles on first use
     from fast.models.simulation.grasp import Numerics, simulate_grasp
     from fast.models.simulation.solver.stepping import StepLimits
 
-    effects = [hidden_law(grasp.law).build(grasp.parameters, grasp)] if grasp.law else []
     is_other = any(isinstance(effect, body.OtherMaterialLaw) for effect in effects)
+    normal, tangential = CONTACT_N_PER_MM3
+    for effect in effects:
+        if isinstance(effect, contact.SoftObjects):
+            normal, tangential = effect.in_series(normal), effect.in_series(tangential)
     modulus_mpa = grasp.theta.young_modulus_mpa * tool_modulus_factor(grasp)
     theta = grasp.theta.model_copy(update={"young_modulus_mpa": modulus_mpa})
     numerics = Numerics(
-        contact=ContactLaw(normal_n_per_mm3=4.8, tangential_n_per_mm3=3.2, smoothing_mm=0.04),
+        contact=ContactLaw(normal_n_per_mm3=normal, tangential_n_per_mm3=tangential, smoothing_mm=0.04),
         limits=StepLimits(closing_mm=1.7, fine_lift_mm=0.4, lift_mm=1.6),
         material_law="st_venant_kirchhoff" if is_other else "neo_hookean",
     )
@@ -175,3 +202,11 @@ def solve_truth(grasp: TrueGrasp) -> GraspSimulation:
         )
     except MeshingFailed as failure:
         raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure
+
+
+def _mean_trace(first: Trace, second: Trace) -> Trace:
+    """The mean force of two traces of one setup at the times of both; a finger that has let go pulls no more."""
+    time_s = np.union1d(first.time_s, second.time_s)
+    force_n = 0.5 * sum(np.interp(time_s, one.time_s, one.force_n) for one in (first, second))
+    longer = max((first, second), key=lambda one: float(one.time_s[-1]))
+    return Trace(time_s, np.interp(time_s, longer.time_s, longer.lift_mm), np.asarray(force_n))

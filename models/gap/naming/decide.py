@@ -1,7 +1,7 @@
 """From scores to an answer: one effect, a family that cannot be told apart, none, or not in the catalogue."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fast.models.gap.findings import Decision
 from fast.models.gap.fit.fit import Fit
@@ -15,6 +15,7 @@ from fast.models.simulation.effects.catalogue import CATALOGUE, list_confusable
 
 _LARGEST_SET = 3
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
+_NEAR_LEAD = 0.8  # the same: effects are not told apart, whatever the catalogue calls them (decision 057)
 _NEARLY = 0.5  # of what the best effect predicts: another that explains less is not reported with it
 _EVEN = 0.5  # a name is said if it is more probable than not
 
@@ -57,14 +58,22 @@ class CandidateSet:
         if self.best is not None:
             size = compute_size(self.base, self.best.fit)
             of_effect = min(self.best.r2 / thresholds.effect_r2, size / thresholds.least_size)
-        of_patterns = []
-        for pattern, r2 in self.patterns:
-            is_common = pattern.kind == "common"
-            least_r2 = thresholds.pattern_r2 if is_common else thresholds.single_r2
-            least_size = thresholds.least_size if is_common else thresholds.single_size
-            if pattern.nats > thresholds.least_nats:
-                of_patterns.append(min(r2 / least_r2, pattern.measure_share(self.base) / least_size))
+        of_patterns = [
+            min(r2 / least_r2, pattern.measure_share(self.base) / least_size)
+            for pattern, r2 in self.patterns
+            for least_r2, least_size in (self._find_line(pattern, thresholds),)
+            if pattern.nats > thresholds.least_nats
+        ]
         return max([of_effect, *of_patterns])
+
+    def _find_line(self, pattern: Pattern, thresholds: Thresholds) -> tuple[float, float]:
+        """What a pattern has to predict at least, and by how much it has to change the forces."""
+        if pattern.kind == "common":
+            return thresholds.pattern_r2, thresholds.least_size
+        without = replace(self.base, effects=())
+        return thresholds.single_r2, max(
+            thresholds.single_size, thresholds.law_share * compute_size(without, self.base)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +102,7 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
         return Judgement(answer_unknown(candidates, gap), gap, over_line)
     chosen = choose_alike(look, candidates)
     lead = compute_lead_over_others(look, chosen, candidates)
-    description = look.describe(lead, candidates.pattern_r2)
+    description = look.describe(lead, candidates.patterns)
     name = thresholds.judge_name(description)
     if name < _EVEN:
         decision = answer_unknown(candidates, gap * (1.0 - name), look)
@@ -105,19 +114,23 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
 
 
 def choose_alike(look: SecondLook, candidates: CandidateSet) -> list[str]:
-    """The effect looked at, and those that are not told from it even if no law is exact, by what they explain."""
+    """The effect looked at, and those that are not told from it even if no law is exact, by what they explain.
+
+    The law of the bench is not that of the catalogue: a little more evidence does not tell effects apart that the
+    catalogue calls confusable.
+    """
     by_name = {candidate.effects[0]: candidate for candidate in candidates.singles}
     own = by_name.get(look.effect)
     if own is None:
         return [look.effect]
     added = look.further.effects[0] if look.is_pair and look.further is not None else ""
     kin = find_families(candidates.base, candidates.singles).kin_of(look.effect)
-    alike = [
-        name
-        for name, other in by_name.items()
-        if name not in (look.effect, added) and other.r2 > _NEARLY * own.r2
-        if name in kin or _is_confusable(other, own, candidates)
-    ]
+    alike = []
+    for name, other in by_name.items():
+        lead = compute_lead(compute_gain_nats(candidates.base, other.score, own.score))
+        is_kin = name in kin or (name in list_confusable(look.effect) and lead < _CLEAR_LEAD)
+        if name not in (look.effect, added) and (lead < _NEAR_LEAD or (is_kin and other.r2 > _NEARLY * own.r2)):
+            alike.append(name)
     return [look.effect, *sorted(alike, key=lambda name: -by_name[name].r2)][:_LARGEST_SET]
 
 
@@ -126,16 +139,6 @@ def compute_lead_over_others(look: SecondLook, chosen: Sequence[str], candidates
     others = [candidate for candidate in candidates.singles if candidate.effects[0] not in chosen]
     scores = [candidates.score, *(candidate.score for candidate in others)]
     return min(compute_lead(compute_gain_nats(candidates.base, score, look.score)) for score in scores)
-
-
-def _is_confusable(candidate: FittedCandidate, own: FittedCandidate, candidates: CandidateSet) -> bool:
-    """Whether the catalogue calls two effects confusable, and the evidence between them is not clear.
-
-    The law of the bench is not that of the catalogue: a little more evidence does not tell confusable effects apart.
-    """
-    if candidate.effects[0] not in list_confusable(own.effects[0]):
-        return False
-    return compute_lead(compute_gain_nats(candidates.base, candidate.score, own.score)) < _CLEAR_LEAD
 
 
 def answer_effect(look: SecondLook, probability: float) -> Decision:

@@ -28,9 +28,11 @@ from fast.models.gap.naming.candidates import (
 from fast.models.gap.naming.patterns import Pattern
 from fast.models.gap.naming.rank_effects import EffectRanking, rank_effects
 
-DESCRIPTION = ("explained", "pattern left", "share left", "lead", "over a pattern", "pair")
+DESCRIPTION = ("explained", "pattern left", "lead", "over a pattern", "pair", "over a single pattern")
 N_FURTHER = 3
 LEAST_LEFT = 0.1  # of what an effect explains: more, and another effect is asked whether it belongs there too
+_LEAST_R2, _NO_R2 = 1e-4, 0.003  # in ratios of what is predicted of the held-out squares
+_CLEARLY = 2.0  # logarithm of such a ratio, beyond which more says nothing
 _NEEDED = 0.25  # of what an effect explains alone, at least so much must it add to the other
 
 
@@ -39,10 +41,9 @@ class SecondLook:
     """What is left after an effect.
 
     fit: everything calibrated anew with it; score: held-out. r2: of the held-out squares without it. further: the
-    effect that explains most of the rest, on top. is_pair: whether both belong there; then `pattern` is what both
-    leave. pattern: the strongest without a name; pattern_r2: what the best of them predicts of left-out grasps.
-    left_share: of what is explained, what is left for another effect or pattern. scale: how many times wider than
-    stated errors are.
+    effect that explains most of the rest, on top. is_pair: whether both belong there; then `patterns` are what both
+    leave. patterns: without a name, of `score_patterns`. left_share: of what is explained, what is left for another
+    effect or a pattern that is common to all grasps. scale: how many times wider than stated errors are.
     """
 
     effect: str
@@ -51,26 +52,26 @@ class SecondLook:
     r2: float
     further: FittedCandidate | None
     is_pair: bool
-    pattern: Pattern
-    pattern_r2: float
+    patterns: Sequence[tuple[Pattern, float]]
     left_share: float
     scale: float
 
-    def describe(self, lead: float, pattern_r2: float) -> np.ndarray:
+    def describe(self, lead: float, before: Sequence[tuple[Pattern, float]]) -> np.ndarray:
         """What tells right names from wrong ones (`DESCRIPTION`), for the logistic regression of thresholds.
 
-        lead: over effects that are told apart from it, in standard deviations. pattern_r2: of the strongest pattern
-        without a name, before the effect.
+        lead: over effects that are told apart from it, in standard deviations. before: patterns without a name, before
+        the effect.
         """
-        rest_nats = max(self.pattern.nats, 0.0) / self.scale
+        left_nats = max(pattern.nats for pattern, _ in _split(self.patterns)[0])
+        common_r2, single_r2 = (max(r2 for _, r2 in some) for some in _split(before))
         return np.array(
             [
-                np.log(max(self.r2, 1e-4) / 0.01),
-                np.arcsinh(rest_nats / 3.0),
-                np.arcsinh(max(self.left_share, 0.0) / LEAST_LEFT),
+                np.log(max(self.r2, _LEAST_R2) / 0.01),
+                0.5 * np.arcsinh(max(left_nats, 0.0) / self.scale / 3.0) ** 2,
                 np.arcsinh(lead),
-                np.log(max(self.r2, 1e-4) / (max(pattern_r2, 0.0) + 0.003)),
+                np.log(max(self.r2, _LEAST_R2) / (max(common_r2, 0.0) + _NO_R2)),
                 float(self.is_pair),
+                min(np.log(max(self.r2, _LEAST_R2) / (max(single_r2, 0.0) + _NO_R2)), _CLEARLY),
             ]
         )
 
@@ -114,7 +115,7 @@ def look_at(base_score: Score, candidate: FittedCandidate, names: Sequence[str])
     taken = {value.effect for value in again.effects}
     further = _best_further(again, score_again, [name for name in names if name not in taken])
     patterns = score_patterns(again, score_again)
-    pattern_r2 = max(r2 for _, r2 in patterns)
+    pattern_r2 = _find_common_r2(patterns)
     remaining = 1.0 - candidate.r2
     left = max(further.r2 if further is not None else 0.0, pattern_r2, 0.0) * remaining / max(candidate.r2, 1e-6)
     is_pair = False
@@ -124,7 +125,7 @@ def look_at(base_score: Score, candidate: FittedCandidate, names: Sequence[str])
         is_pair = with_both_r2 - compute_r2(base_score, score_fit(alone)) > _NEEDED * candidate.r2
         if is_pair:
             patterns = score_patterns(further.fit, further.score)
-            pattern_r2 = max(r2 for _, r2 in patterns)
+            pattern_r2 = _find_common_r2(patterns)
             left = max(pattern_r2, 0.0) * (1.0 - with_both_r2) / max(with_both_r2, 1e-6)
     return SecondLook(
         effect=candidate.effects[0],
@@ -133,11 +134,23 @@ def look_at(base_score: Score, candidate: FittedCandidate, names: Sequence[str])
         r2=candidate.r2,
         further=further,
         is_pair=is_pair,
-        pattern=patterns[0][0],
-        pattern_r2=pattern_r2,
+        patterns=patterns,
         left_share=left,
         scale=compute_error_scale(further.fit if is_pair and further is not None else again),
     )
+
+
+def _split(
+    patterns: Sequence[tuple[Pattern, float]],
+) -> tuple[list[tuple[Pattern, float]], list[tuple[Pattern, float]]]:
+    """Patterns that are common to all grasps, and those by object or tool."""
+    common = [one for one in patterns if one[0].kind == "common"]
+    return common, [one for one in patterns if one[0].kind != "common"]
+
+
+def _find_common_r2(patterns: Sequence[tuple[Pattern, float]]) -> float:
+    """What the pattern that is common to all grasps predicts."""
+    return max(r2 for _, r2 in _split(patterns)[0])
 
 
 def _best_further(fit: Fit, score: Score, names: Sequence[str]) -> FittedCandidate | None:

@@ -58,7 +58,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
 def test_what_is_hidden_is_named(effect: str) -> None:
     result = name(world(effect))
     assert (result.named.kind, result.named.effects) == ("effect", (effect,))
-    assert result.named.probability > 0.8
+    assert result.named.probability > 0.7  # of an alarm a little over its line
 
 
 def test_an_effect_that_changes_less_than_solvers_differ_by_is_no_alarm(lag: NamingResult) -> None:
@@ -68,7 +68,9 @@ def test_an_effect_that_changes_less_than_solvers_differ_by_is_no_alarm(lag: Nam
     assert compute_size(lag.fit, lag.fit) == 0.0
     assert 0.01 < size < 0.2  # a lag of 0.35 s in forces of some seconds
     assert lag.tried.measure_alarm(LINES) > 1.0
-    larger = lag.tried.measure_alarm(LINES.model_copy(update={"least_size": 2.0 * size, "pattern_r2": 1.0}))
+    larger = lag.tried.measure_alarm(
+        LINES.model_copy(update={"least_size": 2.0 * size, "pattern_r2": 1.0, "single_r2": 1e9})
+    )
     assert larger == pytest.approx(0.5)
 
 
@@ -80,7 +82,8 @@ def test_a_pattern_that_changes_less_than_solvers_differ_by_is_no_alarm() -> Non
     share = pulled.tried.pattern.measure_share(pulled.fit)
     raw = np.sqrt(np.mean((pulled_n - problem.grasps.steps_n) ** 2) / np.mean(pulled_n**2))
     assert 0.3 * raw < share < 1.2 * raw
-    only_patterns = LINES.model_copy(update={"effect_r2": 1e9, "least_size": 0.5 * share})
+    lines = {"effect_r2": 1e9, "single_r2": 1e9, "least_size": 0.5 * share}
+    only_patterns = LINES.model_copy(update=lines)
     assert pulled.tried.measure_alarm(only_patterns) > 1.0
     larger = pulled.tried.measure_alarm(only_patterns.model_copy(update={"least_size": 2.0 * share}))
     assert larger == pytest.approx(0.5)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 VISIBLE = 0.02  # from this visible strength on, an effect is expected to be found
 LEAST_VISIBLE = 0.01  # below this one, it is not there for these data
-_RIDGE = 0.3  # precision of slopes about those of the thresholds that answers were given with
+_RIDGE = 1.0  # precision of intercept and slopes about none at all
 
 
 @dataclass(frozen=True)
@@ -68,25 +68,23 @@ def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Threshol
     over = np.array([max(one.said.rounds[0].over_line, LEAST_OVER_LINE) for one in shown])
     has_gap = np.array([bool(one.key.effects) for one in shown])
     weight = np.where(has_gap, 1.0, has_gap.sum() / max((~has_gap).sum(), 1))
-    gap = _fit_logistic(np.log(over)[:, None], has_gap, base.gap_logit, weight)
+    gap = _fit_logistic(np.log(over)[:, None], has_gap, weight)
     looked = [one for one in worlds if one.said.rounds[0].description]
     described = np.array([one.said.rounds[0].description for one in looked])
     is_right = np.array([one.is_family_right(one.said.rounds[0].looked_at) for one in looked])
-    name = _fit_logistic(described, is_right, base.name_logit, np.ones(len(looked)))
+    name = _fit_logistic(described, is_right, np.ones(len(looked)))
     return base.model_copy(update={"gap_logit": gap, "name_logit": name})
 
 
-def _fit_logistic(
-    inputs: np.ndarray, is_true: np.ndarray, base: Sequence[float], weight: np.ndarray
-) -> tuple[float, ...]:
-    """Intercept and slopes of a weighted logistic regression, held near `base` by a ridge."""
-    columns, about = np.column_stack([np.ones(len(inputs)), inputs]), np.array(base)
+def _fit_logistic(inputs: np.ndarray, is_true: np.ndarray, weight: np.ndarray) -> tuple[float, ...]:
+    """Intercept and slopes of a weighted logistic regression with a ridge."""
+    columns = np.column_stack([np.ones(len(inputs)), inputs])
     sign = np.where(is_true, 1.0, -1.0)
 
     def loss(at: np.ndarray) -> tuple[float, np.ndarray]:
         log_odds = sign * (columns @ at)
-        value = (weight * np.logaddexp(0.0, -log_odds)).sum() + 0.5 * _RIDGE * ((at - about) ** 2).sum()
-        return float(value), -columns.T @ (weight * sign * expit(-log_odds)) + _RIDGE * (at - about)
+        value = (weight * np.logaddexp(0.0, -log_odds)).sum() + 0.5 * _RIDGE * (at**2).sum()
+        return float(value), -columns.T @ (weight * sign * expit(-log_odds)) + _RIDGE * at
 
-    found = minimize(loss, about, jac=True, method="BFGS").x
+    found = minimize(loss, np.zeros(columns.shape[1]), jac=True, method="BFGS").x
     return tuple(round(float(value), 3) for value in found)

@@ -174,11 +174,11 @@ def answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> D
 
 def answer_unknown(candidates: CandidateSet, probability: float, look: SecondLook | None = None) -> Decision:
     """Not in the catalogue; the pattern that is there, or that the best effect leaves, says what is known of it."""
-    pattern = candidates.pattern
+    words = candidates.pattern.describe(candidates.base)
     nearest = f" {CATALOGUE[look.effect].title} comes nearest." if look is not None else ""
     return Decision(
         kind="unknown",
         probability=probability,
-        sentence=f"Something is missing that no effect of the catalogue explains: {pattern.words}.{nearest}",
+        sentence=f"Something is missing that no effect of the catalogue explains: {words}.{nearest}",
         left_share=look.left_share if look is not None else None,
     )

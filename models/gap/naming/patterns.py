@@ -57,11 +57,27 @@ class Pattern:
 
     def measure_share(self, fit: Fit) -> float:
         """What the pattern at its best changes in the forces of a fit: root mean square, as a share of theirs."""
+        change, force = self._find_change(fit)
+        return float(np.sqrt((change**2).mean() / max(float((force**2).mean()), 1e-12)))
+
+    def describe(self, fit: Fit) -> str:
+        """The pattern in words; of one by object or tool, also where it changes the mean force most."""
+        if self.kind == "common":
+            return self.words
+        grasps = fit.features.surrogate.grasps
+        group = grasps.obj if self.kind == "by object" else grasps.tool
+        change, force = self._find_change(fit)
+        shares = {one: change[group == one].mean() / force[group == one].mean() for one in np.unique(group)}
+        most = max(shares, key=lambda one: abs(shares[one]))
+        name = f"object {grasps.objects[most]}" if self.kind == "by object" else grasps.tools[most]
+        return f"{self.words}, most of {name} ({100.0 * shares[most]:+.0f} %)"
+
+    def _find_change(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+        """What the pattern at its best changes in the bins of the force, and these, m x bins each."""
         place = len(fit.columns) - fit.n_effect_columns
         coefficients = solve_step(self.add_to(fit))[place : place + len(self.columns)]
         change = fit.features.unwhiten(np.tensordot(coefficients, self.columns, 1) / fit.weight)[:, :N_BINS]
-        force = fit.predict_features()[:, :N_BINS]
-        return float(np.sqrt((change**2).mean() / max(float((force**2).mean()), 1e-12)))
+        return change, fit.predict_features()[:, :N_BINS]
 
 
 def rank_patterns(fit: Fit) -> list[Pattern]:

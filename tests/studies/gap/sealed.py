@@ -74,12 +74,11 @@ def hash_key(salt: str, key: Record) -> str:
 
 
 def measure_gap_sealed(options: Options) -> Tables:
-    """The figures of gap discovery on sealed worlds, with the lines that ship; `--workers 0` makes no local banks."""
+    """The figures of gap discovery on sealed worlds, with the lines that ship; local banks only with `--workers N`."""
     folder = results_folder(options)
     thresholds = Thresholds()
     panels, bank = open_panels(folder)
-    n_workers = 1 if options.workers is None else options.workers
-    banks = LocalBanks.of(folder, n_workers) if n_workers else None
+    banks = None if options.workers is None else LocalBanks.of(folder, options.workers)
     if not (folder / "sealed.jsonl").exists():
         moduli_mpa = MODULI_MPA if banks is None else ONE_LOT_MPA
         worlds = Worlds(panels, bank, secrets.token_hex(16), moduli_mpa)

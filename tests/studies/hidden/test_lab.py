@@ -122,6 +122,17 @@ def test_time_laws() -> None:
     assert LAB_LAWS["batch_ageing"](0.1).modulus_factor(_moment()) == pytest.approx(1.1)
 
 
+@pytest.mark.parametrize("name", ["load_cell_lag", "lift_misalignment", "lift_start_error"])
+def test_what_is_late_still_comes_after_the_last_sample(name: str) -> None:
+    """A trace that ends in a dip, as a tip springs off, is late as a whole: the dip is no force that stays."""
+    lift_mm = np.array([0.0, 10.0, 20.0, 20.2, 20.4])
+    trace = Trace(2.0 + lift_mm / 5.0, lift_mm, np.array([0.0, 9.0, 3.0, -7.0, 0.0]))
+    made = LAB_LAWS[name](0.1).trace(trace, _moment())
+    assert made.force_n.min() < -1.0
+    assert made.force_n[-1] == pytest.approx(0.0, abs=1e-9)
+    assert np.diff(made.lift_mm).max() < 0.2
+
+
 def _late_mm(name: str, amplitude: float, setup: GraspSetup) -> float:
     """How much later in the lift a law brings the middle of the force at a setup."""
     trace = retime(_trace(), setup)

@@ -7,7 +7,7 @@ from fast.models.gap.findings import Decision
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead, compute_size
-from fast.models.gap.naming.families import WORDS, find_families
+from fast.models.gap.naming.families import WORDS, find_families, is_one_curve
 from fast.models.gap.naming.patterns import Pattern
 from fast.models.gap.naming.second_look import SecondLook
 from fast.models.gap.naming.thresholds import Thresholds
@@ -15,7 +15,6 @@ from fast.models.simulation.effects.catalogue import CATALOGUE, list_confusable
 
 _LARGEST_SET = 3
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
-_NEAR_LEAD = 0.8  # the same: effects are not told apart, whatever the catalogue calls them (decision 057)
 _NEARLY = 0.5  # of what the best effect predicts: another that explains less is not reported with it
 _EVEN = 0.5  # a name is said if it is more probable than not
 
@@ -54,26 +53,22 @@ class CandidateSet:
         A misfit alone is none: honest simulators differ as much. Something has to predict left-out designs, objects or
         repeats; and it has to change the forces by more than they differ by, however well it predicts.
         """
-        of_effect = 0.0
+        found = [0.0]
         if self.best is not None:
             size = compute_size(self.base, self.best.fit)
-            of_effect = min(self.best.r2 / thresholds.effect_r2, size / thresholds.least_size)
-        of_patterns = [
-            min(r2 / least_r2, pattern.measure_share(self.base) / least_size)
-            for pattern, r2 in self.patterns
-            for least_r2, least_size in (self._find_line(pattern, thresholds),)
-            if pattern.nats > thresholds.least_nats
-        ]
-        return max([of_effect, *of_patterns])
+            found.append(min(self.best.r2 / thresholds.effect_r2, size / thresholds.least_size))
+        for pattern, r2 in self.patterns:
+            if pattern.nats > thresholds.least_nats:
+                least_r2, least_size = self._find_line(pattern, thresholds)
+                found.append(min(r2 / least_r2, pattern.measure_share(self.base) / least_size))
+        return max(found)
 
     def _find_line(self, pattern: Pattern, thresholds: Thresholds) -> tuple[float, float]:
         """What a pattern has to predict at least, and by how much it has to change the forces."""
         if pattern.kind == "common":
             return thresholds.pattern_r2, thresholds.least_size
-        without = replace(self.base, effects=())
-        return thresholds.single_r2, max(
-            thresholds.single_size, thresholds.law_share * compute_size(without, self.base)
-        )
+        changed_by_effects = compute_size(replace(self.base, effects=()), self.base)
+        return thresholds.single_r2, max(thresholds.single_size, thresholds.law_share * changed_by_effects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +112,7 @@ def choose_alike(look: SecondLook, candidates: CandidateSet) -> list[str]:
     """The effect looked at, and those that are not told from it even if no law is exact, by what they explain.
 
     The law of the bench is not that of the catalogue: a little more evidence does not tell effects apart that the
-    catalogue calls confusable.
+    catalogue calls confusable. Effects that are one curve are never told apart.
     """
     by_name = {candidate.effects[0]: candidate for candidate in candidates.singles}
     own = by_name.get(look.effect)
@@ -125,13 +120,14 @@ def choose_alike(look: SecondLook, candidates: CandidateSet) -> list[str]:
         return [look.effect]
     added = look.further.effects[0] if look.is_pair and look.further is not None else ""
     kin = find_families(candidates.base, candidates.singles).kin_of(look.effect)
+    same = [name for name in by_name if is_one_curve(look.effect, name)]
     alike = []
     for name, other in by_name.items():
         lead = compute_lead(compute_gain_nats(candidates.base, other.score, own.score))
         is_kin = name in kin or (name in list_confusable(look.effect) and lead < _CLEAR_LEAD)
-        if name not in (look.effect, added) and (lead < _NEAR_LEAD or (is_kin and other.r2 > _NEARLY * own.r2)):
+        if name not in (look.effect, added, *same) and is_kin and other.r2 > _NEARLY * own.r2:
             alike.append(name)
-    return [look.effect, *sorted(alike, key=lambda name: -by_name[name].r2)][:_LARGEST_SET]
+    return [look.effect, *same, *sorted(alike, key=lambda name: -by_name[name].r2)][:_LARGEST_SET]
 
 
 def compute_lead_over_others(look: SecondLook, chosen: Sequence[str], candidates: CandidateSet) -> float:

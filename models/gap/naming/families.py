@@ -55,6 +55,8 @@ WORDS: Mapping[str, str] = {
     "tool_weight": _ZERO,
 }
 
+# A shear stress s of adhesion under a pressure p is a friction of mu + s / p: only the curve differs, and it is free.
+_ONE_CURVE = ({"pressure_dependent_friction", "shear_adhesion"},)
 
 _PARAMETER_PRECISION = 0.25  # of a coordinate, as in a fit
 _STEP = 0.04  # of finite differences, of a coordinate
@@ -88,6 +90,11 @@ class Families:
             for other in near
             if self.nats[place, other] < LEAST_NATS and len(self.effects[other]) == 1
         )
+
+
+def is_one_curve(first: str, second: str) -> bool:
+    """Whether two effects are the same quantity along the same state, so that only the form of a law differs."""
+    return first != second and any({first, second} <= effects for effects in _ONE_CURVE)
 
 
 def find_families(base: Fit, candidates: Sequence[FittedCandidate]) -> Families:

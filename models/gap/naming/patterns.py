@@ -70,7 +70,7 @@ class Pattern:
         shares = {one: change[group == one].mean() / force[group == one].mean() for one in np.unique(group)}
         most = max(shares, key=lambda one: abs(shares[one]))
         name = f"object {grasps.objects[most]}" if self.kind == "by object" else grasps.tools[most]
-        return f"{self.words}, most of {name} ({100.0 * shares[most]:+.0f} %)"
+        return f"{self.words}, most on {name} ({100.0 * shares[most]:+.0f} %)"
 
     def _find_change(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
         """What the pattern at its best changes in the bins of the force, and these, m x bins each."""

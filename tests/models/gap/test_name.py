@@ -31,6 +31,7 @@ HIDDEN = {
     "static_kinetic_friction": {"kinetic_ratio": 0.7},
     "force_limited_closing": {"max_force_n": 4.0},
     "mullins_softening": {"softening": 0.1},
+    "pressure_dependent_friction": {"exponent": 0.25},
 }
 
 
@@ -60,6 +61,15 @@ def test_what_is_hidden_is_named(effect: str) -> None:
     result = name(world(effect))
     assert (result.named.kind, result.named.effects) == ("effect", (effect,))
     assert result.named.probability > 0.7  # of an alarm a little over its line
+
+
+def test_adhesion_is_reported_with_friction_that_varies_with_pressure() -> None:
+    """Both are a friction against pressure, whose curve is free; others that explain as little are not reported."""
+    pressure = ("pressure_dependent_friction", "shear_adhesion")
+    result = name(world("pressure_dependent_friction"), ("load_cell_lag", "load_cell_offset", *pressure))
+    assert (result.named.kind, result.named.effects) == ("set", pressure)
+    alone = name(world("pressure_dependent_friction"), ("load_cell_lag", "load_cell_offset", pressure[0]))
+    assert (alone.named.kind, alone.named.effects) == ("effect", pressure[:1])
 
 
 def test_an_effect_that_changes_less_than_solvers_differ_by_is_no_alarm(lag: NamingResult) -> None:
@@ -97,7 +107,7 @@ def test_objects_that_are_not_as_drawn_are_unknown_and_told_as_such() -> None:
     steps_n = problem.grasps.steps_n * factor[:, None]
     found = name(replace(problem, grasps=replace(problem.grasps, steps_n=steps_n)))
     assert found.named.kind == "unknown"
-    assert "another on each object, most of object " in found.named.sentence
+    assert "another on each object, most on object " in found.named.sentence
     assert re.search(r"object (1|6|14|3|21|22) \([+-](8|9|10|11|12) %\)", found.named.sentence)
     by_kind = {pattern.kind: (pattern, r2) for pattern, r2 in found.tried.patterns}
     pattern, r2 = by_kind["by object"]

@@ -83,6 +83,7 @@ class Decision(Record):
 
     `probability`: that the answer is right, whatever its kind. `family`: what the named effects have in common.
     `left_share`: of what the answer explains, what another effect or a model without a name would still explain.
+    `law`: of the first effect.
     """
 
     kind: Literal["effect", "set", "none", "unknown"]

@@ -71,8 +71,8 @@ class VisibleSize:
 def find_visible_sizes(
     fit: Fit,
     ranking: EffectRanking,
-    line_r2: float = Thresholds.model_fields["effect_r2"].default,
-    least_size: float = Thresholds.model_fields["least_size"].default,
+    line_r2: float = Thresholds.model_fields["least_r2"].default,
+    least_size: float = Thresholds.model_fields["effect_size"].default,
 ) -> tuple[VisibleSize, ...]:
     """The smallest size of every ranked effect whose expected evidence passes the lines, in the order of the ranking.
 

@@ -14,9 +14,12 @@ from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.simulation.effects.catalogue import CATALOGUE, list_confusable
 
 _LARGEST_SET = 3
+_ADVICE = {
+    "by object": " Measure this object and one that is as simulated: size, edges, surface, and how far it gives way.",
+    "by tool": " Measure this tool and one that is as simulated: walls, ribs, and how it is mounted.",
+}  # where a person can look, by kind of pattern
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
 _NEARLY = 0.5  # of what the best effect predicts: another that explains less is not reported with it
-_EVEN = 0.5  # a name is said if it is more probable than not
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +59,19 @@ class CandidateSet:
         found = [0.0]
         if self.best is not None:
             size = compute_size(self.base, self.best.fit)
-            found.append(min(self.best.r2 / thresholds.effect_r2, size / thresholds.least_size))
+            found.append(min(self.best.r2 / thresholds.least_r2, size / thresholds.effect_size))
         for pattern, r2 in self.patterns:
             if pattern.nats > thresholds.least_nats:
-                least_r2, least_size = self._find_line(pattern, thresholds)
-                found.append(min(r2 / least_r2, pattern.measure_share(self.base) / least_size))
+                least_size = self._find_least_size(pattern, thresholds)
+                found.append(min(r2 / thresholds.least_r2, pattern.measure_share(self.base) / least_size))
         return max(found)
 
-    def _find_line(self, pattern: Pattern, thresholds: Thresholds) -> tuple[float, float]:
-        """What a pattern has to predict at least, and by how much it has to change the forces."""
+    def _find_least_size(self, pattern: Pattern, thresholds: Thresholds) -> float:
+        """By what share of the force a pattern has to change it."""
         if pattern.kind == "common":
-            return thresholds.pattern_r2, thresholds.least_size
+            return thresholds.pattern_size
         changed_by_effects = compute_size(replace(self.base, effects=()), self.base)
-        return thresholds.single_r2, max(thresholds.single_size, thresholds.law_share * changed_by_effects)
+        return max(thresholds.pattern_size, thresholds.law_share * changed_by_effects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +99,9 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
     if look is None:
         return Judgement(answer_unknown(candidates, gap), gap, over_line)
     chosen = choose_alike(look, candidates)
-    lead = compute_lead_over_others(look, chosen, candidates)
-    description = look.describe(lead, candidates.patterns)
+    description = look.describe(candidates.patterns)
     name = thresholds.judge_name(description)
-    if name < _EVEN:
+    if name < thresholds.least_name:
         decision = answer_unknown(candidates, gap * (1.0 - name), look)
     elif len(chosen) == 1:
         decision = answer_effect(look, gap * name)
@@ -130,13 +132,6 @@ def choose_alike(look: SecondLook, candidates: CandidateSet) -> list[str]:
     return [look.effect, *same, *sorted(alike, key=lambda name: -by_name[name].r2)][:_LARGEST_SET]
 
 
-def compute_lead_over_others(look: SecondLook, chosen: Sequence[str], candidates: CandidateSet) -> float:
-    """By how many standard deviations of evidence the effect leads those that are told from it; the least counts."""
-    others = [candidate for candidate in candidates.singles if candidate.effects[0] not in chosen]
-    scores = [candidates.score, *(candidate.score for candidate in others)]
-    return min(compute_lead(compute_gain_nats(candidates.base, score, look.score)) for score in scores)
-
-
 def answer_effect(look: SecondLook, probability: float) -> Decision:
     """One effect, with its parameters and its law."""
     spec = CATALOGUE[look.effect]
@@ -156,7 +151,7 @@ def answer_effect(look: SecondLook, probability: float) -> Decision:
 
 
 def answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> Decision:
-    """Effects that are not told apart, the likeliest first."""
+    """Effects that are not told apart, the likeliest first, whose law is shown."""
     titles = "; or: ".join(CATALOGUE[name].title for name in chosen)
     return Decision(
         kind="set",
@@ -165,16 +160,19 @@ def answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> D
         probability=probability,
         sentence=f"One of these, not told apart: {titles}.",
         left_share=look.left_share,
+        law=compute_law_curve(look.fit, look.effect),
     )
 
 
 def answer_unknown(candidates: CandidateSet, probability: float, look: SecondLook | None = None) -> Decision:
     """Not in the catalogue; the pattern that is there, or that the best effect leaves, says what is known of it."""
-    words = candidates.pattern.describe(candidates.base)
+    pattern = candidates.pattern
+    words = pattern.describe(candidates.base)
     nearest = f" {CATALOGUE[look.effect].title} comes nearest." if look is not None else ""
+    advice = _ADVICE.get(pattern.kind, "")
     return Decision(
         kind="unknown",
         probability=probability,
-        sentence=f"Something is missing that no effect of the catalogue explains: {words}.{nearest}",
+        sentence=f"Something is missing that no effect of the catalogue explains: {words}.{nearest}{advice}",
         left_share=look.left_share if look is not None else None,
     )

@@ -151,6 +151,6 @@ def _drop_effects(fit: Fit, base_score: Score, thresholds: Thresholds) -> tuple[
     for value in fit.effects:
         others = [other for other in fit.effects if other is not value]
         without = score_fit(Fitter(fit.features, fit.theta, others).fit())
-        if compute_r2(without, base_score) < thresholds.effect_r2:
+        if compute_r2(without, base_score) < thresholds.least_r2:
             dropped.append(value.effect)
     return tuple(dropped)

@@ -28,11 +28,11 @@ from fast.models.gap.naming.candidates import (
 from fast.models.gap.naming.patterns import Pattern
 from fast.models.gap.naming.rank_effects import EffectRanking, rank_effects
 
-DESCRIPTION = ("explained", "pattern left", "lead", "over a pattern", "pair", "over a single pattern")
+DESCRIPTION = ("explained", "pattern left", "over a pattern", "single pattern left")
 N_FURTHER = 3
 LEAST_LEFT = 0.1  # of what an effect explains: more, and another effect is asked whether it belongs there too
 _LEAST_R2, _NO_R2 = 1e-4, 0.003  # in ratios of what is predicted of the held-out squares
-_CLEARLY = 2.0  # logarithm of such a ratio, beyond which more says nothing
+_CLEARLY = 2.0  # logarithm of what is explained, in hundredths, beyond which more says nothing
 _NEEDED = 0.25  # of what an effect explains alone, at least so much must it add to the other
 
 
@@ -56,22 +56,21 @@ class SecondLook:
     left_share: float
     scale: float
 
-    def describe(self, lead: float, before: Sequence[tuple[Pattern, float]]) -> np.ndarray:
+    def describe(self, before: Sequence[tuple[Pattern, float]]) -> np.ndarray:
         """What tells right names from wrong ones (`DESCRIPTION`), for the logistic regression of thresholds.
 
-        lead: over effects that are told apart from it, in standard deviations. before: patterns without a name, before
-        the effect.
+        before: patterns without a name, before the effect.
         """
-        left_nats = max(pattern.nats for pattern, _ in _split(self.patterns)[0])
-        common_r2, single_r2 = (max(r2 for _, r2 in some) for some in _split(before))
+        common, single = _split(self.patterns)
+        left_nats = max(pattern.nats for pattern, _ in common) / self.scale
+        left_r2 = max(r2 for _, r2 in single)
+        r2 = max(self.r2, _LEAST_R2)
         return np.array(
             [
-                np.log(max(self.r2, _LEAST_R2) / 0.01),
-                0.5 * np.arcsinh(max(left_nats, 0.0) / self.scale / 3.0) ** 2,
-                np.arcsinh(lead),
-                np.log(max(self.r2, _LEAST_R2) / (max(common_r2, 0.0) + _NO_R2)),
-                float(self.is_pair),
-                min(np.log(max(self.r2, _LEAST_R2) / (max(single_r2, 0.0) + _NO_R2)), _CLEARLY),
+                min(np.log(r2 / 0.01), _CLEARLY),
+                0.5 * np.arcsinh(max(left_nats, 0.0) / 3.0) ** 2,
+                np.log(r2 / (max(_find_common_r2(before), 0.0) + _NO_R2)),
+                np.arcsinh(max(left_r2, 0.0) / 0.05),
             ]
         )
 

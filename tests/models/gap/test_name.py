@@ -9,6 +9,7 @@ import pytest
 from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.confounds import find_confounds
 from fast.models.gap.naming.candidates import compute_r2, compute_size, score_fit
+from fast.models.gap.naming.decide import decide
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import EffectValue
@@ -17,7 +18,7 @@ from fast.models.traces.step_features import N_STEPS
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 # Made-up grasps have less to hide than a simulator's: their lines are of made-up null worlds.
-LINES = Thresholds(effect_r2=0.006, pattern_r2=0.01)
+LINES = Thresholds(least_r2=0.006)
 # What the cases share; the others cost time and stand for nothing here.
 NAMES = (
     "load_cell_lag",
@@ -68,8 +69,35 @@ def test_adhesion_is_reported_with_friction_that_varies_with_pressure() -> None:
     pressure = ("pressure_dependent_friction", "shear_adhesion")
     result = name(world("pressure_dependent_friction"), ("load_cell_lag", "load_cell_offset", *pressure))
     assert (result.named.kind, result.named.effects) == ("set", pressure)
+    law = result.named.law  # of the first, which stands for both in the simulator
+    assert law is not None
+    assert law.state == "force level of the grasp, N"
+    assert (np.array(law.low) < np.array(law.high)).all()
     alone = name(world("pressure_dependent_friction"), ("load_cell_lag", "load_cell_offset", pressure[0]))
     assert (alone.named.kind, alone.named.effects) == ("effect", pressure[:1])
+
+
+def test_a_name_that_is_not_probable_enough_is_unknown(lag: NamingResult) -> None:
+    """Its probability and the pattern are said, and which effect comes nearest."""
+    assert lag.look is not None
+    likely = lag.judged.name
+    assert 0.6 < likely < 1.0
+    asked_more = LINES.model_copy(update={"least_name": likely + 1e-6})
+    unsure = decide(lag.tried, lag.look, asked_more)
+    assert unsure.decision.kind == "unknown"
+    assert unsure.decision.probability == pytest.approx(lag.judged.gap * (1.0 - likely))
+    assert f"{CATALOGUE[lag.look.effect].title} comes nearest." in unsure.decision.sentence
+
+
+def test_what_a_name_leaves_on_single_objects_speaks_against_it(lag: NamingResult) -> None:
+    look = lag.look
+    assert look is not None
+    common, common_r2 = next(one for one in look.patterns if one[0].kind == "common")
+    single = next(pattern for pattern, _ in look.patterns if pattern.kind == "by object")
+    none_left = replace(look, patterns=[(common, common_r2), (single, 0.0)])
+    much_left = replace(none_left, patterns=[*none_left.patterns[:1], (single, 0.2)])
+    before = lag.tried.patterns
+    assert LINES.judge_name(much_left.describe(before)) < 0.5 * LINES.judge_name(none_left.describe(before))
 
 
 def test_an_effect_that_changes_less_than_solvers_differ_by_is_no_alarm(lag: NamingResult) -> None:
@@ -79,9 +107,7 @@ def test_an_effect_that_changes_less_than_solvers_differ_by_is_no_alarm(lag: Nam
     assert compute_size(lag.fit, lag.fit) == 0.0
     assert 0.01 < size < 0.2  # a lag of 0.35 s in forces of some seconds
     assert lag.tried.measure_alarm(LINES) > 1.0
-    larger = lag.tried.measure_alarm(
-        LINES.model_copy(update={"least_size": 2.0 * size, "pattern_r2": 1.0, "single_r2": 1e9})
-    )
+    larger = lag.tried.measure_alarm(LINES.model_copy(update={"effect_size": 2.0 * size, "pattern_size": 1e9}))
     assert larger == pytest.approx(0.5)
 
 
@@ -93,10 +119,10 @@ def test_a_pattern_that_changes_less_than_solvers_differ_by_is_no_alarm() -> Non
     share = pulled.tried.pattern.measure_share(pulled.fit)
     raw = np.sqrt(np.mean((pulled_n - problem.grasps.steps_n) ** 2) / np.mean(pulled_n**2))
     assert 0.3 * raw < share < 1.2 * raw
-    lines = {"effect_r2": 1e9, "single_r2": 1e9, "least_size": 0.5 * share}
-    only_patterns = LINES.model_copy(update=lines)
-    assert pulled.tried.measure_alarm(only_patterns) > 1.0
-    larger = pulled.tried.measure_alarm(only_patterns.model_copy(update={"least_size": 2.0 * share}))
+    only_common = replace(pulled.tried, singles=(), patterns=pulled.tried.patterns[:1])
+    assert pulled.tried.pattern.kind == "common"
+    assert only_common.measure_alarm(LINES.model_copy(update={"pattern_size": 0.5 * share})) > 1.0
+    larger = only_common.measure_alarm(LINES.model_copy(update={"pattern_size": 2.0 * share}))
     assert larger == pytest.approx(0.5)
 
 
@@ -108,6 +134,7 @@ def test_objects_that_are_not_as_drawn_are_unknown_and_told_as_such() -> None:
     found = name(replace(problem, grasps=replace(problem.grasps, steps_n=steps_n)))
     assert found.named.kind == "unknown"
     assert "another on each object, most on object " in found.named.sentence
+    assert "Measure this object" in found.named.sentence
     assert re.search(r"object (1|6|14|3|21|22) \([+-](8|9|10|11|12) %\)", found.named.sentence)
     by_kind = {pattern.kind: (pattern, r2) for pattern, r2 in found.tried.patterns}
     pattern, r2 = by_kind["by object"]

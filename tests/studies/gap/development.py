@@ -1,7 +1,7 @@
 """The figures of gap discovery on worlds of known truth: probabilities fitted on some worlds, then others.
 
-Three stages, each in the results file: `calibration` worlds set the probabilities and are never counted;
-`development` worlds come from a public seed; `sealed` ones from a secret (`tests.studies.gap.sealed`).
+Stages, each in the results file: `calibration` worlds set the probabilities and are never counted; `development`
+worlds come from a public seed, `independent` ones from another solver (`tests.studies.gap.independent`).
 """
 
 import json
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 N_CALIBRATION: dict[Group, int] = {"null": 24, "single": 48, "unlisted": 12, "pair": 12}
 N_WORLDS: dict[Group, int] = {"null": 40, "nasty null": 12, "single": 48, "alias": 6, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
-Stage = Literal["calibration", "development", "sealed"]
+Stage = Literal["calibration", "development", "independent"]
 
 
 class GapOutcome(Record):
@@ -59,24 +59,30 @@ def measure_gap(options: Options) -> Tables:
     outcomes = read_outcomes(options.results)
     thresholds = calibrated(Worlds(panels, bank, "calibration"), outcomes, options)
     (folder / "thresholds.json").write_text(json.dumps(thresholds_content(thresholds), indent=1) + "\n")
-    worlds = Worlds(panels, bank, PUBLIC_SEED)
+    return measure_worlds(Worlds(panels, bank, PUBLIC_SEED), "development", N_WORLDS, thresholds, options)
+
+
+def measure_worlds(
+    worlds: Worlds, stage: Stage, wanted: Mapping[Group, int], thresholds: "Thresholds", options: Options
+) -> Tables:
+    """Answer so many worlds of each group, those with one effect also without it in the catalogue, and count."""
+    outcomes = read_outcomes(options.results)
     end = time.monotonic() + 60.0 * options.limit_minutes
     with RecordFile(options.results) as file:
-        for group, number, is_left_out in _interleaved(N_WORLDS, options.worlds):
-            place = ("development", group, number, is_left_out)
+        for group, number, is_left_out in _interleaved(wanted, options.worlds):
+            place = (stage, group, number, is_left_out)
             known = outcomes.get(place)
             if known is not None and is_current(known.answer, thresholds):
                 continue
             if time.monotonic() > end:
                 break
             key = worlds.draw(group, number)
-            problem = worlds.problem(key)
-            said = answer(problem, thresholds, without=key.names if is_left_out else ())
+            said = answer(worlds.problem(key), thresholds, without=key.names if is_left_out else ())
             twin_n = None if is_left_out else measure_twin(worlds.problem(worlds.twin(key)), thresholds)
-            outcomes[place] = GapOutcome(stage="development", key=key, answer=said, left_out=is_left_out, twin_n=twin_n)
+            outcomes[place] = GapOutcome(stage=stage, key=key, answer=said, left_out=is_left_out, twin_n=twin_n)
             file.append(outcomes[place])
             options.tell(_line(outcomes[place]))
-    shown = [o for o in outcomes.values() if o.stage == "development" and is_current(o.answer, thresholds)]
+    shown = [o for o in outcomes.values() if o.stage == stage and is_current(o.answer, thresholds)]
     return gap_tables([Judged(o.key, o.answer, o.left_out, o.twin_n) for o in shown])
 
 

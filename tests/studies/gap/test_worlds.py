@@ -11,9 +11,12 @@ from fast.lake.store import Lake
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank, BankPlan
 from fast.models.gap.data import GapData
+from fast.models.gap.naming.families import WORDS
+from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import measure_gap, with_known_fields
+from tests.studies.gap.independent import read_independent
 from tests.studies.gap.judgement import Judged, fit_probabilities
 from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.panels import Panels, raw_strength, visible_share
@@ -285,3 +288,20 @@ def test_a_tiny_world_with_an_unlisted_pull_is_unknown(worlds: Worlds) -> None:
 
     said = answer(worlds.problem(_key(worlds, "magnetic_pull", 0.1)), Thresholds(), max_rounds=1)
     assert said.rounds[0].kind == "unknown"
+
+
+@pytest.fixture(scope="module")
+def of_another_solver() -> Worlds:
+    """Its mesh, contact and integration are its own."""
+    return Worlds(*read_independent(), seed=11)
+
+
+def test_what_another_solver_differs_by_is_no_gap(of_another_solver: Worlds) -> None:
+    said = answer(of_another_solver.problem(_key(of_another_solver)), Thresholds(), max_rounds=1)
+    assert said.rounds[0].kind == "none"
+
+
+def test_a_delay_in_another_solvers_grasps_is_found(of_another_solver: Worlds) -> None:
+    problem = of_another_solver.problem(_key(of_another_solver, "load_cell_lag"))
+    said = answer(problem, Thresholds(), max_rounds=1).rounds[0]
+    assert WORDS[said.effects[0]] == WORDS["load_cell_lag"]

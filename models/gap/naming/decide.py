@@ -18,6 +18,7 @@ _ADVICE = {
     "by object": " Measure this object and one that is as simulated: size, edges, surface, and how far it gives way.",
     "by tool": " Measure this tool and one that is as simulated: walls, ribs, and how it is mounted.",
 }  # where a person can look, by kind of pattern
+_EVEN = 0.5  # a name is said if it is more probable than not
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
 _NEARLY = 0.5  # of what the best effect predicts: another that explains less is not reported with it
 
@@ -101,7 +102,7 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
     chosen = choose_alike(look, candidates)
     description = look.describe(candidates.patterns)
     name = thresholds.judge_name(description)
-    if name < thresholds.least_name:
+    if name < _EVEN:
         decision = answer_unknown(candidates, gap * (1.0 - name), look)
     elif len(chosen) == 1:
         decision = answer_effect(look, gap * name)

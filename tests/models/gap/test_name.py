@@ -77,15 +77,14 @@ def test_adhesion_is_reported_with_friction_that_varies_with_pressure() -> None:
     assert (alone.named.kind, alone.named.effects) == ("effect", pressure[:1])
 
 
-def test_a_name_that_is_not_probable_enough_is_unknown(lag: NamingResult) -> None:
+def test_a_name_that_is_less_probable_than_not_is_unknown(lag: NamingResult) -> None:
     """Its probability and the pattern are said, and which effect comes nearest."""
     assert lag.look is not None
-    likely = lag.judged.name
-    assert 0.6 < likely < 1.0
-    asked_more = LINES.model_copy(update={"least_name": likely + 1e-6})
-    unsure = decide(lag.tried, lag.look, asked_more)
+    assert lag.judged.name > 0.5
+    doubtful = LINES.model_copy(update={"name_logit": (-0.1, 0.0, 0.0, 0.0, 0.0)})
+    unsure = decide(lag.tried, lag.look, doubtful)
     assert unsure.decision.kind == "unknown"
-    assert unsure.decision.probability == pytest.approx(lag.judged.gap * (1.0 - likely))
+    assert unsure.decision.probability == pytest.approx(lag.judged.gap * (1.0 - unsure.name))
     assert f"{CATALOGUE[lag.look.effect].title} comes nearest." in unsure.decision.sentence
 
 

@@ -62,17 +62,19 @@ def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Threshol
     """Thresholds whose probabilities are those of these worlds.
 
     That an alarm is right: null worlds against visible ones, as if both were as frequent. That a family is right: all
-    alarms with a name looked at.
+    alarms with a name looked at, but for effects taken out of the catalogue whose own family is looked at: there the
+    family and *unknown* are both right.
     """
     shown = [one for one in worlds if not one.key.effects or one.is_visible]
     over = np.array([max(one.said.rounds[0].over_line, LEAST_OVER_LINE) for one in shown])
     has_gap = np.array([bool(one.key.effects) for one in shown])
     weight = np.where(has_gap, 1.0, has_gap.sum() / max((~has_gap).sum(), 1))
     gap = _fit_logistic(np.log(over)[:, None], has_gap, weight)
-    looked = [one for one in worlds if one.said.rounds[0].description]
-    described = np.array([one.said.rounds[0].description for one in looked])
-    is_right = np.array([one.is_family_right(one.said.rounds[0].looked_at) for one in looked])
-    name = _fit_logistic(described, is_right, np.ones(len(looked)))
+    looked = [(one, one.said.rounds[0]) for one in worlds if one.said.rounds[0].description]
+    told = [(said.description, one.is_family_right(said.looked_at), one.left_out) for one, said in looked]
+    counted = [(description, is_right) for description, is_right, is_left_out in told if not (is_right and is_left_out)]
+    described, is_right = (np.array(part) for part in zip(*counted, strict=True))
+    name = _fit_logistic(described, is_right, np.ones(len(counted)))
     return base.model_copy(update={"gap_logit": gap, "name_logit": name})
 
 

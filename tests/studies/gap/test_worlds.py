@@ -203,6 +203,11 @@ def test_probabilities_are_fitted_to_what_was_right() -> None:
     fitted = fit_probabilities([one for one in worlds if one.key.effects], Thresholds())
     assert fitted.judge_name(np.ones(6)) > 0.9
     assert fitted.judge_name(-np.ones(6)) < 0.1
+    # Its own family for an effect that is not in the catalogue is as right as *unknown*, so it teaches nothing.
+    said = Said(kind="effect", looked_at="load_cell_lag", description=(-3.0,) * 6)
+    own_family = Judged(LAGGING, Answer(code="c", thresholds="H", rounds=(said,)), left_out=True)
+    shown = [one for one in worlds if one.key.effects] + 20 * [own_family]
+    assert fit_probabilities(shown, Thresholds()).name_logit == fitted.name_logit
     both = fit_probabilities(worlds, Thresholds())
     assert both.judge_gap(float(np.exp(2.0))) > 0.85
     assert both.judge_gap(float(np.exp(-2.0))) < 0.15

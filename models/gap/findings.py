@@ -292,11 +292,14 @@ class Findings(Record):
     def is_leftover(self, place: int) -> bool:
         """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.
 
-        The parameters of a name are never exact: what they leave is less than a tenth of what the name explained.
+        Law and parameters of a name are never exact: what they leave is less than a tenth of what the name explained,
+        or is taken by an effect of the same family.
         """
         named = self.rounds[place].named
         if place == 0 or named.kind == "none" or not self.rounds[0].named.effects:
             return False
+        if named.family and named.family in {earlier.named.family for earlier in self.rounds[:place]}:
+            return True
         if named.kind == "unknown" and self.rounds[0].named.left_share is not None:
             return self.rounds[0].named.left_share < LEFTOVER
         first, now = (self.rounds[k].explained_nats for k in (0, place))

@@ -104,7 +104,9 @@ def shorten_answer(findings: Findings) -> str:
     if not named:
         return "no gap"
     known = [
-        "one of a set" if n.kind == "set" else " + ".join(map(describe_effect, n.effects)) for n in named if n.effects
+        n.family or "one of a set" if n.kind == "set" else " + ".join(map(describe_effect, n.effects))
+        for n in named
+        if n.effects
     ]
     return ", ".join(known) or "unknown"
 
@@ -145,7 +147,9 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
     """What keeps an answer from being the last word: sentences."""
     named, notes = found.named, []
     if is_leftover:
-        notes.append("This is what is left of the name before, whose parameters are never exact: no new discovery.")
+        notes.append(
+            "This is what is left of the name before, whose law and parameters are never exact: no new discovery."
+        )
     if named.effects and named.left_share is not None and named.left_share >= _LEAST_LEFT:
         notes.append(
             f"Another effect, or a model without a name, would still explain {100.0 * named.left_share:.0f} % of what "

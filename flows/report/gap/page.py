@@ -186,9 +186,11 @@ def write_name(content: GapPage, folder: Folder) -> Markup:
 
 def _answer(found: RoundFindings, title: str, is_leftover: bool) -> Markup:
     named = found.named
-    formulas = [CATALOGUE[effect].formula for effect in named.effects if effect in CATALOGUE and named.parameters]
-    # The sentence of one effect is its title and parameters again; the table shows them better.
-    told = [f"<p><code>{text(formula)}</code></p>" for formula in formulas] or [paragraph(named.sentence)]
+    # The sentence of an answer is its titles and parameters again; formulas and the table show them better.
+    known = [CATALOGUE[effect] for effect in named.effects if effect in CATALOGUE and named.parameters]
+    titles = [f"{text(spec.title)}: " if len(known) > 1 else "" for spec in known]
+    told = [f"<p>{title}<code>{text(spec.formula)}</code></p>" for title, spec in zip(titles, known, strict=True)]
+    told = told or [paragraph(named.sentence)]
     if named.rest is not None and named.rest.sentence != named.sentence:
         told.append(paragraph(named.rest.sentence))
     told.append(paragraph(f"Probability that this answer is right: {describe_probability(named.probability)}."))
@@ -402,7 +404,8 @@ def _parameters(named: Decision) -> Markup:
         (spell_name(name, with_unit=True), f"{p.median:.3g}", f"{p.ci90[0]:.3g} to {p.ci90[1]:.3g}")
         for name, p in named.parameters.items()
     ]
-    return table(("parameter", "median", "90 % interval"), rows, (1,)) if rows else Markup("")
+    which = f"parameter of {describe_effect(named.effects[0])}" if named.kind == "set" else "parameter"
+    return table((which, "median", "90 % interval"), rows, (1,)) if rows else Markup("")
 
 
 def _candidates(rounds: tuple[RoundFindings, ...], folder: Folder) -> Markup:

@@ -38,6 +38,7 @@ from fast.models.gap.naming.rank_effects import Separability
 from fast.models.gap.where.locate import locate
 from fast.models.gap.where.residuals import Residuals
 from fast.models.records import EffectValue, GraspSetup
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.synthetic.gap import GapTruth, made_up_gap
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.3})
@@ -266,6 +267,33 @@ def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
     assert answer.describe_sureness(much).endswith("; something else is missing that the catalogue does not have")
     said = _round(lag.model_copy(update={"left_share": 0.3}), _candidate("load_cell_lag", 0.9))
     assert not _told(said, _round(unknown, weak)).is_leftover(1)  # the round itself says how much is left
+
+
+def test_the_same_family_again_is_no_second_discovery() -> None:
+    """A delay whose law is between two of the catalogue is named twice and told once, by its family."""
+    delay = "delay between lift and force"
+    first = Decision(kind="set", effects=("load_cell_lag", "lift_misalignment"), family=delay, probability=0.8)
+    again = Decision(kind="effect", effects=("lift_misalignment",), family=delay, probability=0.9)
+    findings = _told(_round(first), _round(again, _candidate("lift_misalignment", 0.9)))
+    assert not findings.is_leftover(0)
+    assert findings.is_leftover(1)
+    assert answer.shorten_answer(findings) == delay
+    assert "then" not in answer.describe_answer(findings)
+
+
+def test_a_set_says_which_law_is_whose(tmp_path: Path, content: GapPage) -> None:
+    """Every member has its title before its formula; parameters and curve are those of the first."""
+    law = LawCurve(
+        quantity="delay, s", state="lift, mm", at=(0.0, 1.0), median=(0.1,) * 2, low=(0.0,) * 2, high=(1.0,) * 2
+    )
+    members = ("load_cell_lag", "lift_misalignment")
+    either = NAMED.model_copy(update={"kind": "set", "effects": members, "law": law})
+    findings = content.findings.model_copy(update={"rounds": (_round(either),)})
+    page = write_gap_report(replace(content, findings=findings), tmp_path, "X1").read_text(encoding="utf-8")
+    for member in members:
+        assert f"{CATALOGUE[member].title}: <code>" in page
+    assert "parameter of load cell lag" in page
+    assert "If it is load cell lag: the law as the data have it" in page
 
 
 def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:

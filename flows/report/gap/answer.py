@@ -160,7 +160,12 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
         notes.append(f"The simulator gets {first}, since all of them correct alike; which of them it is stays open.")
     if found.refused:
         notes.append(found.refused)
-    if found.patternless_n is not None:
+    if found.patternless_n is not None and named.kind == "none" and found.where:
+        notes.append(
+            f"Yet a test of tools and objects sees this: {found.where[0].sentence} More designs and objects may show "
+            "what it is; measure those that the sentence speaks of."
+        )
+    elif found.patternless_n is not None:
         notes.append(
             f"Differences of {found.patternless_n:.2g} N are left in which designs, objects and repeats show no "
             "pattern. Honest solvers differ by as much: they are not counted as a gap."

@@ -6,8 +6,9 @@ smooth coefficients with a normal prior whose size is not known, so its evidence
 and it can be said in words.
 
 Or every object has a factor of its own, or every tool: what is wrong with single objects (their size, edges, surface)
-predicts the grasps of other designs on them, and nothing of other objects. Prints differ in their modulus anyway, so a
-factor of a tool is one that changes over the lift.
+predicts the grasps of other designs on them, and nothing of other objects. It may be wrong all along the lift, so the
+coefficients of an object may be alike. Prints differ in their modulus anyway, so a factor of a tool is one that changes
+over the lift.
 """
 
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 KNOTS_MM = (0.0, 1.5, 5.0, 12.0, 25.0, 45.0)  # of the lift, where a pattern has a coefficient; straight between
 SIZES = (0.003, 0.01, 0.03, 0.1)  # standard deviations of coefficients that are tried, of the force
+ALIKE = (0.0, 0.9)  # correlations of an object's coefficients along the lift that are tried
 _LEAST_SD = 1e-9
 _FACTOR = "a factor on the force"
 
@@ -96,14 +98,8 @@ def rank_single_patterns(fit: Fit) -> list[Pattern]:
     """Factors that every object, or every tool, has for itself, the one with the greater evidence first."""
     steps_n = fit.features.surrogate.predict_steps(fit.theta, fit.effects, fit.tool_factor)
     change = dict(list_changes(steps_n))[_FACTOR]
-    groups: tuple[tuple[str, np.ndarray, Kind], ...] = (
-        ("another on each object", fit.features.obj, "by object"),
-        ("another for each tool", fit.features.tool, "by tool"),
-    )
-    found = []
-    for how, group, kind in groups:
-        rows = [fit.features.whiten(change * (group == one)[None, :, None]) for one in np.unique(group)]
-        found.append(_weigh(fit, _FACTOR, how, np.concatenate(rows) * fit.weight, kind))
+    by_object = [_weigh_groups(fit, _correlate(change, alike), "by object") for alike in ALIKE]
+    found = [max(by_object, key=lambda pattern: pattern.nats), _weigh_groups(fit, change, "by tool")]
     return sorted(found, key=lambda pattern: -pattern.nats)
 
 
@@ -148,6 +144,20 @@ def _hats() -> np.ndarray:
     """Straight-sided functions over the steps of the lift, one at each knot, k x 120; constant beyond the last."""
     lift_mm = STEP_MM * (np.arange(N_STEPS) + 0.5)
     return np.array([np.interp(lift_mm, KNOTS_MM, row) for row in np.eye(len(KNOTS_MM))])
+
+
+def _correlate(change: np.ndarray, alike: float) -> np.ndarray:
+    """Changes about knots (k x m x f), mixed so that coefficients of equal weight have this correlation."""
+    root = np.linalg.cholesky(alike + (1.0 - alike) * np.eye(len(change)))
+    return np.asarray(np.tensordot(root.T, change, 1))
+
+
+def _weigh_groups(fit: Fit, change: np.ndarray, kind: Kind) -> Pattern:
+    """The pattern of changes about knots (k x m x f) that every object, or every tool, has for itself."""
+    how = "another on each object" if kind == "by object" else "another for each tool"
+    group = fit.features.obj if kind == "by object" else fit.features.tool
+    rows = [fit.features.whiten(change * (group == one)[None, :, None]) for one in np.unique(group)]
+    return _weigh(fit, _FACTOR, how, np.concatenate(rows) * fit.weight, kind)
 
 
 def _weigh(fit: Fit, what: str, how: str, columns: np.ndarray, kind: Kind = "common") -> Pattern:

@@ -33,6 +33,7 @@ from fast.models.gap.findings import (
     RankedDesigns,
     Rest,
     RoundFindings,
+    WhereFinding,
 )
 from fast.models.gap.naming.rank_effects import Separability
 from fast.models.gap.where.locate import locate
@@ -267,6 +268,18 @@ def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
     assert answer.describe_sureness(much).endswith("; something else is missing that the catalogue does not have")
     said = _round(lag.model_copy(update={"left_share": 0.3}), _candidate("load_cell_lag", 0.9))
     assert not _told(said, _round(unknown, weak)).is_leftover(1)  # the round itself says how much is left
+
+
+def test_none_does_not_deny_what_a_test_sees() -> None:
+    seen = WhereFinding(
+        sentence="Less on the cube.", phase="peak", stratum="cube", effect_size_n=-0.6, ci90=(-0.7, -0.5)
+    )
+    found = _round(NOTHING, patternless_n=0.2)
+    (note,) = answer.describe_notes(found, False)
+    assert "show no pattern" in note
+    (note,) = answer.describe_notes(found.model_copy(update={"where": (seen,)}), False)
+    assert "show no pattern" not in note
+    assert "Yet a test of tools and objects sees this: Less on the cube." in note
 
 
 def test_the_same_family_again_is_no_second_discovery() -> None:

@@ -8,9 +8,11 @@ import pytest
 
 from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.confounds import find_confounds
+from fast.models.gap.naming import patterns
 from fast.models.gap.naming.candidates import compute_r2, compute_size, score_fit
 from fast.models.gap.naming.decide import decide
 from fast.models.gap.naming.name import NamingResult, name_effect
+from fast.models.gap.naming.patterns import rank_single_patterns
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
@@ -142,6 +144,20 @@ def test_objects_that_are_not_as_drawn_are_unknown_and_told_as_such() -> None:
     assert pattern.measure_share(found.fit) == pytest.approx(np.std(factor), rel=0.4)
     ways = score_fit(pattern.add_to(found.fit))
     assert compute_r2(found.tried.score, ways) < 0.05  # with the objects that are left out, it predicts nothing
+
+
+def test_two_objects_that_are_off_all_along_the_lift_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coefficients that are alike cost one each; as many as knots cost most of the evidence."""
+    problem = world()
+    factor = np.array([1.0, 1.0, 1.12, 1.0, 1.0, 1.0, 0.9])[problem.grasps.obj]
+    steps_n = problem.grasps.steps_n * factor[:, None]
+    found = name(replace(problem, grasps=replace(problem.grasps, steps_n=steps_n)))
+    assert found.named.kind == "unknown"
+    assert re.search(r"most on object \d+ \([+-](9|10|11|12|13) %\)", found.named.sentence)
+    alike = next(one for one in rank_single_patterns(found.fit) if one.kind == "by object")
+    monkeypatch.setattr(patterns, "ALIKE", (0.0,))
+    unlike = next(one for one in rank_single_patterns(found.fit) if one.kind == "by object")
+    assert alike.nats > unlike.nats + 10.0
 
 
 def test_a_lag_is_named_with_its_time_constant(lag: NamingResult) -> None:

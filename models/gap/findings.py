@@ -68,7 +68,8 @@ class LawCurve(Record):
 class Rest(Record):
     """What is left that nothing of the catalogue explains: in words, and as a mean force over the lift.
 
-    `force_n`, `low_n`, `high_n`: mean gap and its 90 % band over tools and objects, at `lift_mm`.
+    `force_n`, `low_n`, `high_n`: mean gap and its 90 % band over tools and objects, at `lift_mm`. `has_sign`: whether
+    tools and objects agree on more or less force in some part of the lift.
     """
 
     sentence: str
@@ -76,6 +77,7 @@ class Rest(Record):
     force_n: tuple[float, ...]
     low_n: tuple[float, ...]
     high_n: tuple[float, ...]
+    has_sign: bool = True
 
 
 class Decision(Record):
@@ -111,6 +113,14 @@ class RoundFindings(Record):
     dropped: tuple[str, ...] = ()
     refused: str = ""
     patternless_n: float | None = None
+
+    @property
+    def rest_sentence(self) -> str:
+        """What is left of an answer without a name: of all grasps, or where they agree on no sign, of single ones."""
+        rest = self.named.rest
+        if rest is None:
+            return ""
+        return self.where[0].sentence if self.where and not rest.has_sign else rest.sentence
 
     @property
     def explained_nats(self) -> float:

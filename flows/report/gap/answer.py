@@ -72,7 +72,7 @@ def describe_answer(findings: Findings) -> str:
     lead = next((r.where[0].sentence for r in findings.rounds if r.where), "")
     if findings.alarm:
         names = [describe_decision(found.named) for found in list_discoveries(findings)]
-        rest = next((r.named.rest.sentence for r in findings.rounds if r.named.rest), "")
+        rest = next((r.rest_sentence for r in findings.rounds if r.rest_sentence), "")
         return " ".join(part for part in (f"Missing: {', then '.join(names)}.", rest or lead) if part)
     if lead:
         return f"Nothing can be named: no effect predicts what was left out better than in worlds without a gap. {lead}"
@@ -165,7 +165,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
             f"Yet a test of tools and objects sees this: {found.where[0].sentence} More designs and objects may show "
             "what it is; measure those that the sentence speaks of."
         )
-    elif found.patternless_n is not None:
+    elif found.patternless_n is not None and named.kind != "unknown":
         notes.append(
             f"Differences of {found.patternless_n:.2g} N are left in which designs, objects and repeats show no "
             "pattern. Honest solvers differ by as much: they are not counted as a gap."

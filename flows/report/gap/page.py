@@ -191,8 +191,8 @@ def _answer(found: RoundFindings, title: str, is_leftover: bool) -> Markup:
     titles = [f"{text(spec.title)}: " if len(known) > 1 else "" for spec in known]
     told = [f"<p>{title}<code>{text(spec.formula)}</code></p>" for title, spec in zip(titles, known, strict=True)]
     told = told or [paragraph(named.sentence)]
-    if named.rest is not None and named.rest.sentence != named.sentence:
-        told.append(paragraph(named.rest.sentence))
+    if found.rest_sentence not in ("", named.sentence):
+        told.append(paragraph(found.rest_sentence))
     told.append(paragraph(f"Probability that this answer is right: {describe_probability(named.probability)}."))
     if named.family:
         told.append(paragraph(f"Family: {named.family}."))

@@ -43,6 +43,7 @@ def describe_rest(residuals: Residuals, seed: int = 0) -> Rest:
         force_n=tuple(mean_n.tolist()),
         low_n=tuple(low_n.tolist()),
         high_n=tuple(high_n.tolist()),
+        has_sign=part is not None,
     )
 
 

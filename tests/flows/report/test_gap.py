@@ -282,6 +282,20 @@ def test_none_does_not_deny_what_a_test_sees() -> None:
     assert "Yet a test of tools and objects sees this: Less on the cube." in note
 
 
+def test_a_rest_without_a_sign_is_told_by_where_it_is() -> None:
+    """Tools and objects agree on no sign where one object is stronger and another weaker: a test says which."""
+    rest = Rest(sentence="No sign.", lift_mm=(0.0,), force_n=(0.0,), low_n=(-1.0,), high_n=(1.0,), has_sign=False)
+    seen = WhereFinding(
+        sentence="Less on the cube.", phase="peak", stratum="cube", effect_size_n=-0.6, ci90=(-0.7, -0.5)
+    )
+    found = _round(Decision(kind="unknown", probability=0.7, rest=rest))
+    assert found.rest_sentence == "No sign."
+    assert found.model_copy(update={"where": (seen,)}).rest_sentence == "Less on the cube."
+    assert "Less on the cube." in answer.describe_answer(_told(found.model_copy(update={"where": (seen,)})))
+    signed = found.named.model_copy(update={"rest": rest.model_copy(update={"has_sign": True})})
+    assert _round(signed).model_copy(update={"where": (seen,)}).rest_sentence == "No sign."
+
+
 def test_the_same_family_again_is_no_second_discovery() -> None:
     """A delay whose law is between two of the catalogue is named twice and told once, by its family."""
     delay = "delay between lift and force"
@@ -325,6 +339,8 @@ def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:
     findings = _told(
         _round(slips, best, refused="It made held-out grasps worse."), _round(unknown, best, patternless_n=0.104)
     )
+    named = _round(slips, patternless_n=0.104)
+    assert "0.1 N are left" in answer.describe_notes(named, False)[-1]
     page = write_gap_report(GapPage(findings), tmp_path, "X3").read_text(encoding="utf-8")
     for words in (
         "Family: friction laws.",
@@ -333,9 +349,9 @@ def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:
         "would still explain 12 % of what this answer explains",
         "It made held-out grasps worse.",
         "A pull stays.",
-        "Differences of 0.1 N are left in which designs, objects and repeats show no pattern.",
     ):
         assert words in page, words
+    assert "show no pattern" not in page  # of an answer that says which pattern there is
     assert page.index("gap_law_1.svg") < page.index('id="where"')
     assert "friction over friction at rest" in (tmp_path / "figures" / "gap_law_1.svg").read_text()
     assert "measured less simulated force" in (tmp_path / "figures" / "gap_rest_2.svg").read_text()

@@ -38,6 +38,7 @@ class Made:
         assert len(rest.lift_mm) == len(rest.force_n) == N_STEPS
         assert all(low <= x <= high for low, x, high in zip(rest.low_n, rest.force_n, rest.high_n, strict=True))
         assert "nan" not in rest.sentence
+        assert rest.has_sign is ("no sign on which" not in rest.sentence)
         return rest.sentence
 
     def residuals(self, measured_n: np.ndarray) -> Residuals:

@@ -219,3 +219,12 @@ def test_permuted_designs_name_nothing() -> None:
     other = np.roll(np.arange(len(grasps.tools)), 3)[grasps.tool]
     result = name(replace(problem, grasps=replace(grasps, tool=other)))
     assert result.named.kind in ("none", "unknown")
+
+
+def test_probabilities_grow_with_what_is_predicted_and_fall_with_what_is_left() -> None:
+    lines = Thresholds(gap_logit=(0.0, 1.0), name_logit=(0.0, 1.0, -1.0, 1.0, -1.0))
+    assert lines.judge_gap(1.0) == pytest.approx(0.5)
+    assert lines.judge_gap(3.0) == pytest.approx(0.75)
+    assert lines.judge_gap(0.01) == lines.judge_gap(0.3) == pytest.approx(0.3 / 1.3)
+    assert lines.judge_name(np.array([1.0, 0.0, 0.0, 1.0])) == pytest.approx(0.5)
+    assert lines.judge_name(np.array([np.log(9.0), 0.0, 0.0, 0.0])) == pytest.approx(0.9)

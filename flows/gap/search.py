@@ -377,7 +377,11 @@ def write_answer(findings: Findings) -> str:
     )
     parts = [f"found {', '.join(added)}"] if added else []
     parts += [f"{', '.join(refused)} would explain it, but was not added" for _ in refused[:1]]
-    parts += [f"one of {', '.join(found.effects)}, not told apart" for found in named if found.kind == "set"]
+    parts += [
+        f"one of {', '.join(found.effects)}, not told apart"
+        for place, found in enumerate(named)
+        if found.kind == "set" and not findings.is_leftover(place)
+    ]
     if named[-1].kind == "unknown" and not findings.is_leftover(len(named) - 1):
         parts.append("something that is not in the catalogue")
     if not parts:

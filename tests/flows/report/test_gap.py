@@ -306,6 +306,10 @@ def test_the_same_family_again_is_no_second_discovery() -> None:
     assert findings.is_leftover(1)
     assert answer.shorten_answer(findings) == delay
     assert "then" not in answer.describe_answer(findings)
+    twice = _told(
+        _round(first), _round(first.model_copy(update={"effects": ("lift_misalignment", "lift_start_error")}))
+    )
+    assert write_answer(twice).count("not told apart") == 1
 
 
 def test_a_set_says_which_law_is_whose(tmp_path: Path, content: GapPage) -> None:

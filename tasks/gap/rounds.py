@@ -22,10 +22,10 @@ from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.confounds import find_confounds
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
 from fast.models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
+from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.evaluation.rest import describe_rest
 from fast.models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict
 from fast.models.gap.fit.fit import Fit
-from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
 from fast.models.gap.local_bank import choose_bank, has_left, move_bank
 from fast.models.gap.naming.name import NamingResult, name_effect
@@ -42,7 +42,6 @@ from fast.tasks.simulation.plan import SimulationPlan
 
 _FRICTION_STEP = 0.02  # relative, of a finite difference
 _N_DRAWS = 40
-_SCATTER = {"tool_sd": TOOL_SD, "cell_sd": PLACEMENT_SHARE, "repeat_sd": REPEAT_SD}
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,10 +199,11 @@ def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
 
     def predict(label: str, simulator: CalibratedSimulator, simulated_n: np.ndarray) -> Prediction:
         """The simulated means with intervals: draws as the surrogate predicts them, moved to the simulated means."""
-        draws = simulator.draw(_N_DRAWS, seed)
+        draws, prints = simulator.draw(_N_DRAWS, seed), PrintFactors.of(held_out, simulated_n)
         draws_n = np.array([surrogate.predict_steps(theta, effects) for theta, effects in draws])
-        draws_n += simulated_n - draws_n.mean(axis=0)
-        return add_scatter(label, draws_n, held_out, _SCATTER, noise_sd_n)
+        draws_n += prints.factor[:, None] * simulated_n - draws_n.mean(axis=0)
+        relative_sd = np.sqrt(prints.sd**2 + PLACEMENT_SHARE**2 + REPEAT_SD**2)
+        return add_scatter(label, draws_n, held_out, relative_sd, noise_sd_n)
 
     before, after = map(predict, (BEFORE, AFTER), simulators, steps_n)
     return evaluate(held_out, before, after, rounds[0].residuals, seed)

@@ -16,6 +16,7 @@ from fast.models.gap.evaluation.held_out import (
     compute_class_errors,
     compute_metrics,
 )
+from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.findings import Gap
 from fast.models.gap.where.residuals import Residuals
 from fast.models.objects.catalogue import get_object
@@ -117,9 +118,12 @@ class Change:
 def measure_change(held_out: HeldOut, before_n: np.ndarray, after_n: np.ndarray, seed: int = 0) -> Change:
     """Compare two simulators by their step means of the held-out grasps (m x 120 each).
 
-    Designs and objects are drawn with replacement, both at once, as in `measure_gap_closed`; both simulators are judged
-    on the same draws.
+    Each gets the prints as stiff as its own errors on other objects say. Designs and objects are drawn with
+    replacement, both at once, as in `measure_gap_closed`; both simulators are judged on the same draws.
     """
+    before_n, after_n = (
+        PrintFactors.of(held_out, steps_n).factor[:, None] * steps_n for steps_n in (before_n, after_n)
+    )
     parts = _Cells.of(held_out, Prediction(BEFORE, before_n), Prediction(AFTER, after_n))
     rng = np.random.default_rng(seed)
     before, after, _ = parts.rmse(np.stack([parts.weights(rng) for _ in range(N_BOOTSTRAP)]))

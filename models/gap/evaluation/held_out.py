@@ -148,16 +148,14 @@ def compute_class_errors(held_out: HeldOut, prediction: Prediction, names: Mappi
 
 
 def add_scatter(
-    label: str, draws_n: np.ndarray, held_out: HeldOut, scatter: Mapping[str, float], noise_sd_n: float
+    label: str, draws_n: np.ndarray, held_out: HeldOut, relative_sd: np.ndarray, noise_sd_n: float
 ) -> Prediction:
     """Prediction with intervals from posterior draws (d x m x steps) and what no simulator knows of a single grasp.
 
-    scatter: relative sds `tool_sd` (for tools that are new), `cell_sd`, `repeat_sd`. noise_sd_n: of a step's mean.
+    relative_sd: m, scatter of the force by print, placement and repeat. noise_sd_n: of a step's mean.
     """
     mean = draws_n.mean(axis=0)
-    relative = scatter.get("cell_sd", 0.0) ** 2 + scatter.get("repeat_sd", 0.0) ** 2
-    by_grasp = relative + np.where(held_out.is_new_tool, scatter.get("tool_sd", 0.0) ** 2, 0.0)
-    variance = draws_n.var(axis=0) + by_grasp[:, None] * mean**2
+    variance = draws_n.var(axis=0) + relative_sd[:, None] ** 2 * mean**2
     variance = variance + (noise_sd_n**2 + held_out.numerical_n**2)[:, None]
     return Prediction(label, mean, np.sqrt(variance))
 

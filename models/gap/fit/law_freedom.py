@@ -22,6 +22,7 @@ LAW_SD = 0.3  # of h: how far the bench's law is from the catalogue's, relative 
 LENGTH_SHARE = 1.0 / 3.0  # of the range of states
 N_KNOTS = 7
 _JITTER = 1e-6
+_SAME = 1e-6  # of singular values: parameters that change the same, such as one that has no effect here
 _Z90 = 1.645
 _N_STATES = 25
 _STEP = 1e-3  # of finite differences, of a coordinate
@@ -85,13 +86,22 @@ def compute_change(fit: Fit, effect: str) -> np.ndarray:
     return fit.predict_features() - fit.predict_features(others)
 
 
-def free_law(fit: Fit, effect: str) -> Fit:
+def free_law(fit: Fit, effect: str, *, is_apart: bool = False) -> Fit:
     """The fit with the freedom of the law of one of its effects as further columns; the same if it has no law.
 
-    Nothing is fitted again: `solve_step` says where the freed fit goes.
+    is_apart: without what the effect's own parameters can do (Plumlee 2017), so that these are of the catalogue's law
+    that fits best; else a law that is free to shrink or grow leaves their size to the prior. Nothing is fitted again:
+    `solve_step` says where the freed fit goes.
     """
     freedom = LawFreedom.of(fit, effect)
-    return fit if freedom is None else freedom.add_to(fit)
+    if freedom is None:
+        return fit
+    columns = freedom.columns(fit)
+    if is_apart:
+        places = [place for _, _, place in _list_axes(fit, effect)]
+        own, free = (part.reshape(len(part), -1).T for part in (fit.columns[places], columns))
+        columns = (free - own @ np.linalg.lstsq(own, free, rcond=_SAME)[0]).T.reshape(columns.shape)
+    return fit.add_columns(columns, LAW_SD)
 
 
 def solve_step(fit: Fit) -> np.ndarray:

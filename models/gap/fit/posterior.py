@@ -3,7 +3,8 @@
     y = F(v) + C d + e,    d ~ N(0, P^-1),  e ~ N(0, phi),  all whitened,
 
 v: ln E, friction, Poisson ratio and the effects' parameters on the axes of `models.gap.fit.fit`; C d: moduli of tools,
-what numerical variants change and what a law may differ by (`law_freedom`), integrated out with C as it is at the fit.
+what numerical variants change and what a law may differ by beyond its parameters (`law_freedom`), integrated out with C
+as it is at the fit.
 The residual is a quadratic polynomial of v around the fit, found by least squares over points of the posterior's own
 ellipsoid, so that the log likelihood is one quadratic form of its terms: thousands of evaluations cost what one
 prediction of all grasps does. What the polynomial misses is measured at draws and said. `phi` (1 or more) is what the
@@ -188,7 +189,9 @@ class LikelihoodSurface:
     def around(fit: Fit, priors: ThetaPriors) -> "LikelihoodSurface":
         """The surface of a fit; residuals that weigh little in the fit do as they do there."""
         for value in fit.effects:
-            fit = free_law(fit, value.effect)
+            fit = free_law(fit, value.effect, is_apart=True)
+        # A numerical error at its bound is known no better for that.
+        fit = replace(fit, precision=np.where(fit.precision == HELD, 1.0, fit.precision))
         axes = tuple(axis for value in fit.effects for axis in axes_of(value.effect))
         point, (lower, upper) = _vector(fit, axes), _limits(fit, axes, priors)
         point = np.clip(point, lower + 1e-6 * (upper - lower), upper - 1e-6 * (upper - lower))
@@ -223,9 +226,7 @@ class LikelihoodSurface:
         """Weighted residual at v with tools and variants as fitted, with what those take up added back, (m f)."""
         fitted = np.concatenate([self.fit.tool_log, self.fit.numerical])
         nuisance = np.pad(fitted, (0, len(self.nuisance) - len(fitted)))  # laws are the catalogue's at the fit
-        is_free = self.fit.precision[_N_THETA : _N_THETA + len(nuisance)] < HELD
-        taken = np.where(is_free, nuisance, 0.0) @ self.nuisance
-        return np.asarray((_residual(self.fit, self.density.axes, v) * self.weight).ravel() + taken)
+        return np.asarray((_residual(self.fit, self.density.axes, v) * self.weight).ravel() + nuisance @ self.nuisance)
 
     def project(self, rows: np.ndarray) -> np.ndarray:
         """Rows ((m f) x ...) times the precision of what tools and variants leave of them."""

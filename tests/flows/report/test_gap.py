@@ -65,7 +65,7 @@ def content() -> GapPage:
     before, after = data.held_out.predict_steps(theta), data.held_out.predict_steps(theta, [LAG])
     residuals = Residuals.of(data.training, data.training.predict_steps(theta), truth.theta.young_modulus_mpa)
     held_out = HeldOut.of(data, truth.theta)
-    scatter = {"tool_sd": 0.04, "cell_sd": 0.015, "repeat_sd": 0.01}
+    scatter = np.full(len(before), 0.044)
     first, last = (
         add_scatter(label, np.repeat(steps[None], 2, axis=0), held_out, scatter, 0.08)
         for label, steps in ((BEFORE, before), (AFTER, after))

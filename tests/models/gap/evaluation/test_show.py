@@ -1,11 +1,10 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
 from fast.models.errors import UsageError
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
 from fast.models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter, compute_metrics
+from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.where.residuals import Residuals
 from fast.models.records import EffectValue
 from tests.synthetic.gap import GapTruth, made_up_gap
@@ -61,7 +60,9 @@ def test_only_what_helps_whatever_was_held_out_is_a_gain(
 ) -> None:
     held_out, before, after, _ = world
     better = measure_change(held_out, before.steps_n, after.steps_n)
-    errors = [float(np.sqrt(((held_out.measured_n - p.steps_n) ** 2).mean())) for p in (before, after)]
+    prints = [PrintFactors.of(held_out, p.steps_n).factor[:, None] for p in (before, after)]
+    left_n = [held_out.measured_n - own * p.steps_n for own, p in zip(prints, (before, after), strict=True)]
+    errors = [float(np.sqrt((one**2).mean())) for one in left_n]
     assert [better.before_n, better.after_n] == pytest.approx(errors)
     low, high = better.ci90_n
     assert low < errors[1] - errors[0] < high < 0.0
@@ -100,11 +101,9 @@ def test_intervals_that_know_the_scatter_cover_nine_in_ten(
     world: tuple[HeldOut, Prediction, Prediction, Residuals],
 ) -> None:
     held_out, _, after, _ = world
-    # No tool's own modulus was fitted here.
-    held_out = dataclasses.replace(held_out, is_new_tool=np.ones_like(held_out.is_new_tool))
     draws = np.repeat(after.steps_n[None], 3, axis=0)
-    scatter = {"tool_sd": 0.04, "cell_sd": 0.03, "repeat_sd": 0.01}
-    found = compute_metrics(held_out, add_scatter(AFTER, draws, held_out, scatter, noise_sd_n=0.08))
+    relative_sd = np.full(len(held_out.tool), np.sqrt(0.04**2 + 0.03**2 + 0.01**2))
+    found = compute_metrics(held_out, add_scatter(AFTER, draws, held_out, relative_sd, noise_sd_n=0.08))
     assert found.coverage_90 == pytest.approx(0.9, abs=0.08)
     assert found.width_90_n is not None
     assert found.width_90_n > 0

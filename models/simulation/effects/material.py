@@ -84,7 +84,7 @@ MULLINS_SOFTENING = EffectSpec(
     formula="E_n = E [1 - softening (1 - exp(-n / scale_repeats))], n: repeats before",
     source="Mullins 1969; Ogden & Roxburgh 1999",
     cost="P",
-    parameters=(amplitude("softening", 0.0, 0.3, (0.05, 0.06)), shape("scale_repeats", 0.3, 20.0, (2.0, 3.0))),
+    parameters=(amplitude("softening", 0.0, 0.3, (0.05, 0.06)), shape("scale_repeats", 1.0, 20.0, (2.0, 3.0))),
     confusable_with=("friction_wear", "pressure_droop", "stress_relaxation"),
 )
 

@@ -44,6 +44,18 @@ def test_a_freed_law_is_columns_with_a_prior(fit: Fit) -> None:
     assert freed.raw is fit.raw
 
 
+def test_a_law_apart_does_nothing_that_its_parameters_do(fit: Fit) -> None:
+    """Its columns are those of the free law less what a change of the parameters makes of them."""
+    free, apart = free_law(fit, "load_cell_lag"), free_law(fit, "load_cell_lag", is_apart=True)
+    place = len(fit.columns) - fit.n_effect_columns
+    own = apart.columns[place + N_KNOTS].ravel()
+    law, whole = (one.columns[place : place + N_KNOTS].reshape(N_KNOTS, -1) for one in (apart, free))
+    assert np.abs(law @ own).max() < 1e-6 * (own @ own)
+    assert np.abs(whole @ own).max() > 1e-2 * (own @ own)
+    lost = whole - law
+    assert np.abs(lost - np.outer(lost @ own / (own @ own), own)).max() < 1e-6 * np.abs(own).max()
+
+
 def test_a_law_may_differ_by_so_much_at_every_state(fit: Fit) -> None:
     """The prior of h is as wide as said at the knots, and smooth between them."""
     freedom = LawFreedom.of(fit, "load_cell_lag")

@@ -64,6 +64,17 @@ def test_theta_and_the_effect_are_found_together(lagging: Fit, monkeypatch: pyte
         assert low < truth < high, name
 
 
+def test_an_effect_beyond_its_prior_keeps_its_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The data say how large an effect is, however free its law: the prior would have a softening of 0.05 +- 0.06."""
+    monkeypatch.setattr(posterior, "sample", normal_draws)
+    hidden = EffectValue(effect="mullins_softening", parameters={"softening": 0.25, "scale_repeats": 1.5})
+    data = made_up_gap(7, 6, 3, GapTruth(effects=(hidden,), mesh=0.0))
+    found = sample_posterior(recalibrate(data.training, [hidden]), SETTINGS)
+    softening, repeats = (found.of(f"mullins_softening.{name}") for name in ("softening", "scale_repeats"))
+    after_two = np.median(softening * -np.expm1(-2.0 / repeats))
+    assert after_two == pytest.approx(0.25 * (1.0 - np.exp(-2.0 / 1.5)), rel=0.15)
+
+
 def test_parameters_are_given_back_to_their_effects() -> None:
     names = ("friction", "load_cell_lag.time_constant_s", "static_kinetic_friction.kinetic_ratio")
     assert effects_at(names, (0.5, 0.25, 0.7)) == (

@@ -63,6 +63,11 @@ def test_every_decision_is_listed():
     assert [path.name for path in sorted((DOCS / "decisions").glob("[0-9]*.md")) if path.name not in listed] == []
 
 
+def test_every_decision_has_its_own_number():
+    numbers = [path.name[:3] for path in sorted((DOCS / "decisions").glob("[0-9]*.md"))]
+    assert len(numbers) == len(set(numbers)), [number for number in numbers if numbers.count(number) > 1]
+
+
 def test_wrong_links_are_found(tmp_path: Path):
     page = tmp_path / "page.md"
     page.write_text("# One title\n[a](#one-title) [b](#two) ![c](c.png) `[d](d.md)`\n```\n[e](e.md)\n```\n")

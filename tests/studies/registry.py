@@ -10,6 +10,7 @@ from tests.studies.crash.server_kills import measure_server_kills
 from tests.studies.gap.ask import measure_asking
 from tests.studies.gap.development import measure_gap
 from tests.studies.gap.independent import measure_gap_independent
+from tests.studies.gap.intervals import measure_gap_intervals
 from tests.studies.gap.sealed import measure_gap_sealed
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.platform.day import measure_day
@@ -38,6 +39,7 @@ STUDIES: dict[str, Benchmark] = {
     "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds"),
     "gap-ask": benchmark(measure_asking, "worlds", "results"),
     "gap-independent": benchmark(measure_gap_independent, "results", "limit_minutes", "worlds"),
+    "gap-intervals": benchmark(measure_gap_intervals, "results", "limit_minutes", "worlds", "workers"),
     "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds", "workers"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"

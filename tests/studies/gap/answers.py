@@ -167,8 +167,14 @@ def _closing(results: Sequence[tuple["NamingResult", GapData]]) -> Closing | Non
     return Closing(before_n=before_n, after_n=after_n)
 
 
-def _held_out_rmse_n(problem: GapData, fit: "Fit") -> float:
-    """Error of held-out grasps; tools that were seen keep the modulus that was found for them."""
+def measure_held_out_n(
+    problem: GapData, theta: np.ndarray, effects: Sequence[EffectValue], tool_factor: np.ndarray
+) -> float:
+    """Error of held-out grasps, N; tools that were seen keep the modulus that was found for them."""
     is_out = problem.is_held_out & problem.surrogate.is_usable
-    predicted_n = problem.surrogate.predict_steps(fit.theta, fit.effects, fit.tool_factor)
+    predicted_n = problem.surrogate.predict_steps(theta, effects, tool_factor)
     return float(np.sqrt(np.mean((problem.grasps.steps_n - predicted_n)[is_out, :LIFT_STEPS] ** 2)))
+
+
+def _held_out_rmse_n(problem: GapData, fit: "Fit") -> float:
+    return measure_held_out_n(problem, fit.theta, fit.effects, fit.tool_factor)

@@ -22,6 +22,7 @@ from tests.studies.gap.panels import (
 )
 from tests.studies.gap.truth import MODULUS_MPA, RESPONDING
 from tests.studies.hidden.lab import NASTIER, Lab, Nuisance, Site
+from tests.studies.hidden.lab_laws import LAB_LAWS
 from tests.synthetic.gap import of_one_setup
 
 Group = Literal["null", "nasty null", "single", "alias", "unlisted", "pair"]
@@ -200,13 +201,17 @@ class Worlds:
     def measure(self, key: WorldKey) -> list[tuple[Site, Trace]]:
         """The world's traces, as the lab measures them."""
         name = next((hidden.truth_set for hidden in key.effects if hidden.truth_set), key.base)
-        laws = [(hidden.effect, hidden.amplitude) for hidden in key.effects if not hidden.truth_set]
+        laws = [LAB_LAWS[hidden.effect](hidden.amplitude) for hidden in key.effects if not hidden.truth_set]
         truth = self.panels.truth(name, modulus_factor(key.young_modulus_mpa))
         return self.lab(key).measure(truth, laws, is_scaled=self.panels.is_scaled(name))
 
     def problem(self, key: WorldKey) -> GapData:
         """The gap problem that a world makes, with designs and objects held out."""
-        measured = [(site, trace) for site, trace in self.measure(key) if is_usable(trace)]
+        return self.make_problem(key, self.measure(key))
+
+    def make_problem(self, key: WorldKey, traces: Sequence[tuple[Site, Trace]]) -> GapData:
+        """The gap problem of measured traces; key: for its seed and its sensor."""
+        measured = [(site, trace) for site, trace in traces if is_usable(trace)]
         how = key.nuisance
         grasps = Grasps(
             tools=tuple(f"T{number:02d}" for number in range(len(self.panels.designs))),

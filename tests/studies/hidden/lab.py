@@ -12,7 +12,7 @@ from fast.models.ids import seed_from
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspContext, GraspSetup, Record, Trace
 from fast.models.traces.step_features import LIFT_MM
-from tests.studies.hidden.lab_laws import LAB_LAWS, LabLaw, Moment
+from tests.studies.hidden.lab_laws import LabLaw, Moment
 
 TOOLS_PER_BATCH = 7
 TRACE_END_MM = LIFT_MM + 1.0
@@ -99,7 +99,7 @@ class Lab:
     def measure(
         self,
         truth: Callable[[int, int], Variants | None],
-        laws: Sequence[tuple[str, float]],
+        laws: Sequence[LabLaw],
         is_scaled: bool = True,
         asked: Sequence[Site] | None = None,
     ) -> list[tuple[Site, Trace]]:
@@ -107,10 +107,9 @@ class Lab:
 
         `asked`: grasps that are made afterwards instead of the usual ones, of the same tools as they were mounted.
 
-        `truth`: true traces of a tool's and an object's number, None where there are none. `laws`: names in `LAB_LAWS`
-        and amplitudes, in the order in which they act. `is_scaled`: draw the tools' moduli; else the truth has them.
+        `truth`: true traces of a tool's and an object's number, None where there are none. `laws`: in the order in
+        which they act. `is_scaled`: draw the tools' moduli; else the truth has them.
         """
-        built = [LAB_LAWS[name](amplitude) for name, amplitude in laws]
         rng = np.random.default_rng(seed_from("measure", self.seed))
         tool_factor = np.exp(self.nuisance.tool_sd * _draws(rng, len(self.designs)) * is_scaled)
         cell_factor = np.exp(self.nuisance.cell_sd * _draws(rng, len(self.designs), len(self.objects)))
@@ -125,7 +124,7 @@ class Lab:
             variants = truth(site.tool, site.obj)
             if is_lost or variants is None:
                 continue
-            true = self.true_trace(site, variants, built, factor)
+            true = self.true_trace(site, variants, laws, factor)
             measured.append((site, self._sensed(true, grasp_rng)))
         return measured
 

@@ -129,7 +129,7 @@ class AveragingTransmitter(LabLaw):
         """The averaged force, on a time axis fine enough for it."""
         if self.amplitude == 0.0:
             return trace
-        time_s, lift_mm = _lift_on(trace)
+        time_s, lift_mm = lift_on(trace)
         return Trace(time_s, lift_mm, mean_force_n(trace, time_s - 0.25 * self.amplitude, 1.5 * self.amplitude))
 
 
@@ -143,7 +143,7 @@ class JitteringClock(LabLaw):
         """The late force."""
         spread = 1.0 + 0.15 * float(tool_draws(moment.tool_seed, 0x55, 1)[0])
         late_s = self.amplitude * spread / USUAL_SPEED_MM_PER_S
-        time_s, lift_mm = _lift_on(trace)
+        time_s, lift_mm = lift_on(trace)
         return Trace(time_s, lift_mm, np.interp(time_s - late_s, trace.time_s, trace.force_n))
 
 
@@ -181,7 +181,7 @@ class SmoothStart(LabLaw):
         """The force over the commanded lift."""
         if self.amplitude == 0.0:
             return trace
-        time_s, lift_mm = _lift_on(trace)
+        time_s, lift_mm = lift_on(trace)
         speed = lift_speed_mm_per_s(trace)
         behind_mm = self.amplitude * speed / USUAL_SPEED_MM_PER_S
         real_mm = lift_mm + behind_mm * np.expm1(-lift_mm / behind_mm)
@@ -275,7 +275,7 @@ def _with_force(trace: Trace, force_n: np.ndarray) -> Trace:
     return Trace(trace.time_s, trace.lift_mm, np.asarray(force_n))
 
 
-def _lift_on(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
+def lift_on(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
     """Fine times and the lift at them, for `LIFT_ON_S` beyond the trace: what is late is still to come at its end."""
     time_s = np.arange(trace.time_s[0], trace.time_s[-1] + LIFT_ON_S, 0.02)
     beyond_mm = lift_speed_mm_per_s(trace) * np.maximum(time_s - trace.time_s[-1], 0.0)

@@ -10,6 +10,10 @@ ellipsoid, so that the log likelihood is one quadratic form of its terms: thousa
 prediction of all grasps does. What the polynomial misses is measured at draws and said. `phi` (1 or more) is what the
 fit leaves beyond its errors; with an effect, only `DEFLATION` of the data count, since features of a cell are no
 independent witnesses of a law.
+
+Data may not learn how late the forces of a solver come: what another mesh and contact do to the start of the lift looks
+like a little more of an effect, and would be believed to be known. So draws of a fit with effects are spread by what v
+has to change for the prior of that shift, given back whole (a cut, Plummer 2015). Medians stay those of the data.
 """
 
 from collections.abc import Callable, Sequence
@@ -128,7 +132,8 @@ def sample_posterior(
 
     `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. Theta is the
     simulator's: what numerical variants change is integrated out, but that is not all that a bench differs by
-    (`models.gap.fit.theta`). Uses priors, chains, draws, tune, target_accept, seed, workers of settings.
+    (`models.gap.fit.theta`); with effects, draws are spread by what a late start is worth. Uses priors, chains, draws,
+    tune, target_accept, seed, workers of settings.
     """
     surface = LikelihoodSurface.around(fit, settings.priors)
     density = surface.density
@@ -141,12 +146,11 @@ def sample_posterior(
     samples = sample(density, density.outside(start_v), settings, scale=scale * np.outer(by_u, by_u), progress=progress)
     v = density.inside(samples.draws)
     names = (*THETA, *(f"{axis.effect}.{axis.name}" for axis in density.axes))
-    draws = density.values(v)
-    r_hat, ess_bulk, ess_tail = measure_convergence(names, draws)
+    r_hat, ess_bulk, ess_tail = measure_convergence(names, density.values(v))
     chosen = v.reshape(-1, v.shape[-1])[rng.choice(samples.draws[..., 0].size, _CHECKED_DRAWS, replace=False)]
     return CalibrationResult(
         names=names,
-        draws=draws,
+        draws=density.values(surface.spread_by_shift(v, np.random.default_rng([settings.seed, 4]))),
         settings=settings,
         method=WITH_EFFECTS,
         r_hat=r_hat,
@@ -232,6 +236,17 @@ class LikelihoodSurface:
         """Rows ((m f) x ...) times the precision of what tools and variants leave of them."""
         return np.asarray(rows - self.nuisance.T @ (self.inverse @ (self.nuisance @ rows)))
 
+    def spread_by_shift(self, v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Draws of v (... x k) with what the shift of all traces is worth in them, reflected at the bounds.
+
+        Without effects, draws stay: they are theta of this simulator alone.
+        """
+        if not self.fit.effects:
+            return v
+        lower, upper = self.density.lower, self.density.upper
+        moved = v + rng.standard_normal((*v.shape[:-1], 1)) * find_worth_of_shift(self.fit)
+        return np.clip(upper - np.abs(upper - (lower + np.abs(moved - lower))), lower, upper)
+
     def error_nats(self, points: np.ndarray) -> float:
         """Standard deviation of the surface's error in the log likelihood, over points (n x k)."""
         exact = []
@@ -252,6 +267,18 @@ class LikelihoodSurface:
         coefficients = np.linalg.lstsq(at, np.array([self.rows(one) for one in points]), rcond=None)[0]
         gram = coefficients @ self.project(coefficients.T) / self.phi
         return replace(self, point=point, density=replace(self.density, middle=point, spread=spread, gram=gram))
+
+
+def find_worth_of_shift(fit: Fit) -> np.ndarray:
+    """How far theta and the effects' parameters go to make up for traces that are late by a unit of their prior, k.
+
+    All other coordinates of the fit are free to go along.
+    """
+    shift = _N_THETA + len(fit.tool_log) + len(fit.numerical) - 1
+    flat = fit.columns.reshape(len(fit.columns), -1)
+    others, precision = np.delete(flat, shift, axis=0), np.delete(fit.precision, shift)
+    worth = np.linalg.solve(DEFLATION * others @ others.T + np.diag(precision), DEFLATION * others @ flat[shift])
+    return np.concatenate([worth[:_N_THETA], worth[len(worth) - fit.n_effect_columns :]])
 
 
 def _vector(fit: Fit, axes: Sequence[Axis]) -> np.ndarray:

@@ -19,7 +19,7 @@ from fast.models.errors import SimulationFailed
 from fast.models.gap.bank.bank import AMPLITUDES
 from fast.models.gap.data import GapData
 from fast.models.ids import seed_from
-from fast.models.records import EffectValue, GraspContext, Record, Theta, Trace
+from fast.models.records import EffectValue, Record, Theta, Trace
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import measure_held_out_n, naming_code

@@ -2,20 +2,74 @@
 
 Far from the centre of the wide bank, what an effect changes is off by a fifth, and the surface of theta by 0.2 N. So
 the wide bank only proposes: theta, and the effects that may explain the gap. They are simulated again around that
-theta, in a grid small enough for its surface, and there the answer is found.
+theta, in a grid small enough for its surface, and there the answer is found. An effect that is named gets a run at its
+fitted parameters, too: between runs far apart, a slip scale was off by a factor of two.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
-from fast.models.gap.bank.bank import LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
+from fast.models.gap.bank.bank import AMPLITUDES, LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
+from fast.models.gap.bank.effect_surfaces import find_amplitude, name_axes
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.naming.name import NamingResult
+from fast.models.records import EffectValue
+
+_T = TypeVar("_T")
 
 MOST_EFFECTS = 3  # that are proposed by a round
 _REACH_SD = 2.0  # of theta's posterior that the grid holds, as long as it is no more than twice the usual grid
 _BESIDE_SHARE, _BESIDE_RATIO = 0.05, 0.01  # of a theta at which no surface should end
+MOST_RUNS = 2  # that are added for named effects, one after another
+_NEAR_RUN = 0.1  # of its amplitude and its shape: a run as near as that to another says nothing new of their slope
+
+
+def answer_locally(
+    proposed: NamingResult, former: BankPlan | None, answer: Callable[[BankPlan], tuple[_T, NamingResult]]
+) -> tuple[_T, NamingResult, BankPlan]:
+    """The answer in the bank around the theta that the wide one proposes, what comes with it, and the bank.
+
+    former: the bank of the round before, which stays if it can. A bank that theta leaves is moved, once; one whose
+    answer names a simulated effect gets runs at its fitted parameters. answer: simulates a bank and answers in it.
+    """
+    plan = choose_bank(proposed, former)
+    rest, found = answer(plan)
+    if has_left(found, plan):
+        plan = move_bank(found, plan)
+        rest, found = answer(plan)
+    for _ in range(MOST_RUNS):
+        finer = add_runs(found, plan)
+        if finer == plan:
+            break
+        plan = finer
+        rest, found = answer(plan)
+    return rest, found, plan
+
+
+def add_runs(found: NamingResult, plan: BankPlan) -> BankPlan:
+    """The bank with a run at the fitted parameters of every effect of an answer that has none near it.
+
+    Parameters are rounded, so that the next search finds the run in the lake.
+    """
+    runs = plan.runs
+    for value in found.best.effects:
+        if value.effect in AMPLITUDES and value.effect in plan.effects:
+            names = [name for name in name_axes(value.effect) if name]
+            own = {name: float(f"{value.parameters[name]:.2g}") for name in names}
+            is_new = not any(_is_near(value.effect, own, run) for run in plan.list_amplitudes(value.effect))
+            if is_new and find_amplitude(value.effect, own[names[0]]) != 0.0:
+                runs = (*runs, EffectValue(effect=value.effect, parameters=own))
+    return replace(plan, runs=runs)
+
+
+def _is_near(effect: str, first: Mapping[str, float], second: Mapping[str, float]) -> bool:
+    name, shape = name_axes(effect)
+    a, b = (find_amplitude(effect, one[name]) for one in (first, second))
+    is_same_shape = shape is None or abs(np.log(first[shape] / second[shape])) < _NEAR_RUN
+    return abs(a - b) < _NEAR_RUN * max(abs(a), abs(b)) and is_same_shape
 
 
 def choose_bank(proposed: NamingResult, former: BankPlan | None = None) -> BankPlan:

@@ -105,7 +105,7 @@ def read_bank(
         grid_lead_n=read_simulated_steps(lake, versions[:n_grid], cells, of_trace=read_lead, n=N_LEAD),
         centre_steps_n=at_centre,
         wider_mm=np.array(WIDER_MM),
-        effects=_part_effects(steps_n[:, :, after:], bank_plan.effects),
+        effects=_part_effects(steps_n[:, :, after:], bank_plan),
         failed_share=float(sum(np.isnan(part).sum() for part in parts) / sum(part.size for part in parts)),
         **own,
     )
@@ -189,11 +189,11 @@ def _picks(
     return [lambda setup, i=i: list_setups(setup)[i] for i in range(n)]  # type: ignore[misc]  # of the default
 
 
-def _part_effects(steps_n: np.ndarray, effects: Sequence[str]) -> dict[str, EffectRuns]:
+def _part_effects(steps_n: np.ndarray, bank_plan: BankPlan) -> dict[str, EffectRuns]:
     """Effects of a bank from their simulations (t x k x n x 120), in order."""
     found, start = {}, 0
-    for effect in (name for name in effects if name in AMPLITUDES):
-        parameters = AMPLITUDES[effect]
+    for effect in (name for name in bank_plan.effects if name in AMPLITUDES):
+        parameters = bank_plan.list_amplitudes(effect)
         end = start + len(parameters)
         found[effect] = EffectRuns(effect, parameters, steps_n[:, :, start:end])
         start = end

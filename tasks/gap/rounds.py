@@ -27,7 +27,7 @@ from fast.models.gap.evaluation.rest import describe_rest
 from fast.models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
-from fast.models.gap.local_bank import choose_bank, has_left, move_bank
+from fast.models.gap.local_bank import answer_locally
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.where.locate import Where, locate
 from fast.models.gap.where.residuals import Residuals
@@ -102,18 +102,19 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
     """Name what is missing with the wide bank, and again with one around the theta that was found, which is simulated.
 
     in_model: effects of the simulator, and those that are taken for granted. former: the bank of the round before,
-    which stays if it can. A bank that theta leaves is moved, once.
+    which stays if it can.
 
     Raises:
         UsageError: too few tools or objects are left to look at.
         FastError: the bank could not be simulated as a whole.
     """
+
+    def answer(plan: BankPlan) -> tuple[SearchInputs, NamingResult]:
+        search = _with_bank(wide, plan)
+        return search, name_effect(search.data, in_model)
+
     proposed = name_effect(wide.data, in_model)
-    search = _with_bank(wide, choose_bank(proposed, former))
-    naming = name_effect(search.data, in_model)
-    if has_left(naming, search.bank_plan):
-        search = _with_bank(wide, move_bank(naming, search.bank_plan))
-        naming = name_effect(search.data, in_model)
+    search, naming, _ = answer_locally(proposed, former, answer)
     return Settled(search, proposed, *settle_answers(search, naming))
 
 

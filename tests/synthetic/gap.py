@@ -138,8 +138,8 @@ def made_up_bank(objects: Sequence[int], shapes: np.ndarray, plan: BankPlan = WI
     effects = {
         name: EffectRuns(
             name,
-            AMPLITUDES[name],
-            np.stack([_steps(shapes, centre, {name: _whole(name, row)}) for row in AMPLITUDES[name]], axis=2),
+            plan.list_amplitudes(name),
+            np.stack([_steps(shapes, centre, {name: _whole(name, row)}) for row in plan.list_amplitudes(name)], axis=2),
         )
         for name in plan.effects
         if name in AMPLITUDES and name in _MADE_UP

@@ -90,13 +90,14 @@ class BankPlan:
     The default is the wide bank: all that is plausible, with every effect, numerical variants, and other placements.
     A local one has a cross of theta and some effects; how much variants and placements change, it takes from the wide
     bank, and so it does with jaws that stop early unless it has their effect. `effects`: names, of
-    `SIMULATED`.
+    `SIMULATED`. `runs`: of these effects at parameters of their own, besides `AMPLITUDES`.
     """
 
     centre: Theta = CENTRE
     grid: ThetaGrid = ThetaGrid()
     effects: tuple[str, ...] = SIMULATED
     is_local: bool = False
+    runs: tuple[EffectValue, ...] = ()
 
     @staticmethod
     def around(theta: np.ndarray, within: np.ndarray, effects: Sequence[str]) -> "BankPlan":
@@ -126,6 +127,11 @@ class BankPlan:
             return self
         effects = tuple(name for name in self.effects if not CATALOGUE[name].needs_fin_ray)
         return replace(self, effects=effects)
+
+    def list_amplitudes(self, effect: str) -> tuple[Mapping[str, float], ...]:
+        """Parameters at which an effect is simulated; none for one that needs no runs of its own."""
+        own = (value.parameters for value in self.runs if value.effect == effect)
+        return (*AMPLITUDES.get(effect, ()), *own)
 
     @property
     def grid_thetas(self) -> tuple[Theta, ...]:
@@ -205,7 +211,7 @@ def list_versions(base: SimulatorVersion, plan: BankPlan = WIDE) -> tuple[Simula
     centre = base.model_copy(update={"theta": plan.centre})
     thetas = [base.model_copy(update={"theta": theta}) for theta in plan.grid_thetas]
     numerical = [] if plan.is_local else [centre.model_copy(update=dict(choice)) for choice in NUMERICAL]
-    effects = [add_effect(centre, name, values) for name in plan.effects for values in AMPLITUDES.get(name, ())]
+    effects = [add_effect(centre, name, values) for name in plan.effects for values in plan.list_amplitudes(name)]
     return (*thetas, centre, *numerical, *effects)
 
 

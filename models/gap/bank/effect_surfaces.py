@@ -40,13 +40,13 @@ class EffectSurface:
     @staticmethod
     def of(runs: EffectRuns, centre_steps_n: np.ndarray) -> "EffectSurface":
         """The surface of an effect's runs; where its simulation or the centre's failed, it changes nothing."""
-        name, shape_name = _names(runs.effect)
+        name, shape_name = name_axes(runs.effect)
         rows = [_whole(runs.effect, parameters) for parameters in runs.parameters]
         change_n = np.nan_to_num(runs.steps_n - centre_steps_n[:, :, None])
         shapes = []
         for value in sorted({row[shape_name] if shape_name else 1.0 for row in rows}):
             places = [i for i, row in enumerate(rows) if not shape_name or row[shape_name] == value]
-            at = np.array([0.0, *(_amplitude(runs.effect, rows[place][name]) for place in places)])
+            at = np.array([0.0, *(find_amplitude(runs.effect, rows[place][name]) for place in places)])
             order = np.argsort(at)
             nothing = np.zeros((*change_n.shape[:2], 1, change_n.shape[-1]))
             change = np.concatenate([nothing, change_n[:, :, places]], axis=2)
@@ -57,11 +57,11 @@ class EffectSurface:
         self, parameters: Mapping[str, float], stiffer: np.ndarray, tool: np.ndarray, obj: np.ndarray
     ) -> np.ndarray:
         """Changes of step means of grasps (n x 120) at the bank's modulus, `stiffer` (n) over it being theirs."""
-        name, shape_name = _names(self.effect)
+        name, shape_name = name_axes(self.effect)
         values = _whole(self.effect, parameters)
         power = 0 if CATALOGUE[self.effect].scales_with_modulus else _POWER_OF_MODULUS.get(unit_of(name) or "", 0)
         power = -power if self.effect == _INVERTED else power
-        amplitude = _amplitude(self.effect, values[name]) * stiffer**power
+        amplitude = find_amplitude(self.effect, values[name]) * stiffer**power
         shares = self._shares(values[shape_name] if shape_name else 1.0)
         total = np.zeros((len(tool), self.shapes[0].change_n.shape[-1]))
         for share, shape in zip(shares, self.shapes, strict=True):
@@ -99,14 +99,14 @@ def _whole(effect: str, parameters: Mapping[str, float]) -> dict[str, float]:
     return CATALOGUE[effect].neutral.parameters | dict(parameters)
 
 
-def _names(effect: str) -> tuple[str, str | None]:
-    """Names of the amplitude and of what shapes the effect."""
+def name_axes(effect: str) -> tuple[str, str | None]:
+    """Names of an effect's amplitude and of what shapes it, along which it has runs."""
     names = [p.name for p in CATALOGUE[effect].parameters if p.name != _REFERENCE]
     return names[0], names[1] if len(names) > 1 else None
 
 
-def _amplitude(effect: str, value: float) -> float:
-    """The amplitude on an axis on which 0 is neutral."""
+def find_amplitude(effect: str, value: float) -> float:
+    """The first parameter of an effect on an axis on which 0 is neutral."""
     if effect == _INVERTED:
         unlimited = CATALOGUE[effect].parameters[0].neutral
         return 1.0 / value - 1.0 / unlimited

@@ -11,9 +11,18 @@ from fast.models.calibration.traces.theta_grid import ThetaGrid
 from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, SIMULATED, WIDE, BankPlan, carry_changes, list_versions
 from fast.models.gap.data import GapData
 from fast.models.gap.findings import Candidate
-from fast.models.gap.local_bank import MOST_EFFECTS, choose_bank, has_left, move_bank
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.gap.local_bank import (
+    MOST_EFFECTS,
+    MOST_RUNS,
+    add_runs,
+    answer_locally,
+    choose_bank,
+    has_left,
+    move_bank,
+)
 from fast.models.records import EffectValue, SimulatorVersion, Theta
-from tests.synthetic.gap import made_up_gap, made_up_steps, with_bank
+from tests.synthetic.gap import GapTruth, made_up_gap, made_up_steps, with_bank
 
 THETA = np.array([9.23456, 0.61341, 0.43219])
 
@@ -21,6 +30,11 @@ THETA = np.array([9.23456, 0.61341, 0.43219])
 def fit(theta: np.ndarray, sd: float = 0.01, effects: tuple[str, ...] = ()) -> Any:
     values = tuple(EffectValue(effect=name, parameters={}) for name in effects)
     return SimpleNamespace(theta=theta, deflated_covariance=np.diag([0.01, sd, sd]) ** 2, effects=values)
+
+
+def friction(kinetic_ratio: float, slip_scale_mm: float) -> EffectValue:
+    parameters = {"kinetic_ratio": kinetic_ratio, "slip_scale_mm": slip_scale_mm}
+    return EffectValue(effect="static_kinetic_friction", parameters=parameters)
 
 
 def naming(base: Any, best: Any, r2: dict[str, float]) -> Any:
@@ -157,3 +171,42 @@ def test_a_bank_around_theta_knows_what_the_wide_one_guesses() -> None:
         true_n = made_up_steps(data, theta, {name: law}) - base_n
         assert size(change_n(near, name) - true_n) < 0.2 * size(true_n), name
         assert size(change_n(near, name) - true_n) < 0.7 * size(change_n(data, name) - true_n), name
+
+
+def test_a_named_effect_gets_a_run_where_it_was_fitted() -> None:
+    plan = choose_bank(naming(fit(THETA), fit(THETA), {"static_kinetic_friction": 0.2}))
+
+    def named(*values: EffectValue) -> Any:
+        return naming(fit(THETA), SimpleNamespace(theta=THETA, effects=values), {})
+
+    finer = add_runs(named(friction(0.8747, 1.325)), plan)
+    assert finer.runs == (friction(0.87, 1.3),)
+    assert finer.list_amplitudes("static_kinetic_friction")[-1] == {"kinetic_ratio": 0.87, "slip_scale_mm": 1.3}
+    more = {version.version_id for version in list_versions(SimulatorVersion(), finer)}
+    assert len(more) == 1 + len({version.version_id for version in list_versions(SimulatorVersion(), plan)})
+    assert add_runs(named(friction(0.871, 1.35)), finer) == finer, "there is one as near"
+    assert len(add_runs(named(friction(0.87, 2.0)), finer).runs) == 2
+    assert add_runs(named(friction(0.999, 1.3)), plan) == plan, "as good as nothing"
+    assert add_runs(named(friction(0.8, 1.05)), plan) == plan, "the bank has one"
+    lag = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.2})
+    assert add_runs(named(lag), plan) == plan, "no simulation depends on it"
+    edges = EffectValue(effect="object_edge_radius", parameters={"extra_radius_mm": 0.8})
+    assert add_runs(named(edges), plan) == plan, "not an effect of this bank"
+
+
+def test_parameters_come_nearer_run_by_run() -> None:
+    """Friction between the slip scales of the bank: their fit is off, and is mended by runs where it was fitted."""
+    hidden = friction(0.88, 1.9)
+    data = made_up_gap(7, 6, 3, GapTruth(effects=(hidden,), mesh=0.0), n_repeats=2)
+    errors = []
+
+    def answer(plan: BankPlan) -> tuple[None, Any]:
+        near = with_bank(data, plan)
+        found = recalibrate(near.training, [hidden])
+        errors.append(abs(np.log(found.effects[0].parameters["slip_scale_mm"] / 1.9)))
+        return None, naming(found, found, {"static_kinetic_friction": 0.5})
+
+    wide = recalibrate(data.training, [hidden])
+    _, _, plan = answer_locally(naming(wide, wide, {"static_kinetic_friction": 0.5}), None, answer)
+    assert 1 <= len(plan.runs) <= MOST_RUNS
+    assert errors[-1] < 0.5 * errors[0]

@@ -2,7 +2,7 @@
 
 Naming is judged by laws that are not the catalogue's, of which a parameter has no true value. Here each effect acts on
 true grasps, of another mesh and contact, just as the catalogue says. Then its parameters are inferred as a search does
-once it knows the name: with the bank around the fitted theta, and by NUTS.
+once it knows the name, by NUTS: in the wide bank, or in one around the fitted theta if workers are given.
 """
 
 import time
@@ -192,10 +192,11 @@ def draw_value(effect: str, rng: np.random.Generator) -> EffectValue:
     return EffectValue(effect=effect, parameters=values)
 
 
-def infer(world: OwnWorld, banks: LocalBanks, settings: CalibrationSettings) -> IntervalOutcome:
+def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettings) -> IntervalOutcome:
     """What a search would say of the effect's parameters, given its name."""
     from fast.models.gap.fit.posterior import effects_at, sample_posterior
     from fast.models.gap.fit.recalibrate import recalibrate
+    from fast.models.gap.naming.name import name_effect
     from fast.models.gap.naming.thresholds import Thresholds
 
     started, effect = time.process_time(), world.value.effect
@@ -207,7 +208,10 @@ def infer(world: OwnWorld, banks: LocalBanks, settings: CalibrationSettings) -> 
         strength=world.strength,
         truth=world.truth,
     )
-    found, data, _ = banks.name(world.problem, (), Thresholds(), [effect])
+    if banks is None:
+        found, data = name_effect(world.problem, (), Thresholds(), [effect]), world.problem
+    else:
+        found, data, _ = banks.name(world.problem, (), Thresholds(), [effect])
     best = found.tried.best
     if best is None or best.r2 <= 0.0:
         return outcome
@@ -233,7 +237,7 @@ def measure_gap_intervals(options: Options) -> Tables:
     """How often 90 % intervals of an effect's parameters hold, for the catalogue's own laws in true grasps."""
     folder, end = results_folder(options), time.monotonic() + 60.0 * options.limit_minutes
     worlds = Worlds(*open_panels(folder), PUBLIC_SEED)
-    banks = LocalBanks.of(folder, options.workers or 1)
+    banks = None if options.workers is None else LocalBanks.of(folder, options.workers)
     records = read_records(options.results, IntervalOutcome, "world of the catalogue's own law")
     known = {one.number: one for one in records if one.code == naming_code()}
     settings = CalibrationSettings(chains=2, draws=500, tune=500, workers=1, target_accept=0.9)

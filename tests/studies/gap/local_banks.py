@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from fast.lake.store import Lake
 from fast.models.gap.bank.bank import BankPlan
 from fast.models.gap.data import GapData
-from fast.models.gap.local_bank import choose_bank, has_left, move_bank
+from fast.models.gap.local_bank import answer_locally
 from fast.models.records import EffectValue, SimulatorVersion
 from fast.tasks.gap.bank import plan_bank, read_bank
 from fast.tasks.simulation.plan import simulate_plan
@@ -44,13 +44,11 @@ class LocalBanks:
         """
         from fast.models.gap.naming.name import name_effect
 
-        plan = choose_bank(name_effect(wide, in_model, thresholds, catalogue), former)
-        data = self._with_bank(wide, plan)
-        found = name_effect(data, in_model, thresholds, catalogue)
-        if has_left(found, plan):
-            plan = move_bank(found, plan)
+        def answer(plan: BankPlan) -> tuple[GapData, "NamingResult"]:
             data = self._with_bank(wide, plan)
-            found = name_effect(data, in_model, thresholds, catalogue)
+            return data, name_effect(data, in_model, thresholds, catalogue)
+
+        data, found, plan = answer_locally(name_effect(wide, in_model, thresholds, catalogue), former, answer)
         return found, data, plan
 
     def _with_bank(self, wide: GapData, plan: BankPlan) -> GapData:

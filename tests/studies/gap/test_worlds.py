@@ -269,7 +269,7 @@ def test_a_world_is_answered_with_the_bank_around_its_theta(
         return wide
 
     monkeypatch.setattr(LocalBanks, "_with_bank", take)
-    monkeypatch.setattr("tests.studies.gap.local_banks.has_left", lambda found, plan: len(plans) == 1)
+    monkeypatch.setattr("fast.models.gap.local_bank.has_left", lambda found, plan: len(plans) == 1)
     problem = worlds.problem(_key(worlds))
     banks = LocalBanks(Lake.open(tmp_path, create=True))
     said = answer(problem, Thresholds(), max_rounds=1, banks=banks)

@@ -11,9 +11,10 @@ prediction of all grasps does. What the polynomial misses is measured at draws a
 fit leaves beyond its errors; with an effect, only `DEFLATION` of the data count, since features of a cell are no
 independent witnesses of a law.
 
-Data may not learn how late the forces of a solver come: what another mesh and contact do to the start of the lift looks
-like a little more of an effect, and would be believed to be known. So draws of a fit with effects are spread by what v
-has to change for the prior of that shift, given back whole (a cut, Plummer 2015). Medians stay those of the data.
+Data may not learn what another solver does: it looks like a little more or less of an effect, and would be believed to
+be known. So draws of a fit with effects are spread in the effects' parameters: by what these have to change for the
+prior of every numerical error, given back whole (a cut, Plummer 2015), and, of effects with simulations of their own,
+by what two solvers are apart in them. Medians stay those of the data, and theta that of this simulator.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,6 +29,7 @@ from fast.models.calibration.inference.parallel_chains import sample
 from fast.models.calibration.inference.result import CalibrationResult, measure_convergence
 from fast.models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from fast.models.calibration.means.problem import THETA
+from fast.models.gap.bank.bank import AMPLITUDES
 from fast.models.gap.fit.fit import DEFLATION, HELD, Axis, Fit, axes_of
 from fast.models.gap.fit.law_freedom import free_law
 from fast.models.gap.fit.whitened_features import IS_LIFT, compute_root_weights
@@ -40,6 +42,9 @@ _SURFACE_LIMIT_NATS = 0.5
 _CHECKED_DRAWS = 24
 _MOVES = 2  # of the surface to the mode that it has itself
 _N_THETA = 3
+# What solvers are apart in an effect that is simulated: its size, relative, and the logarithm of its shape (measured by
+# `python -m tests.studies gap-intervals`).
+SIZE_APART, SHAPE_APART = 0.2, 0.3
 _BESIDE = 0.03  # of a range: a fit nearer to its end is beside a bound
 
 
@@ -132,7 +137,7 @@ def sample_posterior(
 
     `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. Theta is the
     simulator's: what numerical variants change is integrated out, but that is not all that a bench differs by
-    (`models.gap.fit.theta`); with effects, draws are spread by what a late start is worth. Uses priors, chains, draws,
+    (`models.gap.fit.theta`); their parameters are spread by other solvers. Uses priors, chains, draws,
     tune, target_accept, seed, workers of settings.
     """
     surface = LikelihoodSurface.around(fit, settings.priors)
@@ -150,7 +155,7 @@ def sample_posterior(
     chosen = v.reshape(-1, v.shape[-1])[rng.choice(samples.draws[..., 0].size, _CHECKED_DRAWS, replace=False)]
     return CalibrationResult(
         names=names,
-        draws=density.values(surface.spread_by_shift(v, np.random.default_rng([settings.seed, 4]))),
+        draws=density.values(surface.spread_by_solvers(v, np.random.default_rng([settings.seed, 4]))),
         settings=settings,
         method=WITH_EFFECTS,
         r_hat=r_hat,
@@ -236,15 +241,17 @@ class LikelihoodSurface:
         """Rows ((m f) x ...) times the precision of what tools and variants leave of them."""
         return np.asarray(rows - self.nuisance.T @ (self.inverse @ (self.nuisance @ rows)))
 
-    def spread_by_shift(self, v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Draws of v (... x k) with what the shift of all traces is worth in them, reflected at the bounds.
-
-        Without effects, draws stay: they are theta of this simulator alone.
-        """
-        if not self.fit.effects:
-            return v
+    def spread_by_solvers(self, v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Draws of v (... x k) with what other solvers are worth in the effects, reflected at the bounds."""
+        worth = find_worth(self.fit)
+        moved = v.copy()
+        for place, axis in enumerate(self.density.axes, start=_N_THETA):
+            if axis.effect in AMPLITUDES:
+                apart = rng.standard_normal(v.shape[:-1])
+                is_shape = axis.kind == "log"
+                moved[..., place] += SHAPE_APART * apart if is_shape else SIZE_APART * apart * v[..., place]
+        moved[..., _N_THETA:] += rng.standard_normal((*v.shape[:-1], worth.shape[1])) @ worth.T
         lower, upper = self.density.lower, self.density.upper
-        moved = v + rng.standard_normal((*v.shape[:-1], 1)) * find_worth_of_shift(self.fit)
         return np.clip(upper - np.abs(upper - (lower + np.abs(moved - lower))), lower, upper)
 
     def error_nats(self, points: np.ndarray) -> float:
@@ -269,16 +276,17 @@ class LikelihoodSurface:
         return replace(self, point=point, density=replace(self.density, middle=point, spread=spread, gram=gram))
 
 
-def find_worth_of_shift(fit: Fit) -> np.ndarray:
-    """How far theta and the effects' parameters go to make up for traces that are late by a unit of their prior, k.
+def find_worth(fit: Fit) -> np.ndarray:
+    """How far p parameters of effects go to make up for each of v numerical errors of unit size, p x v.
 
     All other coordinates of the fit are free to go along.
     """
-    shift = _N_THETA + len(fit.tool_log) + len(fit.numerical) - 1
+    first, n = _N_THETA + len(fit.tool_log), len(fit.numerical)
     flat = fit.columns.reshape(len(fit.columns), -1)
-    others, precision = np.delete(flat, shift, axis=0), np.delete(fit.precision, shift)
-    worth = np.linalg.solve(DEFLATION * others @ others.T + np.diag(precision), DEFLATION * others @ flat[shift])
-    return np.concatenate([worth[:_N_THETA], worth[len(worth) - fit.n_effect_columns :]])
+    errors, others = flat[first : first + n], np.delete(flat, np.s_[first : first + n], axis=0)
+    precision = np.delete(fit.precision, np.s_[first : first + n])
+    worth = np.linalg.solve(DEFLATION * others @ others.T + np.diag(precision), DEFLATION * others @ errors.T)
+    return np.asarray(worth[len(worth) - fit.n_effect_columns :])
 
 
 def _vector(fit: Fit, axes: Sequence[Axis]) -> np.ndarray:

@@ -7,7 +7,14 @@ from fast.models.calibration.inference.settings import WITH_EFFECTS, Calibration
 from fast.models.calibration.inference.summary import check_quality
 from fast.models.gap.fit import posterior
 from fast.models.gap.fit.fit import Fit
-from fast.models.gap.fit.posterior import LikelihoodSurface, effects_at, find_worth_of_shift, sample_posterior
+from fast.models.gap.fit.posterior import (
+    SHAPE_APART,
+    SIZE_APART,
+    LikelihoodSurface,
+    effects_at,
+    find_worth,
+    sample_posterior,
+)
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.fit.whitened_features import COMMON_SHIFT_MM
 from fast.models.records import EffectValue
@@ -87,17 +94,21 @@ def test_parameters_are_given_back_to_their_effects() -> None:
 def test_data_do_not_learn_how_late_another_solver_is() -> None:
     hidden = EffectValue(effect="lift_misalignment", parameters={"shift_mm": 0.5})
     surface = LikelihoodSurface.around(fit_of(hidden), SETTINGS.priors)
-    ((axis,), worth) = surface.density.axes, find_worth_of_shift(surface.fit)
-    assert axis.sd * worth[-1] == pytest.approx(COMMON_SHIFT_MM, rel=0.1), "a shift is made up for by a shift"
+    ((axis,), worth) = surface.density.axes, find_worth(surface.fit)
+    assert axis.sd * worth[-1, -1] == pytest.approx(COMMON_SHIFT_MM, rel=0.1), "a shift is made up for by a shift"
     v = np.tile(surface.point, (2, 4000, 1))
-    spread = surface.spread_by_shift(v, np.random.default_rng(1))
-    assert axis.sd * spread[..., -1].std() == pytest.approx(COMMON_SHIFT_MM, rel=0.15)
+    spread = surface.spread_by_solvers(v, np.random.default_rng(1))
+    assert spread[..., -1].std() == pytest.approx(np.linalg.norm(worth), rel=0.05)
     np.testing.assert_allclose(np.median(spread, axis=(0, 1)), surface.point, atol=0.05)
-    near_end = surface.spread_by_shift(np.tile(surface.density.upper - 1e-6, (2, 4000, 1)), np.random.default_rng(1))
+    assert (spread[..., :3] == surface.point[:3]).all(), "theta is that of this simulator"
+    near_end = surface.spread_by_solvers(np.tile(surface.density.upper - 1e-6, (2, 4000, 1)), np.random.default_rng(1))
     assert (near_end <= surface.density.upper).all(), "nothing beyond the bounds"
 
 
-def test_theta_alone_is_that_of_this_simulator() -> None:
-    surface = LikelihoodSurface.around(fit_of(), SETTINGS.priors)
-    v = surface.point[None, None]
-    assert surface.spread_by_shift(v, np.random.default_rng(1)) is v
+def test_solvers_are_apart_in_effects_that_are_simulated() -> None:
+    surface = LikelihoodSurface.around(fit_of(FRICTION), SETTINGS.priors)
+    v = np.tile(surface.point, (2, 4000, 1))
+    apart = (surface.spread_by_solvers(v, np.random.default_rng(1)) - v)[..., 3:].std(axis=(0, 1))
+    errors = np.linalg.norm(find_worth(surface.fit), axis=1)
+    expected = np.hypot(errors, [SIZE_APART * abs(surface.point[3]), SHAPE_APART])
+    np.testing.assert_allclose(apart, expected, rtol=0.05)

@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,6 +35,9 @@ from tests.studies.hidden.lab import Variants
 from tests.studies.hidden.lab_laws import LabLaw, Moment, lift_on
 from tests.studies.hidden.truth import TOOL_MODULUS_SD, TrueGrasp
 from tests.studies.hidden.truth import _solve as solve_with
+
+if TYPE_CHECKING:
+    from fast.models.gap.naming.name import NamingResult
 
 PUBLIC_SEED = "intervals"
 N_WORLDS = 46  # two of each effect
@@ -208,12 +212,12 @@ def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettin
         strength=world.strength,
         truth=world.truth,
     )
-    if banks is None:
-        found, data = name_effect(world.problem, (), Thresholds(), [effect]), world.problem
-    else:
-        found, data, _ = banks.name(world.problem, (), Thresholds(), [effect])
+    data = world.problem
+    found = name_effect(data, (), Thresholds(), [effect])
+    if banks is not None and _is_found(found):
+        found, data, _ = banks.name(data, (), Thresholds(), [effect])
     best = found.tried.best
-    if best is None or best.r2 <= 0.0:
+    if best is None or not _is_found(found):
         return outcome
     fit = recalibrate(data.training, best.values)
     result = sample_posterior(fit, settings)
@@ -231,6 +235,10 @@ def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettin
             "cpu_s": round(time.process_time() - started, 1),
         }
     )
+
+
+def _is_found(found: "NamingResult") -> bool:
+    return found.tried.best is not None and found.tried.best.r2 > 0.0
 
 
 def measure_gap_intervals(options: Options) -> Tables:

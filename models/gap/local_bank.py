@@ -3,7 +3,7 @@
 Far from the centre of the wide bank, what an effect changes is off by a fifth, and the surface of theta by 0.2 N. So
 the wide bank only proposes: theta, and the effects that may explain the gap. They are simulated again around that
 theta, in a grid small enough for its surface, and there the answer is found. An effect that is named gets a run at its
-fitted parameters, too: between runs far apart, a slip scale was off by a factor of two.
+fitted parameters, too: between runs that are far apart, what it changes is only interpolated.
 """
 
 from collections.abc import Callable, Mapping

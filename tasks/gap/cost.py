@@ -10,9 +10,9 @@ import numpy as np
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulatorVersionRow
 from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, BankPlan
-from fast.models.gap.local_bank import MOST_EFFECTS
+from fast.models.gap.local_bank import MOST_EFFECTS, MOST_RUNS
 from fast.models.ids import canonical_json
-from fast.models.records import Design, SimulatorVersion, Theta
+from fast.models.records import Design, EffectValue, SimulatorVersion, Theta
 from fast.tasks.simulation.plan import SimulationPlan, missing_objects
 
 _T = TypeVar("_T")
@@ -85,10 +85,15 @@ def plan_probe(lake: Lake, plans: Sequence[SimulationPlan], costs: GraspCosts) -
 
 
 def choose_largest_bank() -> BankPlan:
-    """A bank as large as one around a fitted theta can be, for its cost alone: at a theta where the wide one is not."""
+    """A bank as large as one around a fitted theta can be, for its cost alone: at a theta where the wide one is not.
+
+    Runs at fitted parameters count, too: here, between those of the bank and no effect.
+    """
     most = sorted(AMPLITUDES, key=lambda name: -len(AMPLITUDES[name]))[:MOST_EFFECTS]
     theta = np.array(list(CENTRE.model_dump().values())) * np.array([1.01, 1.0, 1.0])
-    return BankPlan.around(theta, theta[None, 1:], most)
+    halves = [{name: 0.5 * value for name, value in row.items()} for row in AMPLITUDES[most[0]][:MOST_RUNS]]
+    runs = tuple(EffectValue(effect=most[0], parameters=row) for row in halves)
+    return replace(BankPlan.around(theta, theta[None, 1:], most), runs=runs)
 
 
 def _spread(values: Sequence[_T], n: int) -> list[_T]:

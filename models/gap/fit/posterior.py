@@ -42,8 +42,8 @@ _SURFACE_LIMIT_NATS = 0.5
 _CHECKED_DRAWS = 24
 _MOVES = 2  # of the surface to the mode that it has itself
 _N_THETA = 3
-# What solvers are apart in an effect that is simulated: its size, relative, and the logarithm of its shape (measured by
-# `python -m tests.studies gap-intervals`).
+# What solvers are apart in an effect that is simulated: its size, relative, and the logarithm of its shape. Rounded,
+# from worlds of the study `gap-intervals`.
 SIZE_APART, SHAPE_APART = 0.2, 0.3
 _BESIDE = 0.03  # of a range: a fit nearer to its end is beside a bound
 
@@ -137,7 +137,7 @@ def sample_posterior(
 
     `fit`: of `models.gap.fit.recalibrate.recalibrate`, with the effects, or without any for theta alone. Theta is the
     simulator's: what numerical variants change is integrated out, but that is not all that a bench differs by
-    (`models.gap.fit.theta`); their parameters are spread by other solvers. Uses priors, chains, draws,
+    (`models.gap.fit.theta`). Parameters of effects also hold what other solvers are worth. Uses priors, chains, draws,
     tune, target_accept, seed, workers of settings.
     """
     surface = LikelihoodSurface.around(fit, settings.priors)

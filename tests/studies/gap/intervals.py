@@ -9,13 +9,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.means.problem import THETA
 from fast.models.errors import SimulationFailed
 from fast.models.gap.bank.bank import AMPLITUDES
 from fast.models.gap.data import GapData
@@ -35,9 +35,6 @@ from tests.studies.hidden.lab import Variants
 from tests.studies.hidden.lab_laws import LabLaw, Moment, lift_on
 from tests.studies.hidden.truth import TOOL_MODULUS_SD, TrueGrasp
 from tests.studies.hidden.truth import _solve as solve_with
-
-if TYPE_CHECKING:
-    from fast.models.gap.naming.name import NamingResult
 
 PUBLIC_SEED = "intervals"
 N_WORLDS = 46  # two of each effect
@@ -131,8 +128,7 @@ class OwnWorld:
     @property
     def truth(self) -> dict[str, float]:
         """True values by the names of the posterior."""
-        names = ("young_modulus_mpa", "friction", "poisson_ratio")
-        known = dict(zip(names, self.theta.tolist(), strict=True))
+        known = dict(zip(THETA, self.theta.tolist(), strict=True))
         return known | {f"{self.value.effect}.{name}": x for name, x in self.value.parameters.items()}
 
     @cached_property
@@ -214,11 +210,12 @@ def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettin
     )
     data = world.problem
     found = name_effect(data, (), Thresholds(), [effect])
-    if banks is not None and _is_found(found):
-        found, data, _ = banks.name(data, (), Thresholds(), [effect])
     best = found.tried.best
-    if best is None or not _is_found(found):
+    if best is None or best.r2 <= 0.0:
         return outcome
+    if banks is not None:
+        found, data, _ = banks.name(data, (), Thresholds(), [effect])
+        best = found.tried.best or best
     fit = recalibrate(data.training, best.values)
     result = sample_posterior(fit, settings)
     quantiles = np.quantile(result.draws.reshape(-1, len(result.names)), _LEVELS, axis=0)
@@ -235,10 +232,6 @@ def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettin
             "cpu_s": round(time.process_time() - started, 1),
         }
     )
-
-
-def _is_found(found: "NamingResult") -> bool:
-    return found.tried.best is not None and found.tried.best.r2 > 0.0
 
 
 def measure_gap_intervals(options: Options) -> Tables:
@@ -271,10 +264,7 @@ def interval_tables(outcomes: Sequence[IntervalOutcome]) -> Tables:
     of_effects = [(one, name) for one in inferred for name in one.intervals if "." in name]
     rows = [
         _count("parameters of effects", of_effects),
-        *(
-            _count(name, [(one, name) for one in inferred])
-            for name in ("young_modulus_mpa", "friction", "poisson_ratio")
-        ),
+        *(_count(name, [(one, name) for one in inferred]) for name in THETA),
     ]
     by_effect = [
         {"effect": effect} | _count(effect, [pair for pair in of_effects if pair[0].effect == effect])

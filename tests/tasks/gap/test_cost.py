@@ -14,9 +14,9 @@ from fast.models.design.space import numbered_design, to_unit
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import AMPLITUDES, NUMERICAL, WIDE, list_versions
 from fast.models.gap.grasps import Cells
-from fast.models.gap.local_bank import MOST_EFFECTS
+from fast.models.gap.local_bank import MOST_EFFECTS, MOST_RUNS
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Design
+from fast.models.records import Design, SimulatorVersion
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
 from fast.tasks.gap.data import read_grasps, split_measurements
@@ -77,6 +77,8 @@ def test_the_largest_bank_around_a_theta_has_nothing_of_the_wide_one() -> None:
     assert not {*plan.grid_thetas, plan.centre} & {*WIDE.grid_thetas, WIDE.centre}
     most = sorted((len(rows) for rows in AMPLITUDES.values()), reverse=True)[:MOST_EFFECTS]
     assert sum(len(AMPLITUDES[name]) for name in plan.effects) == sum(most)
+    versions = {version.version_id for version in list_versions(SimulatorVersion(), plan)}
+    assert len(versions) == 5 + sum(most) + MOST_RUNS, "a named effect is simulated where it was fitted"
 
 
 def test_a_panel_is_spread_and_a_larger_one_holds_a_smaller_one() -> None:

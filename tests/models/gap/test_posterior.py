@@ -23,6 +23,7 @@ from tests.tasks.calibration.trace_lake import normal_draws
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.25})
 FRICTION = EffectValue(effect="static_kinetic_friction", parameters={"kinetic_ratio": 0.7, "slip_scale_mm": 1.5})
+JAWS = EffectValue(effect="force_limited_closing", parameters={"max_force_n": 5.0})
 SETTINGS = CalibrationSettings(chains=4, draws=300, tune=50, workers=1)
 
 
@@ -112,3 +113,10 @@ def test_solvers_are_apart_in_effects_that_are_simulated() -> None:
     errors = np.linalg.norm(find_worth(surface.fit), axis=1)
     expected = np.hypot(errors, [SIZE_APART * abs(surface.point[3]), SHAPE_APART])
     np.testing.assert_allclose(apart, expected, rtol=0.05)
+
+
+def test_a_limit_of_the_force_is_no_further_apart_than_numerical_errors() -> None:
+    surface = LikelihoodSurface.around(fit_of(JAWS), SETTINGS.priors)
+    v = np.tile(surface.point, (2, 4000, 1))
+    apart = (surface.spread_by_solvers(v, np.random.default_rng(1)) - v)[..., 3:].std(axis=(0, 1))
+    np.testing.assert_allclose(apart, np.linalg.norm(find_worth(surface.fit), axis=1), rtol=0.05)

@@ -42,8 +42,8 @@ _SURFACE_LIMIT_NATS = 0.5
 _CHECKED_DRAWS = 24
 _MOVES = 2  # of the surface to the mode that it has itself
 _N_THETA = 3
-# What solvers are apart in an effect that is simulated: its size, relative, and the logarithm of its shape. The limit of
-# a force is read off the forces themselves. Rounded, from worlds of the study `gap-intervals`.
+# What solvers are apart in an effect that is simulated: its size, relative, and the logarithm of its shape. The limit
+# of a force is read off the forces themselves. Rounded, from worlds of the study `gap-intervals`.
 SIZE_APART, SHAPE_APART = 0.2, 0.3
 _BESIDE = 0.03  # of a range: a fit nearer to its end is beside a bound
 

@@ -267,7 +267,7 @@ def interval_tables(outcomes: Sequence[IntervalOutcome]) -> Tables:
         *(_count(name, [(one, name) for one in inferred]) for name in THETA),
     ]
     by_effect = [
-        {"effect": effect} | _count(effect, [pair for pair in of_effects if pair[0].effect == effect])
+        _count(effect, [pair for pair in of_effects if pair[0].effect == effect])
         for effect in dict.fromkeys(one.effect for one in outcomes)
     ]
     return {"intervals of 90 %": rows, "by effect": by_effect, "gap closed": _closed(inferred)}

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from fast.models.gap.evaluation.evaluate import FEWEST_HELD_OUT, Evaluation
 from fast.models.gap.evaluation.power import VisibleSize
-from fast.models.gap.findings import Decision, Findings, Gap, RoundFindings
+from fast.models.gap.findings import UNKNOWN, Decision, Findings, Gap, RoundFindings
+from fast.models.gap.naming.families import WORDS
 from fast.models.gap.naming.rank_effects import Separability
 from fast.models.gap.where.cells import UnsureCell
 from fast.models.gap.where.locate import Where
@@ -155,6 +156,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
             f"Another effect, or a model without a name, would still explain {100.0 * named.left_share:.0f} % of what "
             "this answer explains."
         )
+    notes += _describe_possible(named)
     if named.kind == "set" and found.version is not None:
         first = describe_effect(named.effects[0])
         notes.append(f"The simulator gets {first}, since all of them correct alike; which of them it is stays open.")
@@ -171,3 +173,14 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
             "pattern. Honest solvers differ by as much: they are not counted as a gap."
         )
     return notes
+
+
+def _describe_possible(named: Decision) -> list[str]:
+    """What an alarm does not exclude besides what it says, a sentence; none if that is not known."""
+    families = list(dict.fromkeys(WORDS.get(name, describe_effect(name)) for name in named.possible if name != UNKNOWN))
+    if not named.possible:
+        return []
+    if named.effects:
+        is_open = UNKNOWN in named.possible
+        return [f"{'Still possible: a' if is_open else 'Excluded at 90 %: a'} cause that is not in the catalogue."]
+    return [f"Still possible: {' or '.join(families)}." if families else "Excluded at 90 %: all of the catalogue."]

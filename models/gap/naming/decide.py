@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from fast.models.gap.findings import Decision
+from fast.models.gap.findings import UNKNOWN, Decision
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead, compute_size
@@ -98,7 +98,7 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
         sentence = "Nothing that designs, objects and repeats agree on is left."
         return Judgement(Decision(kind="none", probability=1.0 - gap, sentence=sentence), gap, over_line)
     if look is None:
-        return Judgement(answer_unknown(candidates, gap), gap, over_line)
+        return Judgement(_with_possible(answer_unknown(candidates, gap), (UNKNOWN,), candidates), gap, over_line)
     chosen = choose_alike(look, candidates)
     description = look.describe(candidates.patterns)
     name = thresholds.judge_name(description)
@@ -108,7 +108,24 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
         decision = answer_effect(look, gap * name)
     else:
         decision = answer_set(chosen, look, gap * name)
+    decision = _with_possible(decision, list_possible(chosen, name, thresholds), candidates)
     return Judgement(decision, gap, over_line, name, tuple(description.tolist()))
+
+
+def list_possible(chosen: Sequence[str], name: float, thresholds: Thresholds) -> tuple[str, ...]:
+    """The conformal set of an alarm: what nine in ten alarms of its kind of truth do not exclude, and what is said.
+
+    chosen: effects that the name stands for; name: probability that it is right.
+    """
+    is_named = name >= _EVEN
+    names = chosen if is_named or thresholds.is_name_possible(name, WORDS[chosen[0]]) else ()
+    is_open = not is_named or thresholds.is_unknown_possible(name)
+    return (*names, UNKNOWN) if is_open else tuple(names)
+
+
+def _with_possible(decision: Decision, possible: tuple[str, ...], candidates: CandidateSet) -> Decision:
+    """The decision with its conformal set, which later rounds have none of: the floors are those of first alarms."""
+    return decision if candidates.base.effects else decision.model_copy(update={"possible": possible})
 
 
 def choose_alike(look: SecondLook, candidates: CandidateSet) -> list[str]:

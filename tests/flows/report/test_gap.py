@@ -2,7 +2,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -268,6 +268,32 @@ def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
     assert answer.describe_sureness(much).endswith("; something else is missing that the catalogue does not have")
     said = _round(lag.model_copy(update={"left_share": 0.3}), _candidate("load_cell_lag", 0.9))
     assert not _told(said, _round(unknown, weak)).is_leftover(1)  # the round itself says how much is left
+
+
+@pytest.mark.parametrize(
+    ("kind", "effects", "possible", "note"),
+    [
+        ("effect", ("load_cell_lag",), ("load_cell_lag",), "Excluded at 90 %: a cause that is not in the catalogue."),
+        (
+            "effect",
+            ("tool_weight",),
+            ("tool_weight", "unknown"),
+            "Still possible: a cause that is not in the catalogue.",
+        ),
+        ("unknown", (), ("unknown",), "Excluded at 90 %: all of the catalogue."),
+        (
+            "unknown",
+            (),
+            ("load_cell_lag", "lift_misalignment", "unknown"),
+            "Still possible: delay between lift and force.",
+        ),
+    ],
+)
+def test_what_an_alarm_does_not_exclude_is_said(
+    kind: Literal["effect", "unknown"], effects: tuple[str, ...], possible: tuple[str, ...], note: str
+) -> None:
+    named = Decision(kind=kind, effects=effects, possible=possible, probability=0.8)
+    assert answer.describe_notes(_round(named), False) == [note]
 
 
 def test_none_does_not_deny_what_a_test_sees() -> None:

@@ -10,7 +10,7 @@ from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.confounds import find_confounds
 from fast.models.gap.naming import patterns
 from fast.models.gap.naming.candidates import compute_r2, compute_size, score_fit
-from fast.models.gap.naming.decide import decide
+from fast.models.gap.naming.decide import decide, list_possible
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.naming.patterns import rank_single_patterns
 from fast.models.gap.naming.thresholds import Thresholds
@@ -88,6 +88,22 @@ def test_a_name_that_is_less_probable_than_not_is_unknown(lag: NamingResult) -> 
     assert unsure.decision.kind == "unknown"
     assert unsure.decision.probability == pytest.approx(lag.judged.gap * (1.0 - unsure.name))
     assert f"{CATALOGUE[lag.look.effect].title} comes nearest." in unsure.decision.sentence
+
+
+def test_an_alarm_keeps_what_its_kind_of_truth_needs_at_90_percent(lag: NamingResult) -> None:
+    """Floors of classes decide what stays possible; what is said always does, and a second round has no set."""
+    lines = Thresholds(least_unknown=0.2, least_name={"any other family": 0.3, "delay between lift and force": 0.4})
+    delays = ("load_cell_lag", "lift_misalignment")
+    assert list_possible(delays, 0.9, lines) == delays
+    assert list_possible(delays, 0.75, lines) == (*delays, "unknown")
+    assert list_possible(delays, 0.45, lines) == (*delays, "unknown")
+    assert list_possible(delays, 0.35, lines) == ("unknown",)
+    assert list_possible(("tool_weight",), 0.35, lines) == ("tool_weight", "unknown")
+    assert lag.look is not None
+    assert lag.named.possible[0] == "load_cell_lag"
+    assert decide(lag.tried, None, LINES).decision.possible == ("unknown",)
+    known = replace(lag.tried, base=replace(lag.tried.base, effects=(EffectValue(effect="tool_weight"),)))
+    assert decide(known, None, LINES).decision.possible == ()
 
 
 def test_what_a_name_leaves_on_single_objects_speaks_against_it(lag: NamingResult) -> None:

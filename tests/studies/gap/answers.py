@@ -30,6 +30,7 @@ class Said(Record):
     """One round: what was named, how sure, and all candidates' probabilities.
 
     over_line, looked_at, description: of `models.gap.naming.decide.Judgement`, and the effect that it looked at.
+    possible: of `models.gap.findings.Decision`.
     """
 
     kind: Literal["effect", "set", "none", "unknown"]
@@ -40,6 +41,7 @@ class Said(Record):
     over_line: float = 0.0
     looked_at: str = ""
     description: tuple[float, ...] = ()
+    possible: tuple[str, ...] = ()
 
 
 class Closing(Record):
@@ -149,6 +151,7 @@ def _said(result: "NamingResult") -> Said:
         over_line=round(judged.over_line, _DIGITS),
         looked_at="" if result.look is None else result.look.effect,
         description=tuple(round(value, _DIGITS) for value in judged.description),
+        possible=named.possible,
     )
 
 

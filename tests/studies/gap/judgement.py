@@ -1,5 +1,6 @@
 """What is right in an answer to a world of known truth, and the probabilities that are fitted on such answers."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from fast.models.gap.naming.families import WORDS
-from fast.models.gap.naming.thresholds import LEAST_OVER_LINE
+from fast.models.gap.naming.thresholds import ANY_FAMILY, LEAST_OVER_LINE
 from tests.studies.gap.answers import Answer
 from tests.studies.gap.worlds import WorldKey
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from fast.models.gap.naming.thresholds import Thresholds
 
 VISIBLE = 0.02  # from this visible strength on, an effect is expected to be found
+EXCLUDED = 0.1  # of the truths of a class, at most
+FEWEST_OF_CLASS = 19  # alarms, for a floor of their own
 LEAST_VISIBLE = 0.01  # below this one, it is not there for these data
 _RIDGE = 1.0  # precision of intercept and slopes about none at all
 
@@ -75,7 +78,38 @@ def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Threshol
     counted = [(description, is_right) for description, is_right, is_left_out in told if not (is_right and is_left_out)]
     described, is_right = (np.array(part) for part in zip(*counted, strict=True))
     name = _fit_logistic(described, is_right, np.ones(len(counted)))
-    return base.model_copy(update={"gap_logit": gap, "name_logit": name})
+    return fit_conformal(worlds, base.model_copy(update={"gap_logit": gap, "name_logit": name}))
+
+
+def fit_conformal(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":
+    """Thresholds whose conformal sets hold the truth in nine of ten alarms of visible effects, class by class.
+
+    Classes: what is not in the catalogue, without effects taken out of it whose own family is looked at, since both
+    answers are right there; each family with enough alarms; all others together.
+    """
+    outside: list[float] = []
+    by_family: dict[str, list[float]] = {}
+    for one in worlds:
+        said = one.said.rounds[0]
+        if one.key.group not in ("single", "unlisted") or not one.is_visible or not one.said.is_alarm:
+            continue
+        name = base.judge_name(np.array(said.description)) if said.description else 0.0
+        is_family = one.is_family_right(said.looked_at)
+        if one.left_out or not one.families:
+            outside += [] if is_family else [1.0 - name]
+        else:
+            (family,) = one.families
+            by_family.setdefault(family, []).append(name if is_family else 0.0)
+    rare = [name for names in by_family.values() if len(names) < FEWEST_OF_CLASS for name in names]
+    floors = {ANY_FAMILY: _find_floor(rare)}
+    floors |= {family: _find_floor(names) for family, names in by_family.items() if len(names) >= FEWEST_OF_CLASS}
+    return base.model_copy(update={"least_unknown": _find_floor(outside), "least_name": floors})
+
+
+def _find_floor(scores: Sequence[float]) -> float:
+    """The largest floor that one more score of the same kind reaches in nine cases of ten at least; 0 if too few."""
+    place = int(EXCLUDED * (len(scores) + 1))
+    return math.floor(1e4 * sorted(scores)[place - 1]) / 1e4 if place else 0.0
 
 
 def _fit_logistic(inputs: np.ndarray, is_true: np.ndarray, weight: np.ndarray) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.stats import beta
 
 from fast.flows.benchmarks.base import Rows, Tables
+from fast.models.gap.findings import UNKNOWN
 from fast.models.gap.naming.families import WORDS
 from tests.studies.gap.judgement import Judged
 
@@ -57,6 +58,8 @@ def _figures(worlds: Sequence[Judged]) -> Rows:
         _row("unknown though in the catalogue", alarmed, _is_unknown, ""),
         _row("truth not in the catalogue: unknown, or its family", [*removed, *unlisted], _is_open_right, ">= 80 %"),
         _row("wrong family, same worlds", [*removed, *unlisted], _is_forced, "<= 10 %"),
+        _row("truth in the conformal set, in the catalogue", alarmed, _is_possible, ">= 90 %"),
+        _row("truth in the conformal set, not in the catalogue", [*removed, *unlisted], _is_possible, ">= 90 %"),
         _row("aliases of theta not named", aliases, lambda one: _kind(one) in ("none", "unknown"), "100 %"),
         _row("unknown in a round after a right name", right_alone, _says_unknown_later, "<= 10 %"),
         _row("two effects, both families", pairs, _has_both, ">= 80 %"),
@@ -67,6 +70,9 @@ def _figures(worlds: Sequence[Judged]) -> Rows:
     misses = [(one.said.rounds[0].probability - one.is_right) ** 2 for one in worlds]
     rows.append({"figure": "mean size of name or set", "worlds": len(sizes), "value": _mean(sizes), "target": "<= 2"})
     rows.append({"figure": "Brier score", "worlds": len(misses), "value": _mean(misses), "target": "<= 0.12"})
+    possible = [_count_possible(one) for one in [*alarmed, *removed, *unlisted]]
+    figure = "mean size of conformal set, families or unknown"
+    rows.append({"figure": figure, "worlds": len(possible), "value": _mean(possible), "target": "<= 2"})
     seconds = [one.said.cpu_s for one in own]
     rows.append({"figure": "CPU seconds a world", "worlds": len(seconds), "value": _mean(seconds), "target": ""})
     return rows
@@ -113,6 +119,17 @@ def _is_open_right(one: Judged) -> bool:
 
 def _is_forced(one: Judged) -> bool:
     return not _is_open_right(one)
+
+
+def _is_possible(one: Judged) -> bool:
+    """Whether the conformal set holds a hidden family, or *unknown* where there is none in the catalogue."""
+    possible = one.said.rounds[0].possible
+    is_open = one.left_out or not one.families
+    return any(one.is_family_right(name) for name in possible) or (is_open and UNKNOWN in possible)
+
+
+def _count_possible(one: Judged) -> float:
+    return float(len({WORDS.get(name, name) for name in one.said.rounds[0].possible}))
 
 
 def _says_unknown_later(one: Judged) -> bool:

@@ -17,7 +17,7 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import measure_gap, with_known_fields
 from tests.studies.gap.independent import read_independent
-from tests.studies.gap.judgement import Judged, fit_probabilities
+from tests.studies.gap.judgement import Judged, fit_conformal, fit_probabilities
 from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.panels import Panels, raw_strength, visible_share
 from tests.studies.gap.sealed import SealedKey, judged, measure_gap_sealed, read_problem, seal, write_problem
@@ -211,6 +211,29 @@ def test_probabilities_are_fitted_to_what_was_right() -> None:
     both = fit_probabilities(worlds, Thresholds())
     assert both.judge_gap(float(np.exp(2.0))) > 0.85
     assert both.judge_gap(float(np.exp(-2.0))) < 0.15
+
+
+def test_floors_of_conformal_sets_hold_nine_in_ten_of_each_class() -> None:
+    """Of 39 alarms three fall below their floor; classes with few alarms share one, and too few have none."""
+    from fast.models.gap.naming.thresholds import ANY_FAMILY, Thresholds
+
+    lines = Thresholds(name_logit=(0.0, 1.0))
+    logits = np.linspace(-2.0, 3.0, 39)
+
+    def judged(key: WorldKey, looked_at: str, logit: float, left_out: bool = False) -> Judged:
+        said = Said(kind="effect", looked_at=looked_at, description=(logit,))
+        return Judged(key, Answer(code="c", thresholds="H", rounds=(said,)), left_out)
+
+    right = [judged(LAGGING, "load_cell_lag", logit) for logit in logits]
+    outside = [judged(LAGGING, "friction_wear", logit, left_out=True) for logit in logits]
+    own_family = [judged(LAGGING, "load_cell_lag", 5.0, left_out=True)]  # both answers are right
+    fitted = fit_conformal([*right, *outside, *own_family], lines)
+    names = [lines.judge_name(np.array([logit])) for logit in logits]
+    kept = [fitted.is_name_possible(name, "delay between lift and force") for name in names]
+    assert sum(kept) == 36
+    assert sum(fitted.is_unknown_possible(name) for name in names) == 36
+    assert fitted.least_name[ANY_FAMILY] == 0.0
+    assert set(fit_conformal(right[:18], lines).least_name) == {ANY_FAMILY}
 
 
 def test_a_panel_of_a_secret_is_drawn_again_from_it() -> None:

@@ -6,6 +6,8 @@ BIN = $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
+# Compiled modules are kept, whatever the shell says: every process starts a third of a second sooner.
+export PYTHONDONTWRITEBYTECODE =
 
 # pip says what it does where someone watches; a log gets the lines of the steps alone.
 PIP = $(BIN)/python -m pip install --disable-pip-version-check $(if $(MAKE_TERMOUT),,--quiet)
@@ -25,11 +27,12 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	@echo "1 of 4: an empty environment"
 	@$(PYTHON) -m venv $(VENV)
 	@echo "2 of 4: torch, the largest package"
-	@$(PIP) torch==2.13.0
+	@$(PIP) --no-compile torch==2.13.0
 	@echo "3 of 4: the other $$(grep -c == requirements.lock) packages; unpacking them takes longest"
-	@$(PIP) -r requirements.lock
-	@echo "4 of 4: FAST itself"
+	@$(PIP) --no-compile -r requirements.lock
+	@echo "4 of 4: FAST itself, and compiling all modules on all cores"
 	@$(PIP) --no-deps --no-build-isolation -e .
+	-@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib
 	@touch $@
 	@echo "$(VENV) is ready."
 
@@ -41,7 +44,7 @@ campaign: setup ## a small complete campaign on the virtual bench, with report a
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print
 
 test: setup     ## the test suite
-	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --durations=40 --durations-min=5
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --no-loadscope-reorder --durations=40 --durations-min=5
 
 studies: setup  ## tests that take minutes; `python -m tests.studies list` names the studies behind the docs
 	$(BIN)/python -m pytest -m study

@@ -124,6 +124,7 @@ def own_id(content: bytes) -> int:
 
 
 def _of_parts(name: str, shape: _PartsShape, source: str) -> RigidObject:
+    _check_name(name, source)
     rows = _place_parts(shape.parts)
     points = np.asarray(surface_of(rows).vertices)
     has_mirrors = [bool(np.abs(distance(rows, points * signs)).max() <= SAME_MM) for signs in _MIRRORS]
@@ -133,6 +134,7 @@ def _of_parts(name: str, shape: _PartsShape, source: str) -> RigidObject:
 
 def _of_placed_mesh(name: str, mesh: trimesh.Trimesh, stl: bytes, source: str) -> RigidObject:
     """The object of a mesh in the object frame, and of the same as a binary STL."""
+    _check_name(name, source)  # before a grid is made for it
     mesh_grid, points = MeshGrid.of(mesh), surface_points(mesh)
     packed = base64.b64encode(zlib.compress(stl, 9)).decode()
     shape = _MeshShape(is_round=looks_round(mesh_grid, points), stl=packed)
@@ -149,11 +151,6 @@ def _object(
     source: str,
 ) -> RigidObject:
     """The object; `content` decides its number, `has_mirrors` are those in the planes x = 0 and y = 0."""
-    if not _NAME.fullmatch(name) or name.casefold() in {obj.name for obj in OBJECTS}:
-        raise ConfigError(
-            f"{source}: `{name}` cannot be the name of an own object; it begins with a letter, has at most 40 letters, "
-            "digits, spaces, `_` or `-`, and is none of the 36; set `name` in its .toml file."
-        )
     _check_size(size_mm, source)
     return RigidObject(
         object_id=own_id(content),
@@ -165,6 +162,14 @@ def _object(
         mirror_y=has_mirrors[1],
         shape=shape.model_dump_json(),
     )
+
+
+def _check_name(name: str, source: str) -> None:
+    if not _NAME.fullmatch(name) or name.casefold() in {obj.name for obj in OBJECTS}:
+        raise ConfigError(
+            f"{source}: `{name}` cannot be the name of an own object; it begins with a letter, has at most 40 letters, "
+            "digits, spaces, `_` or `-`, and is none of the 36; set `name` in its .toml file."
+        )
 
 
 def _place_parts(parts: Sequence[Part]) -> np.ndarray:

@@ -181,6 +181,6 @@ def _describe_possible(named: Decision) -> list[str]:
     if not named.possible:
         return []
     if named.effects:
-        is_open = UNKNOWN in named.possible
-        return [f"{'Still possible: a' if is_open else 'Excluded at 90 %: a'} cause that is not in the catalogue."]
-    return [f"Still possible: {' or '.join(families)}." if families else "Excluded at 90 %: all of the catalogue."]
+        can_be = "still possible" if UNKNOWN in named.possible else "excluded at 90 %"
+        return [f"A cause that is not in the catalogue is {can_be}."]
+    return [f"Still possible: {' or '.join(families)}." if families else "All of the catalogue is excluded at 90 %."]

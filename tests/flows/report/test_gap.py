@@ -273,14 +273,14 @@ def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
 @pytest.mark.parametrize(
     ("kind", "effects", "possible", "note"),
     [
-        ("effect", ("load_cell_lag",), ("load_cell_lag",), "Excluded at 90 %: a cause that is not in the catalogue."),
+        ("effect", ("load_cell_lag",), ("load_cell_lag",), "A cause that is not in the catalogue is excluded at 90 %."),
         (
             "effect",
             ("tool_weight",),
             ("tool_weight", "unknown"),
-            "Still possible: a cause that is not in the catalogue.",
+            "A cause that is not in the catalogue is still possible.",
         ),
-        ("unknown", (), ("unknown",), "Excluded at 90 %: all of the catalogue."),
+        ("unknown", (), ("unknown",), "All of the catalogue is excluded at 90 %."),
         (
             "unknown",
             (),

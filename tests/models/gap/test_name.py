@@ -238,9 +238,11 @@ def test_permuted_designs_name_nothing() -> None:
 
 
 def test_probabilities_grow_with_what_is_predicted_and_fall_with_what_is_left() -> None:
-    lines = Thresholds(gap_logit=(0.0, 1.0), name_logit=(0.0, 1.0, -1.0, 1.0, -1.0))
-    assert lines.judge_gap(1.0) == pytest.approx(0.5)
-    assert lines.judge_gap(3.0) == pytest.approx(0.75)
-    assert lines.judge_gap(0.01) == lines.judge_gap(0.3) == pytest.approx(0.3 / 1.3)
+    lines = Thresholds(none_logit=(0.0, -1.0), alarm_logit=(np.log(4.0), 1.0), name_logit=(0.0, 1.0, -1.0, 1.0, -1.0))
+    assert lines.judge_gap(1.0) == pytest.approx(0.5)  # on the line is no alarm
+    assert lines.judge_gap(1.001) == pytest.approx(0.8, abs=1e-3)
+    assert lines.judge_gap(2.0) == pytest.approx(8.0 / 9.0)
+    assert lines.judge_gap(0.25) == pytest.approx(0.2)
+    assert lines.judge_gap(0.0) == lines.judge_gap(0.05) == pytest.approx(0.05 / 1.05)
     assert lines.judge_name(np.array([1.0, 0.0, 0.0, 1.0])) == pytest.approx(0.5)
     assert lines.judge_name(np.array([np.log(9.0), 0.0, 0.0, 0.0])) == pytest.approx(0.9)

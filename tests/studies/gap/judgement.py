@@ -64,21 +64,21 @@ class Judged:
 def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":
     """Thresholds whose probabilities are those of these worlds.
 
-    That an alarm is right: null worlds against visible ones, as if both were as frequent. That a family is right: all
+    That no alarm is right, and that an alarm is: all answers on either side of the line. That a family is right: all
     alarms with a name looked at, but for effects taken out of the catalogue whose own family is looked at: there the
     family and *unknown* are both right.
     """
-    shown = [one for one in worlds if not one.key.effects or one.is_visible]
-    over = np.array([max(one.said.rounds[0].over_line, LEAST_OVER_LINE) for one in shown])
-    has_gap = np.array([bool(one.key.effects) for one in shown])
-    weight = np.where(has_gap, 1.0, has_gap.sum() / max((~has_gap).sum(), 1))
-    gap = _fit_logistic(np.log(over)[:, None], has_gap, weight)
+    gaps = {
+        "none_logit": [(one.said.rounds[0].over_line, one.is_right) for one in worlds if not one.said.is_alarm],
+        "alarm_logit": [(one.said.rounds[0].over_line, bool(one.key.effects)) for one in worlds if one.said.is_alarm],
+    }
     looked = [(one, one.said.rounds[0]) for one in worlds if one.said.rounds[0].description]
     told = [(said.description, one.is_family_right(said.looked_at), one.left_out) for one, said in looked]
     counted = [(description, is_right) for description, is_right, is_left_out in told if not (is_right and is_left_out)]
     described, is_right = (np.array(part) for part in zip(*counted, strict=True))
-    name = _fit_logistic(described, is_right, np.ones(len(counted)))
-    return fit_conformal(worlds, base.model_copy(update={"gap_logit": gap, "name_logit": name}))
+    fitted = {"name_logit": _fit_logistic(described, is_right)}
+    fitted |= {name: _fit_over_line(found) for name, found in gaps.items() if found}
+    return fit_conformal(worlds, base.model_copy(update=fitted))
 
 
 def fit_conformal(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":
@@ -112,15 +112,21 @@ def _find_floor(scores: Sequence[float]) -> float:
     return math.floor(1e4 * sorted(scores)[place - 1]) / 1e4 if place else 0.0
 
 
-def _fit_logistic(inputs: np.ndarray, is_true: np.ndarray, weight: np.ndarray) -> tuple[float, ...]:
-    """Intercept and slopes of a weighted logistic regression with a ridge."""
+def _fit_over_line(found: Sequence[tuple[float, bool]]) -> tuple[float, ...]:
+    """Intercept and slope in the logarithm of what is predicted over its line; found: with whether it is true."""
+    over, is_true = (np.array(part, dtype=float) for part in zip(*found, strict=True))
+    return _fit_logistic(np.log(np.maximum(over, LEAST_OVER_LINE))[:, None], is_true > 0.5)
+
+
+def _fit_logistic(inputs: np.ndarray, is_true: np.ndarray) -> tuple[float, ...]:
+    """Intercept and slopes of a logistic regression with a ridge."""
     columns = np.column_stack([np.ones(len(inputs)), inputs])
     sign = np.where(is_true, 1.0, -1.0)
 
     def loss(at: np.ndarray) -> tuple[float, np.ndarray]:
         log_odds = sign * (columns @ at)
-        value = (weight * np.logaddexp(0.0, -log_odds)).sum() + 0.5 * _RIDGE * (at**2).sum()
-        return float(value), -columns.T @ (weight * sign * expit(-log_odds)) + _RIDGE * at
+        value = np.logaddexp(0.0, -log_odds).sum() + 0.5 * _RIDGE * (at**2).sum()
+        return float(value), -columns.T @ (sign * expit(-log_odds)) + _RIDGE * at
 
     found = minimize(loss, np.zeros(columns.shape[1]), jac=True, method="BFGS").x
     return tuple(round(float(value), 3) for value in found)

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -208,9 +209,25 @@ def test_probabilities_are_fitted_to_what_was_right() -> None:
     own_family = Judged(LAGGING, Answer(code="c", thresholds="H", rounds=(said,)), left_out=True)
     shown = [one for one in worlds if one.key.effects] + 20 * [own_family]
     assert fit_probabilities(shown, Thresholds()).name_logit == fitted.name_logit
-    both = fit_probabilities(worlds, Thresholds())
-    assert both.judge_gap(float(np.exp(2.0))) > 0.85
-    assert both.judge_gap(float(np.exp(-2.0))) < 0.15
+    assert fitted.none_logit == Thresholds().none_logit  # nothing to learn it from
+
+
+def test_the_probability_of_a_gap_is_the_share_of_right_answers_on_either_side_of_the_line() -> None:
+    """Of silent answers three in four are right, more of those far below the line; of alarms nine in ten."""
+    from fast.models.gap.naming.thresholds import Thresholds
+
+    def judged(key: WorldKey, over_line: float) -> Judged:
+        kind: Literal["none", "unknown"] = "none" if over_line < 1.0 else "unknown"
+        return Judged(key, Answer(code="c", thresholds="H", rounds=(Said(kind=kind, over_line=over_line),)))
+
+    silent = [judged(NULL, 0.1)] * 90 + [judged(LAGGING, 0.1)] * 10 + [judged(NULL, 0.9), judged(LAGGING, 0.9)] * 30
+    alarms = [judged(LAGGING, 3.0)] * 90 + [judged(NULL, 3.0)] * 10
+    named = Said(kind="effect", looked_at="load_cell_lag", description=(0.0,) * 4, over_line=3.0)
+    looked = [Judged(LAGGING, Answer(code="c", thresholds="H", rounds=(named,)))]
+    fitted = fit_probabilities([*silent, *alarms, *looked], Thresholds())
+    assert fitted.judge_gap(0.1) == pytest.approx(0.1, abs=0.03)
+    assert fitted.judge_gap(0.9) == pytest.approx(0.5, abs=0.05)
+    assert fitted.judge_gap(3.0) == pytest.approx(0.9, abs=0.03)
 
 
 def test_floors_of_conformal_sets_hold_nine_in_ten_of_each_class() -> None:

@@ -44,7 +44,7 @@ _MOVES = 2  # of the surface to the mode that it has itself
 _N_THETA = 3
 # What solvers are apart in an effect that is simulated: its size, relative, and the logarithm of its shape. The limit
 # of a force is read off the forces themselves. Rounded, from worlds of the study `gap-intervals`.
-SIZE_APART, SHAPE_APART = 0.2, 0.3
+SIZE_APART, SHAPE_APART = 0.4, 0.6
 _BESIDE = 0.03  # of a range: a fit nearer to its end is beside a bound
 
 

@@ -14,7 +14,8 @@ independent witnesses of a law.
 Data may not learn what another solver does: it looks like a little more or less of an effect, and would be believed to
 be known. So draws of a fit with effects are spread in the effects' parameters: by what these have to change for the
 prior of every numerical error, given back whole (a cut, Plummer 2015), and, of effects with simulations of their own,
-by what two solvers are apart in them. Medians stay those of the data, and theta that of this simulator.
+by what two solvers are apart in them. Then they get the tails of a t distribution with a degree of freedom less than
+there are tools. Medians stay those of the data, and theta that of this simulator.
 """
 
 from collections.abc import Callable, Sequence
@@ -242,7 +243,7 @@ class LikelihoodSurface:
         return np.asarray(rows - self.nuisance.T @ (self.inverse @ (self.nuisance @ rows)))
 
     def spread_by_solvers(self, v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Draws of v (... x k) with what other solvers are worth in the effects, reflected at the bounds."""
+        """Draws of v (... x k) with what other solvers are worth in the effects, as wide as few tools ask."""
         worth = find_worth(self.fit)
         moved = v.copy()
         for place, axis in enumerate(self.density.axes, start=_N_THETA):
@@ -251,6 +252,11 @@ class LikelihoodSurface:
                 is_shape = axis.kind == "log"
                 moved[..., place] += SHAPE_APART * apart if is_shape else SIZE_APART * apart * v[..., place]
         moved[..., _N_THETA:] += rng.standard_normal((*v.shape[:-1], worth.shape[1])) @ worth.T
+        # Tools are the witnesses: intervals of few are those of a t distribution (Cameron and Miller 2015).
+        freedom = max(len(np.unique(self.fit.features.tool)) - 1, 1)
+        middle = np.median(moved.reshape(-1, moved.shape[-1]), axis=0)[_N_THETA:]
+        wider = np.sqrt(freedom / rng.chisquare(freedom, v.shape[:-1]))[..., None]
+        moved[..., _N_THETA:] = middle + wider * (moved[..., _N_THETA:] - middle)
         lower, upper = self.density.lower, self.density.upper
         return np.clip(upper - np.abs(upper - (lower + np.abs(moved - lower))), lower, upper)
 

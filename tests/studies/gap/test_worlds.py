@@ -185,6 +185,21 @@ def test_closed_gaps_are_held_against_their_twins() -> None:
     assert (row["before_n"], row["after_n"], row["twin_n"], row["closed"]) == (0.8, 0.5, 0.4, 0.75)
 
 
+def test_a_conformal_set_holds_a_family_of_the_catalogue_or_else_unknown() -> None:
+    """*Still possible: not in the catalogue* holds the truth where it is not in the catalogue, and nowhere else."""
+
+    def count(possible: tuple[str, ...], left_out: bool) -> tuple[list[int], float]:
+        one = Said(kind="effect", effects=possible[:1], possible=possible)
+        said = Judged(LAGGING, Answer(code="c", thresholds="H", rounds=(one,)), left_out)
+        rows = [row for row in gap_tables([said])["figures"] if "conformal" in str(row["figure"])]
+        return [row["seen"] for row in rows if "seen" in row], rows[-1]["value"]
+
+    assert count(("friction_wear", "unknown"), left_out=False) == ([0], 2.0)
+    assert count(("friction_wear", "unknown"), left_out=True) == ([1], 2.0)
+    assert count(("friction_wear",), left_out=True) == ([0], 1.0)
+    assert count(("lift_misalignment", "load_cell_lag"), left_out=False) == ([1], 1.0)  # one family
+
+
 def test_probabilities_are_fitted_to_what_was_right() -> None:
     """Where a long description is right and a short one wrong, the fitted probability tells them apart."""
     from fast.models.gap.naming.thresholds import Thresholds

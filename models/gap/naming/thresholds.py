@@ -18,9 +18,11 @@ class Thresholds(Record):
     solvers differ by as much. law_share: of what the effects in the model change, a share that a pattern by object or
     tool has to exceed too: no law is exact.
     least_nats: evidence below which a pattern is none, and between predictions of two effects that are told apart.
-    temperature: of evidence in nats between effects. none_logit, alarm_logit: intercepts and slopes of the log odds, in
-    ln(r2 / line), that no alarm is right, and that an alarm is; between them lies a step, since lines were set so that
-    null worlds stay below. name_logit: intercept and slopes of the log odds that the named family is right, see
+    temperature: of evidence in nats between effects.
+
+    none_logit, alarm_logit: intercepts and slopes of the log odds, in ln(r2 / line), that the answer *none* is right, and
+    that there is a gap if there is an alarm. Between them lies a step: lines were set so that null worlds stay below.
+    name_logit: intercept and slopes of the log odds that the named family is right, see
     `models.gap.naming.second_look.SecondLook.describe`.
 
     least_unknown, least_name: probabilities of a wrong and of a right name from which *not in the catalogue*, and a

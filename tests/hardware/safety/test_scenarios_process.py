@@ -88,7 +88,6 @@ def test_a_host_that_is_ended_in_a_lift_drops_nothing_and_keeps_the_data(virtual
     assert peak_n > 1.0, "the data until then is kept"
 
 
-@pytest.mark.slow
 def test_after_a_killed_host_nothing_is_dropped_and_the_next_one_asks_first(virtual):
     assert kill_in_a_lift(virtual, signal.SIGKILL) == (-signal.SIGKILL, [])
     rest_mm = virtual.grbl.position_mm()

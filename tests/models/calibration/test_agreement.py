@@ -19,7 +19,6 @@ NAMES = (*THETA, "sd_e_n", "noise_sd_n", "sd_h")
 EXACT = json.loads((Path(__file__).parents[2] / "data" / "calibration-exact.json").read_text())
 
 
-@pytest.mark.slow
 def test_the_factorised_posterior_is_that_of_stored_exact_chains() -> None:
     problem = make_up_problem(EXACT["n_sim"], EXACT["n_real"], seed=0, scales_with_modulus=True)
     found = calibrate_factorised(problem, SETTINGS.model_copy(update={"chains": 2, "tune": 100, "draws": 150}))

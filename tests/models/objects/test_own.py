@@ -29,7 +29,6 @@ def points(n: int = 20_000) -> np.ndarray:
     return np.random.default_rng(0).uniform([-28.0, -28.0, 0.0], [28.0, 28.0, 52.0], (n, 3))
 
 
-@pytest.mark.slow
 def test_a_meshed_sphere_is_the_sphere() -> None:
     exact = distance(get_object(2).primitives, points())
     near = np.abs(exact) < 1.0
@@ -40,7 +39,6 @@ def test_a_meshed_sphere_is_the_sphere() -> None:
     assert (ball().mirror_x, ball().mirror_y, ball().is_round) == (True, True, True)
 
 
-@pytest.mark.slow
 def test_its_grasp_is_that_of_the_primitive_and_costs_little_more() -> None:
     def simulate(obj: RigidObject) -> tuple[float, float]:
         start = time.process_time()

@@ -156,7 +156,6 @@ def closed_loop(acquisition: str, seed: int, n_rounds: int = 5) -> float:
     return float(real_force(data.x[data.s == 1]).max())
 
 
-@pytest.mark.slow
 def test_closed_loop_beats_random():
     seeds = range(3)
     guided = np.array([closed_loop("mes", seed) for seed in seeds])

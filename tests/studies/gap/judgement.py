@@ -64,7 +64,7 @@ class Judged:
 def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":
     """Thresholds whose probabilities are those of these worlds.
 
-    That no alarm is right, and that an alarm is: all answers on either side of the line. That a family is right: all
+    That *none* is right, and that an alarm is: all answers on either side of the line. That a family is right: all
     alarms with a name looked at, but for effects taken out of the catalogue whose own family is looked at: there the
     family and *unknown* are both right.
     """
@@ -114,8 +114,8 @@ def _find_floor(scores: Sequence[float]) -> float:
 
 def _fit_over_line(found: Sequence[tuple[float, bool]]) -> tuple[float, ...]:
     """Intercept and slope in the logarithm of what is predicted over its line; found: with whether it is true."""
-    over, is_true = (np.array(part, dtype=float) for part in zip(*found, strict=True))
-    return _fit_logistic(np.log(np.maximum(over, LEAST_OVER_LINE))[:, None], is_true > 0.5)
+    over, is_true = (np.array(part) for part in zip(*found, strict=True))
+    return _fit_logistic(np.log(np.maximum(over, LEAST_OVER_LINE))[:, None], is_true)
 
 
 def _fit_logistic(inputs: np.ndarray, is_true: np.ndarray) -> tuple[float, ...]:

@@ -128,8 +128,8 @@ def _is_possible(one: Judged) -> bool:
     return any(one.is_family_right(name) for name in possible) or (is_open and UNKNOWN in possible)
 
 
-def _count_possible(one: Judged) -> float:
-    return float(len({WORDS.get(name, name) for name in one.said.rounds[0].possible}))
+def _count_possible(one: Judged) -> int:
+    return len({WORDS.get(name, name) for name in one.said.rounds[0].possible})
 
 
 def _says_unknown_later(one: Judged) -> bool:

@@ -87,7 +87,6 @@ def ask_about(
     return ask(search, naming, AskSettings(most)), simulated
 
 
-@pytest.mark.slow
 def test_ribs_and_walls_that_no_grasp_tells_are_for_a_person(
     monkeypatch: pytest.MonkeyPatch, finger: tuple[Hypothesis, ...]
 ) -> None:

@@ -194,7 +194,6 @@ def with_criteria(campaign: Campaign, **changes: object) -> Campaign:
     return Campaign(campaign.lake, config, own_designs=campaign.own_designs)
 
 
-@pytest.mark.slow
 def test_tools_are_chosen_by_objectives_and_limits_and_their_fits_are_kept(measured_campaign):
     campaign = with_criteria(measured_campaign, objectives=["mean_work_j", "mass_g"], at_least={"worst_peak_n": 1.0})
     propose_guided(campaign, 2)

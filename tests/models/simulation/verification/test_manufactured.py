@@ -31,7 +31,6 @@ def test_body_force_balances_the_stress() -> None:
     assert np.allclose(divergence, -body_force(X), atol=1e-7)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "degree", "n_cells"),
     [("C3D4", 1, (8, 12)), ("C3D10", 2, (4, 6)), ("C3D15", 2, (4, 6)), ("C3D20R", 2, (4, 6))],

@@ -20,8 +20,9 @@ class Thresholds(Record):
     least_nats: evidence below which a pattern is none, and between predictions of two effects that are told apart.
     temperature: of evidence in nats between effects.
 
-    none_logit, alarm_logit: intercepts and slopes of the log odds, in ln(r2 / line), that the answer *none* is right, and
-    that there is a gap if there is an alarm. Between them lies a step: lines were set so that null worlds stay below.
+    none_logit, alarm_logit: intercepts and slopes of the log odds, in ln(r2 / line), that the answer *none* is right,
+    and that there is a gap if there is an alarm. Between them lies a step: lines were set so that null worlds stay
+    below.
     name_logit: intercept and slopes of the log odds that the named family is right, see
     `models.gap.naming.second_look.SecondLook.describe`.
 

@@ -177,10 +177,10 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from fast.flows.report.gap.answer import describe_notes, describe_probability
+    from fast.flows.report.gap.answer import describe_in_use, describe_notes, describe_probability
 
     findings = outcome.run.findings
-    lines = [f"{outcome.sentence}.", ""]
+    lines = [f"{outcome.sentence}.", *filter(None, [describe_in_use(findings)]), ""]
     for place, found in enumerate(findings.rounds):
         sure = describe_probability(found.named.probability)
         lines += [f"round {place + 1}: {found.named.kind}, right with probability {sure}. {found.named.sentence}"]

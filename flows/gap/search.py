@@ -285,6 +285,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         verdict=verdict,
         ranking=ranking,
         power=_power(data),
+        in_use=tuple(value.effect for value in start.effects),
     )
     run = GapRun(
         gap_id=search.gap_id,
@@ -384,6 +385,8 @@ def write_answer(findings: Findings) -> str:
     ]
     if named[-1].kind == "unknown" and not findings.is_leftover(len(named) - 1):
         parts.append("something that is not in the catalogue")
+    if not parts and findings.in_use:
+        return f"no further gap; the simulator in use already has {', '.join(findings.in_use)}"
     if not parts:
         return "no gap beyond noise and numerical error"
     gap = findings.gap

@@ -285,7 +285,7 @@ class Findings(Record):
 
     next_experiment: of the first round that leaves anything open, or for the ranking of designs. asked: what came of
     earlier ones. verdict: whether the simulator in use is replaced; None in answers of older code. ranking: None where
-    the simulator has no effect.
+    the simulator has no effect. in_use: effects that the simulator had when the search began, of earlier searches.
     """
 
     alarm: bool
@@ -300,6 +300,7 @@ class Findings(Record):
     asked: tuple[Asked, ...] = ()
     verdict: Verdict | None = None
     ranking: RankedDesigns | None = None
+    in_use: tuple[str, ...] = ()
 
     def is_leftover(self, place: int) -> bool:
         """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.

@@ -70,6 +70,16 @@ def describe_probability(probability: float) -> str:
 
 def describe_answer(findings: Findings) -> str:
     """The finding that a lab head should read."""
+    return f"{describe_in_use(findings)} {_describe_finding(findings)}".strip()
+
+
+def describe_in_use(findings: Findings) -> str:
+    """What the simulator had when the search began, a sentence; empty if that was nothing."""
+    names = " and ".join(describe_effect(name) for name in findings.in_use)
+    return f"The simulator in use has {names} already, from an earlier search." if names else ""
+
+
+def _describe_finding(findings: Findings) -> str:
     lead = next((r.where[0].sentence for r in findings.rounds if r.where), "")
     if findings.alarm:
         names = [describe_decision(found.named) for found in list_discoveries(findings)]
@@ -77,7 +87,8 @@ def describe_answer(findings: Findings) -> str:
         return " ".join(part for part in (f"Missing: {', then '.join(names)}.", rest or lead) if part)
     if lead:
         return f"Nothing can be named: no effect predicts what was left out better than in worlds without a gap. {lead}"
-    nothing = "Simulation and measurement agree as well as noise and meshes allow: these data show nothing missing."
+    missing = "nothing else missing" if findings.in_use else "nothing missing"
+    nothing = f"Simulation and measurement agree as well as noise and meshes allow: these data show {missing}."
     return f"{nothing} {findings.power}".strip()
 
 
@@ -103,7 +114,7 @@ def shorten_answer(findings: Findings) -> str:
     """What is missing, for a tile; a rest that has no name stands in the line under it."""
     named = [found.named for found in list_discoveries(findings)]
     if not named:
-        return "no gap"
+        return "no further gap" if findings.in_use else "no gap"
     known = [
         n.family or "one of a set" if n.kind == "set" else " + ".join(map(describe_effect, n.effects))
         for n in named
@@ -116,7 +127,8 @@ def describe_sureness(findings: Findings) -> str:
     """The line under the tile: how probably the answer is right, whatever it is."""
     if not findings.alarm:
         sure = describe_probability(findings.rounds[0].named.probability)
-        return f"nothing is missing, as far as these data can show; right with probability {sure}"
+        more = "more " if findings.in_use else ""
+        return f"nothing {more}is missing, as far as these data can show; right with probability {sure}"
     found = [one.named for one in list_discoveries(findings)]
     named = [one for one in found if one.effects] or found
     what = "is missing" if named[0].effects else "something is missing that the catalogue does not have"

@@ -254,6 +254,23 @@ def test_a_set_and_a_name_behind_it_are_both_said() -> None:
     assert note == "it does not help."
 
 
+def test_what_an_earlier_search_added_is_said() -> None:
+    """A search starts from the simulator in use: that it finds nothing more does not mean that nothing was missing."""
+    nothing = _told(_round(NOTHING))
+    again = nothing.model_copy(update={"in_use": ("force_limited_closing",)})
+    assert write_answer(again) == "no further gap; the simulator in use already has force_limited_closing"
+    lead = "The simulator in use has force limited closing already, from an earlier search."
+    assert answer.describe_answer(again).startswith(f"{lead} Simulation and measurement agree")
+    assert "show nothing else missing" in answer.describe_answer(again)
+    assert answer.shorten_answer(again) == "no further gap"
+    assert answer.describe_sureness(again).startswith("nothing more is missing")
+    assert answer.describe_in_use(nothing) == ""
+    assert answer.describe_answer(nothing).startswith("Simulation and measurement agree")
+    found = _told(_round(Decision(kind="effect", effects=("load_cell_lag",), probability=0.9)))
+    found = found.model_copy(update={"in_use": ("force_limited_closing",)})
+    assert answer.describe_answer(found).startswith(f"{lead} Missing: ")
+
+
 def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
     lag = Decision(kind="effect", effects=("load_cell_lag",), probability=0.95)
     unknown = Decision(kind="unknown", probability=0.7)

@@ -30,7 +30,7 @@ ALIKE = (0.0, 0.9)  # correlations of an object's coefficients along the lift th
 _LEAST_SD = 1e-9
 _FACTOR = "a factor on the force"
 
-Kind = Literal["common", "by object", "by tool"]
+Kind = Literal["common", "by object", "by tool", "in time"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def rank_patterns(fit: Fit) -> list[Pattern]:
     steps_n = fit.features.surrogate.predict_steps(fit.theta, fit.effects, fit.tool_factor)
     grasps = fit.features.surrogate.grasps
     found = [
-        _weigh(fit, what, how, fit.features.whiten(change * by[None, :, None]) * fit.weight)
+        weigh(fit, what, how, fit.features.whiten(change * by[None, :, None]) * fit.weight)
         for what, change in list_changes(steps_n)
         for how, by in list_variates(grasps, steps_n)
     ]
@@ -157,10 +157,10 @@ def _weigh_groups(fit: Fit, change: np.ndarray, kind: Kind) -> Pattern:
     how = "another on each object" if kind == "by object" else "another for each tool"
     group = fit.features.obj if kind == "by object" else fit.features.tool
     rows = [fit.features.whiten(change * (group == one)[None, :, None]) for one in np.unique(group)]
-    return _weigh(fit, _FACTOR, how, np.concatenate(rows) * fit.weight, kind)
+    return weigh(fit, _FACTOR, how, np.concatenate(rows) * fit.weight, kind)
 
 
-def _weigh(fit: Fit, what: str, how: str, columns: np.ndarray, kind: Kind = "common") -> Pattern:
+def weigh(fit: Fit, what: str, how: str, columns: np.ndarray, kind: Kind = "common") -> Pattern:
     """The pattern with its evidence, averaged over sizes."""
     without = compute_log_evidence(fit)
     nats = np.array([compute_log_evidence(fit.add_columns(columns, size)) - without for size in SIZES])

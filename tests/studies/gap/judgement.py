@@ -84,14 +84,16 @@ def fit_probabilities(worlds: Sequence[Judged], base: "Thresholds") -> "Threshol
 def fit_conformal(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":
     """Thresholds whose conformal sets hold the truth in nine of ten alarms of visible effects, class by class.
 
-    Classes: what is not in the catalogue, without effects taken out of it whose own family is looked at, since both
-    answers are right there; each family with enough alarms; all others together.
+    Alarms by differences of repeats alone have probabilities of their own and do not count. Classes: what is not in the
+    catalogue, without effects taken out of it whose own family is looked at, since both answers are right there; each
+    family with enough alarms; all others together.
     """
     outside: list[float] = []
     by_family: dict[str, list[float]] = {}
     for one in worlds:
         said = one.said.rounds[0]
-        if one.key.group not in ("single", "unlisted") or not one.is_visible or not one.said.is_alarm:
+        is_counted = one.key.group in ("single", "unlisted") and one.is_visible and one.said.is_alarm
+        if not is_counted or said.is_by_course:
             continue
         name = base.judge_name(np.array(said.description)) if said.description else 0.0
         is_family = one.is_family_right(said.looked_at)

@@ -86,8 +86,8 @@ class Decision(Record):
     `probability`: that the answer is right, whatever its kind. `family`: what the named effects have in common.
     `left_share`: of what the answer explains, what another effect or a model without a name would still explain.
     `law`: of the first effect. `possible`: of a first alarm, the effects, or "unknown", that are not excluded: in
-    made-up worlds of each kind of truth, nine in ten alarms had it among these. `course`: what repeats of the same
-    grasps differ by, in words, where the answer rests on that alone; `law` is then the course.
+    made-up worlds of each kind of truth, nine in ten alarms had it among these. `drift`: what repeats of the same
+    grasps differ by, in words, where the answer rests on that alone; `law` is then the drift.
     """
 
     kind: Literal["effect", "set", "none", "unknown"]
@@ -100,7 +100,7 @@ class Decision(Record):
     law: LawCurve | None = None
     rest: Rest | None = None
     possible: tuple[str, ...] = ()
-    course: str = ""
+    drift: str = ""
 
 
 class RoundFindings(Record):

@@ -168,6 +168,11 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
             f"Another effect, or a model without a name, would still explain {100.0 * named.left_share:.0f} % of what "
             "this answer explains."
         )
+    if named.drift:
+        notes.append(
+            f"Told by repeats alone: {named.drift}. What a simulator gets wrong is the same in all of them, so a small "
+            "change is seen."
+        )
     notes += _describe_possible(named)
     if named.kind == "set" and found.version is not None:
         first = describe_effect(named.effects[0])

@@ -7,7 +7,7 @@ from fast.models.gap.findings import UNKNOWN, Decision
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead, compute_size
-from fast.models.gap.naming.courses import Course, average_evidence, draw_course, share_evidence
+from fast.models.gap.naming.drifts import Drift, average_evidence, draw_drift, share_evidence
 from fast.models.gap.naming.families import WORDS, find_families, is_one_curve
 from fast.models.gap.naming.patterns import Pattern
 from fast.models.gap.naming.second_look import SecondLook
@@ -21,7 +21,7 @@ _ADVICE = {
 }  # where a person can look, by kind of pattern
 _EVEN = 0.5  # a name is said if it is more probable than not
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
-_NOT_EXCLUDED = 0.1  # probability of an effect by its course, below which it is excluded
+_NOT_EXCLUDED = 0.1  # probability of an effect by its drift, below which it is excluded
 _NEARLY = 0.5  # of what the best effect predicts: another that explains less is not reported with it
 
 
@@ -30,16 +30,16 @@ class CandidateSet:
     """All that a decision rests on.
 
     base, score: the fit without new effects. singles: effects that were fitted, by what they explain. patterns: without
-    a name, with what each predicts of the held-out squares, of `score_patterns`. courses: of what changes from grasp to
-    grasp, the best first; course_r2: of contrasts of repeats, what the best predicts. names: effects that may be named.
+    a name, with what each predicts of the held-out squares, of `score_patterns`. drifts: of what changes from grasp to
+    grasp, the best first; drift_r2: of contrasts of repeats, what the best predicts. names: effects that may be named.
     """
 
     base: Fit
     score: Score
     singles: Sequence[FittedCandidate]
     patterns: Sequence[tuple[Pattern, float]]
-    courses: Sequence[Course] = ()
-    course_r2: float = 0.0
+    drifts: Sequence[Drift] = ()
+    drift_r2: float = 0.0
     names: tuple[str, ...] = ()
 
     @property
@@ -59,19 +59,19 @@ class CandidateSet:
 
     def measure_alarm(self, thresholds: Thresholds) -> float:
         """What is predicted of left-out grasps over its line; above 1 it is an alarm."""
-        return max(self._measure_effects(thresholds), self._measure_course(thresholds))
+        return max(self._measure_effects(thresholds), self._measure_drift(thresholds))
 
-    def is_told_by_course(self, thresholds: Thresholds) -> bool:
+    def is_told_by_drift(self, thresholds: Thresholds) -> bool:
         """Whether there is an alarm by what repeats of the same grasps differ by, and by nothing else."""
-        return self._measure_effects(thresholds) <= 1.0 < self._measure_course(thresholds)
+        return self._measure_effects(thresholds) <= 1.0 < self._measure_drift(thresholds)
 
-    def share_courses(self) -> dict[str, float]:
-        """Probability of each effect by the evidence of the courses, and of "" for any other; likeliest first."""
-        return share_evidence(self.courses, self.names)
+    def share_drifts(self) -> dict[str, float]:
+        """Probability of each effect by the evidence of the drifts, and of "" for any other; likeliest first."""
+        return share_evidence(self.drifts, self.names)
 
-    def _measure_course(self, thresholds: Thresholds) -> float:
-        is_seen = average_evidence(self.courses) > thresholds.least_nats
-        return self.course_r2 / thresholds.course_r2 if is_seen else 0.0
+    def _measure_drift(self, thresholds: Thresholds) -> float:
+        is_seen = average_evidence(self.drifts) > thresholds.least_nats
+        return self.drift_r2 / thresholds.drift_r2 if is_seen else 0.0
 
     def _measure_effects(self, thresholds: Thresholds) -> float:
         """Of effects and patterns, what is predicted over its line.
@@ -119,8 +119,8 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
     if over_line <= 1.0:
         sentence = "Nothing that designs, objects and repeats agree on is left."
         return Judgement(Decision(kind="none", probability=1.0 - gap, sentence=sentence), gap, over_line)
-    if candidates.is_told_by_course(thresholds):
-        return _decide_by_course(candidates, look, gap, over_line)
+    if candidates.is_told_by_drift(thresholds):
+        return _decide_by_drift(candidates, look, gap, over_line)
     if look is None:
         return Judgement(_with_possible(answer_unknown(candidates, gap), (UNKNOWN,), candidates), gap, over_line)
     chosen = choose_alike(look, candidates)
@@ -136,21 +136,21 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
     return Judgement(decision, gap, over_line, name, tuple(description.tolist()))
 
 
-def _decide_by_course(candidates: CandidateSet, look: SecondLook | None, gap: float, over_line: float) -> Judgement:
+def _decide_by_drift(candidates: CandidateSet, look: SecondLook | None, gap: float, over_line: float) -> Judgement:
     """The answer where repeats of the same grasps alone tell that something changes from grasp to grasp.
 
-    look: at the likeliest effect of the courses, None if there is none. The evidence of the courses says how probable
+    look: at the likeliest effect of the drifts, None if there is none. The evidence of the drifts says how probable
     each name is: noise and scatter of repeats are known, and no simulator has a part in it.
     """
-    shares, course = candidates.share_courses(), candidates.courses[0]
+    shares, drift = candidates.share_drifts(), candidates.drifts[0]
     name = shares.get(look.effect, 0.0) if look is not None else 0.0
     if look is not None and name >= _EVEN:
-        course = next(one for one in candidates.courses if one.effect == look.effect)
+        drift = next(one for one in candidates.drifts if one.effect == look.effect)
         decision = answer_effect(look, gap * name)
     else:
-        sentence = f"Something is missing that no effect of the catalogue explains: {course.words}."
+        sentence = f"Something is missing that no effect of the catalogue explains: {drift.words}."
         decision = Decision(kind="unknown", probability=gap * (1.0 - name), sentence=sentence)
-    update = {"course": course.words, "law": draw_course(candidates.base, course), "left_share": None}
+    update = {"drift": drift.words, "law": draw_drift(candidates.base, drift), "left_share": None}
     possible = tuple(effect or UNKNOWN for effect, share in shares.items() if share >= _NOT_EXCLUDED)
     decision = _with_possible(decision.model_copy(update=update), possible, candidates)
     return Judgement(decision, gap, over_line, name)

@@ -19,8 +19,8 @@ from fast.models.gap.naming.candidates import (
     score_patterns,
     top_candidates,
 )
-from fast.models.gap.naming.courses import compute_contrast_r2, rank_courses
 from fast.models.gap.naming.decide import CandidateSet, Judgement, decide
+from fast.models.gap.naming.drifts import compute_contrast_r2, rank_drifts
 from fast.models.gap.naming.rank_effects import EffectRanking, Separability, compute_separability, rank_effects
 from fast.models.gap.naming.second_look import SecondLook, look_again, look_at
 from fast.models.gap.naming.thresholds import Thresholds
@@ -81,8 +81,8 @@ def name_effect(
     tried = _try_candidates(fit, ranking)
     best = tried.best
     look = None
-    if tried.is_told_by_course(thresholds):
-        tried, look = _look_at_course(tried, ranking)
+    if tried.is_told_by_drift(thresholds):
+        tried, look = _look_at_drift(tried, ranking)
     elif best is not None and best.r2 > 0.0 and tried.measure_alarm(thresholds) > 1.0:
         look = look_again(fit, tried.score, ranking, best, names)
     judged = decide(tried, look, thresholds)
@@ -101,28 +101,28 @@ def name_effect(
 
 
 def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
-    """Everything that is tried on a fit: the most promising effects, patterns without a name, and courses."""
+    """Everything that is tried on a fit: the most promising effects, patterns without a name, and drifts."""
     score = score_fit(fit)
     singles = fit_candidates(fit, score, ranking, top_candidates(ranking))
     if singles:
         known = {single.effects[0] for single in singles}
         kin = [name for name in list_confusable(singles[0].effects[0]) if name in ranking.names and name not in known]
         singles = sorted([*singles, *fit_candidates(fit, score, ranking, kin)], key=lambda single: -single.r2)
-    courses = rank_courses(fit)
+    drifts = rank_drifts(fit)
     return CandidateSet(
         base=fit,
         score=score,
         singles=singles,
         patterns=score_patterns(fit, score),
-        courses=courses,
-        course_r2=compute_contrast_r2(fit, score, score_fit(courses[0].pattern.add_to(fit))) if courses else 0.0,
+        drifts=drifts,
+        drift_r2=compute_contrast_r2(fit, score, score_fit(drifts[0].pattern.add_to(fit))) if drifts else 0.0,
         names=ranking.names,
     )
 
 
-def _look_at_course(tried: CandidateSet, ranking: EffectRanking) -> tuple[CandidateSet, SecondLook | None]:
-    """The candidates with the likeliest effect of the courses among them, and a look at that; None without a name."""
-    effect = next(iter(tried.share_courses()))
+def _look_at_drift(tried: CandidateSet, ranking: EffectRanking) -> tuple[CandidateSet, SecondLook | None]:
+    """The candidates with the likeliest effect of the drifts among them, and a look at that; None without a name."""
+    effect = next(iter(tried.share_drifts()))
     if not effect:
         return tried, None
     found = next((single for single in tried.singles if single.effects == (effect,)), None)

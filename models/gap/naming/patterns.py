@@ -11,6 +11,7 @@ coefficients of an object may be alike. Prints differ in their modulus anyway, s
 over the lift.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -103,12 +104,16 @@ def rank_single_patterns(fit: Fit) -> list[Pattern]:
     return sorted(found, key=lambda pattern: -pattern.nats)
 
 
-def compute_log_evidence(fit: Fit) -> float:
-    """Log evidence of the columns of a fit, for its weights, but for a constant."""
-    flat = fit.columns.reshape(len(fit.columns), -1)
-    root = np.linalg.cholesky(flat @ flat.T + np.diag(fit.precision))
-    along = solve_triangular(root, flat @ fit.residual.ravel() - fit.pull, lower=True)
-    return float(0.5 * along @ along - np.log(np.diag(root)).sum() + 0.5 * np.log(fit.precision).sum())
+def compute_log_evidence(fits: Sequence[Fit]) -> np.ndarray:
+    """Log evidence of the columns of fits that differ by their precision alone, but for a constant; one for each."""
+    flat = fits[0].columns.reshape(len(fits[0].columns), -1)
+    gram, slopes = flat @ flat.T, flat @ fits[0].residual.ravel() - fits[0].pull
+    found = []
+    for fit in fits:
+        root = np.linalg.cholesky(gram + np.diag(fit.precision))
+        along = solve_triangular(root, slopes, lower=True)
+        found.append(0.5 * along @ along - np.log(np.diag(root)).sum() + 0.5 * np.log(fit.precision).sum())
+    return np.array(found)
 
 
 def list_variates(grasps: Grasps, steps_n: np.ndarray) -> list[tuple[str, np.ndarray]]:
@@ -162,7 +167,6 @@ def _weigh_groups(fit: Fit, change: np.ndarray, kind: Kind) -> Pattern:
 
 def weigh(fit: Fit, what: str, how: str, columns: np.ndarray, kind: Kind = "common") -> Pattern:
     """The pattern with its evidence, averaged over sizes."""
-    without = compute_log_evidence(fit)
-    nats = np.array([compute_log_evidence(fit.add_columns(columns, size)) - without for size in SIZES])
+    nats = compute_log_evidence([fit.add_columns(columns, size) for size in SIZES]) - compute_log_evidence([fit])
     mean = float(np.logaddexp.reduce(nats) - np.log(len(SIZES)))
     return Pattern(what, how, columns, mean, SIZES[int(np.argmax(nats))], kind)

@@ -19,7 +19,7 @@ class Thresholds(Record):
     tool has to exceed too: no law is exact.
     least_nats: evidence below which a pattern is none, or nothing changes from grasp to grasp, and between predictions
     of two effects that are told apart.
-    course_r2: share of the squares of contrasts of repeats that a course (`courses`) has to predict; no simulator makes
+    drift_r2: share of the squares of contrasts of repeats that a drift (`drifts`) has to predict; no simulator makes
     contrasts, so no size is asked for.
     temperature: of evidence in nats between effects.
 
@@ -43,7 +43,7 @@ class Thresholds(Record):
     pattern_size: float = 0.015
     law_share: float = 0.15
     least_nats: float = 3.0
-    course_r2: float = 0.01
+    drift_r2: float = 0.01
     temperature: float = 5.28
     none_logit: tuple[float, float] = (0.47, -0.278)
     alarm_logit: tuple[float, float] = (1.841, 3.319)

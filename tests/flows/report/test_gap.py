@@ -313,6 +313,24 @@ def test_what_an_alarm_does_not_exclude_is_said(
     assert answer.describe_notes(_round(named), False) == [note]
 
 
+def test_what_repeats_alone_tell_is_said_and_drawn(tmp_path: Path) -> None:
+    drift = "repeats of the same grasps differ, as if friction changed over the batch"
+    law = LawCurve(
+        quantity="friction over that at first",
+        state="grasps of the batch before",
+        at=(0.0, 50.0),
+        median=(1.0, 0.97),
+        low=(1.0, 0.96),
+        high=(1.0, 0.98),
+    )
+    named = Decision(kind="unknown", probability=0.8, drift=drift, law=law, sentence="Something is missing.")
+    (note,) = answer.describe_notes(_round(named), False)
+    assert note.startswith(f"Told by repeats alone: {drift}.")
+    page = write_gap_report(GapPage(_told(_round(named))), tmp_path, "X3").read_text(encoding="utf-8")
+    assert "What repeats tell of it, with its 90" in page
+    assert "law as the data have it" not in page
+
+
 def test_none_does_not_deny_what_a_test_sees() -> None:
     seen = WhereFinding(
         sentence="Less on the cube.", phase="peak", stratum="cube", effect_size_n=-0.6, ci90=(-0.7, -0.5)

@@ -30,7 +30,7 @@ class Said(Record):
     """One round: what was named, how sure, and all candidates' probabilities.
 
     over_line, looked_at, description: of `models.gap.naming.decide.Judgement`, and the effect that it looked at.
-    possible: of `models.gap.findings.Decision`; is_by_course: whether it rests on differences of repeats alone.
+    possible: of `models.gap.findings.Decision`; is_by_drift: whether it rests on differences of repeats alone.
     """
 
     kind: Literal["effect", "set", "none", "unknown"]
@@ -42,7 +42,7 @@ class Said(Record):
     looked_at: str = ""
     description: tuple[float, ...] = ()
     possible: tuple[str, ...] = ()
-    is_by_course: bool = False
+    is_by_drift: bool = False
 
 
 class Closing(Record):
@@ -153,7 +153,7 @@ def _said(result: "NamingResult") -> Said:
         looked_at="" if result.look is None else result.look.effect,
         description=tuple(round(value, _DIGITS) for value in judged.description),
         possible=named.possible,
-        is_by_course=bool(named.course),
+        is_by_drift=bool(named.drift),
     )
 
 

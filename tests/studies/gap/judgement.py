@@ -93,7 +93,7 @@ def fit_conformal(worlds: Sequence[Judged], base: "Thresholds") -> "Thresholds":
     for one in worlds:
         said = one.said.rounds[0]
         is_counted = one.key.group in ("single", "unlisted") and one.is_visible and one.said.is_alarm
-        if not is_counted or said.is_by_course:
+        if not is_counted or said.is_by_drift:
             continue
         name = base.judge_name(np.array(said.description)) if said.description else 0.0
         is_family = one.is_family_right(said.looked_at)

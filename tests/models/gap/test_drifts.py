@@ -1,4 +1,4 @@
-"""Courses: what changes from grasp to grasp is told by repeats alone, whatever the simulator gets wrong."""
+"""Drifts: what changes from grasp to grasp is told by repeats alone, whatever the simulator gets wrong."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,12 +10,12 @@ from fast.models.gap.data import GapData
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.grasps import Grasps
 from fast.models.gap.naming.candidates import score_fit
-from fast.models.gap.naming.courses import (
+from fast.models.gap.naming.drifts import (
     average_evidence,
     compute_contrast_r2,
-    draw_course,
+    draw_drift,
     find_batches,
-    rank_courses,
+    rank_drifts,
 )
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.naming.thresholds import Thresholds
@@ -72,13 +72,13 @@ def name(problem: GapData, names: tuple[str, ...] = LATE) -> NamingResult:
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
-def test_repeats_that_only_scatter_have_no_course(seed: int) -> None:
+def test_repeats_that_only_scatter_have_no_drift(seed: int) -> None:
     """Mesh, prints and placements differ from the simulator's; repeats scatter by 1 %."""
     fit = recalibrate(measure(seed=seed).training)
-    courses = rank_courses(fit)
+    drifts = rank_drifts(fit)
     score = score_fit(fit)
-    assert average_evidence(courses) < 1.0
-    assert compute_contrast_r2(fit, score, score_fit(courses[0].pattern.add_to(fit))) < 0.01
+    assert average_evidence(drifts) < 1.0
+    assert compute_contrast_r2(fit, score, score_fit(drifts[0].pattern.add_to(fit))) < 0.01
 
 
 @pytest.mark.parametrize(
@@ -86,16 +86,16 @@ def test_repeats_that_only_scatter_have_no_course(seed: int) -> None:
 )
 def test_what_changes_is_told(change: Callable[[GapData, np.ndarray], np.ndarray], quantity: str) -> None:
     fit = recalibrate(measure(change).training)
-    courses = rank_courses(fit)
-    assert courses[0].quantity == quantity
-    assert 3.0 < average_evidence(courses) < courses[0].nats
+    drifts = rank_drifts(fit)
+    assert drifts[0].quantity == quantity
+    assert 3.0 < average_evidence(drifts) < drifts[0].nats
 
 
 def test_what_falls_and_comes_back_is_drawn_as_that() -> None:
-    """No law of the catalogue comes back; within its band the course does, since it need not obey one."""
+    """No law of the catalogue comes back; within its band the drift does, since it need not obey one."""
     fit = recalibrate(measure(lambda problem, saw: close_less(problem, saw, 1.5)).training)
-    course = next(one for one in rank_courses(fit) if (one.quantity, one.clock) == ("closing", "batch"))
-    law = draw_course(fit, course)
+    drift = next(one for one in rank_drifts(fit) if (one.quantity, one.clock) == ("closing", "batch"))
+    law = draw_drift(fit, drift)
     assert law.quantity == "how far a jaw stays back, mm"
     assert law.state == "grasps of the batch before"
     at, median = np.array(law.at), np.array(law.median)
@@ -109,10 +109,10 @@ def test_what_falls_and_comes_back_is_drawn_as_that() -> None:
 def test_a_small_change_is_an_alarm_and_gets_the_name_of_its_quantity() -> None:
     """Of 1 % and less in the forces: too little for an effect, which solvers differ by as well."""
     found = name(measure(slip_more))
-    assert found.tried.is_told_by_course(Thresholds())
+    assert found.tried.is_told_by_drift(Thresholds())
     assert found.tried.measure_alarm(Thresholds()) > 1.0
     assert (found.named.kind, found.named.effects) == ("effect", ("friction_wear",))
-    assert found.named.course.startswith("repeats of the same grasps differ, as if friction changed")
+    assert found.named.drift.startswith("repeats of the same grasps differ, as if friction changed")
     assert found.named.law is not None
     assert found.named.law.quantity == "friction over that at first"
     assert found.named.probability == pytest.approx(found.judged.gap * found.judged.name)
@@ -127,16 +127,16 @@ def test_without_its_name_it_is_not_in_the_catalogue_and_told_in_words() -> None
     assert "unknown" in found.named.possible
 
 
-def test_what_an_effect_of_the_model_changes_is_no_other_course() -> None:
+def test_what_an_effect_of_the_model_changes_is_no_other_drift() -> None:
     problem = measure(slip_more)
     fit = recalibrate(problem.training, [EffectValue(effect="friction_wear")])
-    courses = rank_courses(fit)
-    assert all(course.effect != "friction_wear" for course in courses)
-    assert courses[0].nats < 3.0
+    drifts = rank_drifts(fit)
+    assert all(drift.effect != "friction_wear" for drift in drifts)
+    assert drifts[0].nats < 3.0
 
 
-def test_without_repeats_there_is_no_course() -> None:
-    assert rank_courses(recalibrate(made_up_gap(5, 5, 0, n_repeats=1).training)) == []
+def test_without_repeats_there_is_no_drift() -> None:
+    assert rank_drifts(recalibrate(made_up_gap(5, 5, 0, n_repeats=1).training)) == []
 
 
 def test_every_batch_counts_its_grasps_anew() -> None:

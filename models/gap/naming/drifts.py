@@ -1,6 +1,6 @@
 """What changes from grasp to grasp: what repeats of a cell differ by, in which no simulator has a part.
 
-Pressure falls and comes back, a tool wears, a finger warms up. A course says how much a quantity has changed at a time:
+Pressure falls and comes back, a tool wears, a finger warms up. A drift says how much a quantity has changed at a time:
 c ~ GP(0, size^2 k), with k a Matern kernel of order 3/2 along a clock. It need not obey any law. Only differences of
 repeats of a cell are looked at, whose mean is free: mesh, contact law, prints and placements are the same in all of
 them, so what honest simulators differ by does not count here, and much smaller changes can be told.
@@ -26,14 +26,14 @@ from fast.models.gap.naming.candidates import Score
 from fast.models.gap.naming.patterns import Pattern, weigh
 from fast.models.records import GraspContext
 
-LENGTHS = (10.0, 30.0, 100.0, 300.0)  # of a course, in grasps: all are tried
+LENGTHS = (10.0, 30.0, 100.0, 300.0)  # of a drift, in grasps: all are tried
 _REPEATS_LENGTH = 1.0
 _SPACING = 0.4  # of knots, in lengths
 _MOST_KNOTS = 60  # of a batch
 _STEP = 0.02  # of finite differences: relative, or mm
 _JITTER = 1e-6
 _Z90, _N_STATES = 1.645, 40
-_TEMPERATURE = 2.0  # of evidence in nats between courses
+_TEMPERATURE = 2.0  # of evidence in nats between drifts
 
 Field = Callable[[Fit], np.ndarray]
 
@@ -53,7 +53,7 @@ class Changing:
 
 @dataclass(frozen=True)
 class Clock:
-    """Along what a quantity changes. is_by_batch: every batch has a course of its own; else all tools have the same.
+    """Along what a quantity changes. is_by_batch: every batch has a drift of its own; else all tools have the same.
 
     words: when it changes; name: what the clock counts.
     """
@@ -65,17 +65,17 @@ class Clock:
     is_by_batch: bool = False
 
     def place(self, grasps: Grasps) -> tuple[np.ndarray, np.ndarray]:
-        """Which course each grasp is on, and where, n each."""
+        """Which drift each grasp is on, and where, n each."""
         at = np.array([self.read(context) for context in grasps.contexts], dtype=float)
         return (find_batches(grasps) if self.is_by_batch else np.zeros(len(at), dtype=int)), at
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Drift:
     """A quantity that changes along a clock, at a fit.
 
     pattern: with its evidence; its columns are 0 for means of cells. share: of the force that one unit of the quantity
-    changes. knots: of each course.
+    changes. knots: of each drift.
     """
 
     quantity: str
@@ -101,10 +101,10 @@ class Course:
         return f"repeats of the same grasps differ, {CHANGING[self.quantity].words} {CLOCKS[self.clock].words}"
 
 
-def rank_courses(fit: Fit) -> list[Course]:
-    """Courses of every quantity along every clock, the one with the greatest evidence first; none without repeats.
+def rank_drifts(fit: Fit) -> list[Drift]:
+    """Drifts of every quantity along every clock, the one with the greatest evidence first; none without repeats.
 
-    What an effect of the fit has not exactly the law of is no other course: such courses are free.
+    What an effect of the fit has not exactly the law of is no other drift: such drifts are free.
     """
     if fit.features.is_mean.all():
         return []
@@ -115,56 +115,56 @@ def rank_courses(fit: Fit) -> list[Course]:
     free = fit
     for name, clock in places:
         if _find_effect(name, clock) in own:
-            free = _weigh_course(fit, name, clock, fields[name]).pattern.add_to(free)
+            free = _weigh_drift(fit, name, clock, fields[name]).pattern.add_to(free)
     others = [place for place in places if _find_effect(*place) not in own]
-    courses = [_weigh_course(free, name, clock, fields[name]) for name, clock in others]
-    return sorted(courses, key=lambda course: -course.nats)
+    drifts = [_weigh_drift(free, name, clock, fields[name]) for name, clock in others]
+    return sorted(drifts, key=lambda drift: -drift.nats)
 
 
-def average_evidence(courses: Sequence[Course]) -> float:
-    """Log evidence that something changes from grasp to grasp, all courses as probable as each other.
+def average_evidence(drifts: Sequence[Drift]) -> float:
+    """Log evidence that something changes from grasp to grasp, all drifts as probable as each other.
 
-    The best of many courses has some evidence by chance; their mean has not.
+    The best of many drifts has some evidence by chance; their mean has not.
     """
-    nats = np.array([course.nats for course in courses])
-    return float(np.logaddexp.reduce(nats) - np.log(len(nats))) if courses else -np.inf
+    nats = np.array([drift.nats for drift in drifts])
+    return float(np.logaddexp.reduce(nats) - np.log(len(nats))) if drifts else -np.inf
 
 
 def compute_contrast_r2(fit: Fit, base: Score, other: Score) -> float:
     """Share of the squares of contrasts, for object classes left out, that the other explains. fit: of the base.
 
-    Tools are measured one after the other: nothing is known of a course at the grasps of a tool that is left out.
+    Tools are measured one after the other: nothing is known of a drift at the grasps of a tool that is left out.
     """
     rows = ~fit.features.is_mean
     before, after = base.by_class[rows], other.by_class[rows]
     return 1.0 - float((after**2).sum() / max((before**2).sum(), 1e-12))
 
 
-def share_evidence(courses: Sequence[Course], names: Collection[str]) -> dict[str, float]:
-    """Probability of each effect, and of "" for any other, if one of the courses is there; likeliest first.
+def share_evidence(drifts: Sequence[Drift], names: Collection[str]) -> dict[str, float]:
+    """Probability of each effect, and of "" for any other, if one of the drifts is there; likeliest first.
 
     names: effects that may be named.
     """
-    nats = np.array([course.nats for course in courses]) / _TEMPERATURE
+    nats = np.array([drift.nats for drift in drifts]) / _TEMPERATURE
     shares = np.exp(nats - nats.max())
     found: dict[str, float] = {}
-    for course, share in zip(courses, shares / shares.sum(), strict=True):
-        effect = course.effect if course.effect in names else ""
+    for drift, share in zip(drifts, shares / shares.sum(), strict=True):
+        effect = drift.effect if drift.effect in names else ""
         found[effect] = found.get(effect, 0.0) + float(share)
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def draw_course(fit: Fit, course: Course) -> LawCurve:
+def draw_drift(fit: Fit, drift: Drift) -> LawCurve:
     """How the quantity changed since the first grasp, with its 90 % band; of the batch with most grasps."""
-    changing, clock = CHANGING[course.quantity], CLOCKS[course.clock]
+    changing, clock = CHANGING[drift.quantity], CLOCKS[drift.clock]
     group, at = clock.place(fit.features.surrogate.grasps)
     longest = int(np.argmax(np.bincount(group)))
     states = np.linspace(at[group == longest].min(), at[group == longest].max(), _N_STATES)
-    freed = course.pattern.add_to(fit)
+    freed = drift.pattern.add_to(fit)
     place = len(fit.columns) - fit.n_effect_columns
-    place += sum(len(knots) for other, knots in course.knots.items() if other < longest)
-    basis = _make_basis(course.knots[longest], states, course.length)
-    basis = (basis - basis[:, :1]).T / course.share
+    place += sum(len(knots) for other, knots in drift.knots.items() if other < longest)
+    basis = _make_basis(drift.knots[longest], states, drift.length)
+    basis = (basis - basis[:, :1]).T / drift.share
     columns = slice(place, place + basis.shape[1])
     median = basis @ solve_step(freed)[columns]
     half = _Z90 * np.sqrt(((basis @ freed.deflated_covariance[columns, columns]) * basis).sum(axis=1))
@@ -194,8 +194,8 @@ def find_batches(grasps: Grasps) -> np.ndarray:
     return batch
 
 
-def _weigh_course(fit: Fit, quantity: str, clock: str, field: np.ndarray) -> Course:
-    """The course with its evidence, of the likelier length."""
+def _weigh_drift(fit: Fit, quantity: str, clock: str, field: np.ndarray) -> Drift:
+    """The drift with its evidence, of the likelier length."""
     grasps = fit.features.surrogate.grasps
     group, at = CLOCKS[clock].place(grasps)
     force = fit.predict_features()[:, :N_BINS]
@@ -210,8 +210,8 @@ def _weigh_course(fit: Fit, quantity: str, clock: str, field: np.ndarray) -> Cou
         columns = fit.features.whiten(np.concatenate(bases)[:, :, None] * field / max(share, 1e-12)) * fit.weight
         columns[:, fit.features.is_mean] = 0.0
         words = CHANGING[quantity].words, CLOCKS[clock].words
-        found.append(Course(quantity, clock, length, weigh(fit, *words, columns, "in time"), share, knots))
-    return max(found, key=lambda course: course.nats)
+        found.append(Drift(quantity, clock, length, weigh(fit, *words, columns, "in time"), share, knots))
+    return max(found, key=lambda drift: drift.nats)
 
 
 def _place_knots(at: np.ndarray, length: float) -> np.ndarray:
@@ -220,7 +220,7 @@ def _place_knots(at: np.ndarray, length: float) -> np.ndarray:
 
 
 def _make_basis(knots: np.ndarray, at: np.ndarray, length: float) -> np.ndarray:
-    """What each weight of unit variance adds to a course at places (n), k x n."""
+    """What each weight of unit variance adds to a drift at places (n), k x n."""
     length = max(length, _SPACING * float(knots[1] - knots[0]))
 
     def kernel(first: np.ndarray, second: np.ndarray) -> np.ndarray:

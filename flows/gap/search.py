@@ -31,7 +31,7 @@ from fast.tasks.campaign.simulator_versions import newest_calibrated
 from fast.tasks.gap.ask_settings import AskSettings
 from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, read_bank
 from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
-from fast.tasks.gap.data import MeasuredGrasps, check_units, make_data, read_grasps, split_measurements
+from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, make_data, read_grasps, split_measurements
 from fast.tasks.gap.findings import (
     GapRun,
     Start,
@@ -246,7 +246,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
     order, grasps, began = search.order, search.measured.grasps, time.monotonic() - simulator.spent_s
     bank = read_bank(lake, search.base, grasps.cells)
     data = make_data(search.measured, bank, search.split)
-    warnings = [*search.measured.warnings, *check_units(data), *_failed(data)]
+    warnings = [*search.measured.warnings, *check_units(data), *check_repeats(data.grasps), *_failed(data)]
     start = _find_start(lake, search)
     wide = SearchInputs(
         lake=lake,

@@ -118,6 +118,22 @@ def check_units(data: GapData) -> list[str]:
     return find_unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
 
 
+def check_repeats(grasps: Grasps) -> list[str]:
+    """A sentence where repeats cannot tell what changes slowly: there are none, or each follows the other."""
+    cells: dict[tuple[int, int], list[int]] = defaultdict(list)
+    for tool, obj, context in zip(grasps.tool.tolist(), grasps.obj.tolist(), grasps.contexts, strict=True):
+        cells[tool, obj].append(context.batch_grasps)
+    apart = [step for made in cells.values() for step in np.diff(sorted(made)).tolist()]
+    if not apart:
+        return ["No tool gripped an object twice: what changes from grasp to grasp cannot be seen; measure repeats."]
+    if np.median(apart) > 1:
+        return []
+    return [
+        "Repeats were made one right after the other: what changes slowly, such as pressure or wear, is hardly seen in "
+        'them; measure with `repeats_order = "interleaved"`.'
+    ]
+
+
 def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) -> MeasuredGrasps:
     """Measured grasps, or those of a smaller panel: the last good attempt of each repeat, with a usable trace.
 

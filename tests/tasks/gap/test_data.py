@@ -16,8 +16,9 @@ from fast.models.gap.data import GapData
 from fast.models.gap.grasps import Cells
 from fast.models.records import Trace
 from fast.tasks.gap.bank import list_bank_ids, plan_bank, read_bank
-from fast.tasks.gap.data import check_units, make_data, read_grasps, rebuild_contexts, split_measurements
+from fast.tasks.gap.data import check_repeats, check_units, make_data, read_grasps, rebuild_contexts, split_measurements
 from fast.tasks.gap.split import KIND, Split, freeze_split
+from tests.synthetic.gap import made_up_gap
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, bank_rows, gap_lake, measured_rows, plan_rows
 
@@ -52,6 +53,20 @@ def test_the_data_hold_every_grasp_with_its_bank(lake: Lake) -> None:
     assert data.held_out_objects.sum() == 1
     held = data.held_out_tools[grasps.tool] | data.held_out_objects[grasps.obj]
     np.testing.assert_array_equal(data.is_held_out, held)
+
+
+def test_repeats_that_tell_nothing_of_what_is_slow_are_pointed_out() -> None:
+    in_a_row = made_up_gap(3, 3, 0, n_repeats=2).grasps
+    (sentence,) = check_repeats(in_a_row)
+    assert sentence.startswith("Repeats were made one right after the other")
+    rounds = [
+        context.model_copy(update={"batch_grasps": 6 * int(tool) + 3 * context.repeat + int(obj)})
+        for tool, obj, context in zip(in_a_row.tool, in_a_row.obj, in_a_row.contexts, strict=True)
+    ]
+    assert check_repeats(replace(in_a_row, contexts=tuple(rounds))) == []
+    first = in_a_row.select(np.flatnonzero([context.repeat == 0 for context in in_a_row.contexts]))
+    (sentence,) = check_repeats(first)
+    assert sentence.startswith("No tool gripped an object twice")
 
 
 def test_forces_of_the_bank_are_those_of_its_versions(lake: Lake) -> None:

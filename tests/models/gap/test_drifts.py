@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fast.models.gap.bank.bank import DEEPER_MM
 from fast.models.gap.data import GapData
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.grasps import Grasps
@@ -67,6 +68,18 @@ def move_zero(problem: GapData, saw: np.ndarray) -> np.ndarray:
     return np.asarray(np.repeat(0.3 * saw[:, None], problem.grasps.steps_n.shape[1], axis=1))
 
 
+def soften(problem: GapData, saw: np.ndarray) -> np.ndarray:
+    """The modulus is lower by up to 8 %."""
+    return np.asarray(-0.08 * saw[:, None] * problem.surrogate.predict_steps(THETA))
+
+
+def raise_objects(problem: GapData, saw: np.ndarray) -> np.ndarray:
+    """Objects stand higher by up to 2 mm."""
+    grasps, placed_n = problem.grasps, problem.bank.placed_steps_n
+    per_mm = (placed_n[:, :, 1] - placed_n[:, :, 0]) / (DEEPER_MM[1] - DEEPER_MM[0])
+    return np.asarray(THETA[0] / 10.0 * 2.0 * saw[:, None] * per_mm[grasps.tool, grasps.obj])
+
+
 def name(problem: GapData, names: tuple[str, ...] = LATE) -> NamingResult:
     return name_effect(problem, (), catalogue=names)
 
@@ -82,7 +95,14 @@ def test_repeats_that_only_scatter_have_no_drift(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "quantity"), [(close_less, "closing"), (slip_more, "friction"), (move_zero, "zero")]
+    ("change", "quantity"),
+    [
+        (close_less, "closing"),
+        (slip_more, "friction"),
+        (move_zero, "zero"),
+        (soften, "modulus"),
+        (raise_objects, "height"),
+    ],
 )
 def test_what_changes_is_told(change: Callable[[GapData, np.ndarray], np.ndarray], quantity: str) -> None:
     fit = recalibrate(measure(change).training)

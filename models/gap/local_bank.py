@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from fast.models.gap.bank.bank import AMPLITUDES, LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
+from fast.models.gap.bank.bank import AMPLITUDES, CLOSED_LESS, LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
 from fast.models.gap.bank.effect_surfaces import find_amplitude, name_axes
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.naming.name import NamingResult
@@ -94,11 +94,15 @@ def move_bank(found: NamingResult, plan: BankPlan) -> BankPlan:
 
 
 def _list_effects(found: NamingResult) -> tuple[str, ...]:
-    """Simulated effects that are in the model, and the best of those that predict anything that was left out."""
+    """Simulated effects that are in the model, and the best of those that predict anything that was left out.
+
+    Where repeats tell that something changes, also jaws that stop early: that is one of the things that may change.
+    """
     known = {value.effect for fit in (found.fit, found.best) for value in fit.effects}
     tried = [row for row in found.candidates if row.effect in SIMULATED and (row.grouped_r2 or 0.0) > 0.0]
     credible = sorted(tried, key=lambda row: -(row.grouped_r2 or 0.0))[:MOST_EFFECTS]
-    return _merge(tuple(known), tuple(row.effect for row in credible))
+    drifting = (CLOSED_LESS,) if found.named.drift else ()
+    return _merge(tuple(known), tuple(row.effect for row in credible), drifting)
 
 
 def _merge(*effects: tuple[str, ...]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from fast.models.gap.findings import UNKNOWN, Decision
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead, compute_size
-from fast.models.gap.naming.drifts import Drift, average_evidence, draw_drift, share_evidence
+from fast.models.gap.naming.drifts import Drift, average_evidence, draw_drift, find_strongest, share_evidence
 from fast.models.gap.naming.families import WORDS, find_families, is_one_curve
 from fast.models.gap.naming.patterns import Pattern
 from fast.models.gap.naming.second_look import SecondLook
@@ -22,6 +22,7 @@ _ADVICE = {
 _EVEN = 0.5  # a name is said if it is more probable than not
 _CLEAR_LEAD = 3.3  # standard deviations of evidence: effects that the catalogue calls confusable are told apart
 _NOT_EXCLUDED = 0.1  # probability of an effect by its drift, below which it is excluded
+_TOLD_APART = 0.2  # of the evidence of a drift: another with less is told from it
 _NEARLY = 0.5  # of what the best effect predicts: another that explains less is not reported with it
 
 
@@ -120,7 +121,7 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
         sentence = "Nothing that designs, objects and repeats agree on is left."
         return Judgement(Decision(kind="none", probability=1.0 - gap, sentence=sentence), gap, over_line)
     if candidates.is_told_by_drift(thresholds):
-        return _decide_by_drift(candidates, look, gap, over_line)
+        return _decide_by_drift(candidates, look, thresholds, gap, over_line)
     if look is None:
         return Judgement(_with_possible(answer_unknown(candidates, gap), (UNKNOWN,), candidates), gap, over_line)
     chosen = choose_alike(look, candidates)
@@ -136,24 +137,41 @@ def decide(candidates: CandidateSet, look: SecondLook | None, thresholds: Thresh
     return Judgement(decision, gap, over_line, name, tuple(description.tolist()))
 
 
-def _decide_by_drift(candidates: CandidateSet, look: SecondLook | None, gap: float, over_line: float) -> Judgement:
+def _decide_by_drift(
+    candidates: CandidateSet, look: SecondLook | None, thresholds: Thresholds, gap: float, over_line: float
+) -> Judgement:
     """The answer where repeats of the same grasps alone tell that something changes from grasp to grasp.
 
-    look: at the likeliest effect of the drifts, None if there is none. The evidence of the drifts says how probable
-    each name is: noise and scatter of repeats are known, and no simulator has a part in it.
+    look: at the effect of the strongest drift, None if it has none. The evidence of the drifts says how probable
+    each name is.
     """
     shares, drift = candidates.share_drifts(), candidates.drifts[0]
-    name = shares.get(look.effect, 0.0) if look is not None else 0.0
+    chosen = _choose_drifting(look.effect, candidates, thresholds) if look is not None else []
+    name = sum(shares[effect] for effect in chosen)
     if look is not None and name >= _EVEN:
-        drift = next(one for one in candidates.drifts if one.effect == look.effect)
-        decision = answer_effect(look, gap * name)
+        drift = find_strongest(candidates.drifts, candidates.names)[look.effect]
+        decision = answer_effect(look, gap * name) if len(chosen) == 1 else answer_set(chosen, look, gap * name)
     else:
         sentence = f"Something is missing that no effect of the catalogue explains: {drift.words}."
         decision = Decision(kind="unknown", probability=gap * (1.0 - name), sentence=sentence)
     update = {"drift": drift.words, "law": draw_drift(candidates.base, drift), "left_share": None}
-    possible = tuple(effect or UNKNOWN for effect, share in shares.items() if share >= _NOT_EXCLUDED)
+    likely = [effect or UNKNOWN for effect, share in shares.items() if share >= _NOT_EXCLUDED]
+    possible = tuple(dict.fromkeys([*decision.effects, *likely]))
     decision = _with_possible(decision.model_copy(update=update), possible, candidates)
     return Judgement(decision, gap, over_line, name)
+
+
+def _choose_drifting(effect: str, candidates: CandidateSet, thresholds: Thresholds) -> list[str]:
+    """The effect, and those that the catalogue calls confusable with it whose drift alone would be an alarm, too.
+
+    One with a small part of its evidence is told apart. What a quantity changes is known from simulations at another
+    theta: that something changes is surer than what.
+    """
+    found = find_strongest(candidates.drifts, candidates.names)
+    kin = list_confusable(effect)
+    least_nats = max(thresholds.least_nats, _TOLD_APART * found[effect].nats)
+    others = [name for name, drift in found.items() if name in kin and drift.nats > least_nats]
+    return [effect, *others][:_LARGEST_SET]
 
 
 def list_possible(chosen: Sequence[str], name: float, thresholds: Thresholds) -> tuple[str, ...]:

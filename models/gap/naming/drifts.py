@@ -5,8 +5,8 @@ c ~ GP(0, size^2 k), with k a Matern kernel of order 3/2 along a clock. It need 
 repeats of a cell are looked at, whose mean is free: mesh, contact law, prints and placements are the same in all of
 them, so what honest simulators differ by does not count here, and much smaller changes can be told.
 
-Which quantity changes is told by how the change differs between tools, objects and phases of the lift. Along which
-clock it changes is told less well: within a tool's grasps all clocks run alike.
+Which quantity changes is told by how the change differs between tools, objects and phases of the lift, as the bank has
+it. Along which clock it changes is told less well: within a tool's grasps all clocks run alike.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -33,7 +33,7 @@ _MOST_KNOTS = 60  # of a batch
 _STEP = 0.02  # of finite differences: relative, or mm
 _JITTER = 1e-6
 _Z90, _N_STATES = 1.645, 40
-_TEMPERATURE = 2.0  # of evidence in nats between drifts
+_TEMPERATURE = 3.0  # of evidence in nats between drifts, whose fields are those of a bank
 
 Field = Callable[[Fit], np.ndarray]
 
@@ -152,6 +152,18 @@ def share_evidence(drifts: Sequence[Drift], names: Collection[str]) -> dict[str,
         effect = drift.effect if drift.effect in names else ""
         found[effect] = found.get(effect, 0.0) + float(share)
     return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def find_strongest(drifts: Sequence[Drift], names: Collection[str]) -> dict[str, Drift]:
+    """Of each effect that may be named the drift with the greatest evidence, the strongest effect first.
+
+    drifts: the strongest first.
+    """
+    found: dict[str, Drift] = {}
+    for drift in drifts:
+        if drift.effect in names:
+            found.setdefault(drift.effect, drift)
+    return found
 
 
 def draw_drift(fit: Fit, drift: Drift) -> LawCurve:

@@ -121,9 +121,9 @@ def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
 
 
 def _look_at_drift(tried: CandidateSet, ranking: EffectRanking) -> tuple[CandidateSet, SecondLook | None]:
-    """The candidates with the likeliest effect of the drifts among them, and a look at that; None without a name."""
-    effect = next(iter(tried.share_drifts()))
-    if not effect:
+    """The candidates with the effect of the strongest drift among them, and a look at that; None without a name."""
+    effect = tried.drifts[0].effect
+    if effect not in tried.names:
         return tried, None
     found = next((single for single in tried.singles if single.effects == (effect,)), None)
     if found is None:

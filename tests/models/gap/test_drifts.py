@@ -11,16 +11,19 @@ from fast.models.gap.data import GapData
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.grasps import Grasps
 from fast.models.gap.naming.candidates import score_fit
+from fast.models.gap.naming.decide import decide
 from fast.models.gap.naming.drifts import (
     average_evidence,
     compute_contrast_r2,
     draw_drift,
     find_batches,
+    find_strongest,
     rank_drifts,
 )
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import EffectValue, GraspContext
+from fast.models.simulation.effects.catalogue import list_confusable
 from tests.synthetic.gap import made_up_gap
 
 THETA = np.array([9.2, 0.66, 0.43])
@@ -131,12 +134,28 @@ def test_a_small_change_is_an_alarm_and_gets_the_name_of_its_quantity() -> None:
     found = name(measure(slip_more))
     assert found.tried.is_told_by_drift(Thresholds())
     assert found.tried.measure_alarm(Thresholds()) > 1.0
-    assert (found.named.kind, found.named.effects) == ("effect", ("friction_wear",))
+    assert found.named.effects[0] == "friction_wear"
     assert found.named.drift.startswith("repeats of the same grasps differ, as if friction changed")
     assert found.named.law is not None
     assert found.named.law.quantity == "friction over that at first"
     assert found.named.probability == pytest.approx(found.judged.gap * found.judged.name)
     assert "friction_wear" in found.named.possible
+
+
+def test_confusable_effects_with_evidence_of_their_own_are_reported_together() -> None:
+    found = name(measure(slip_more))
+    strength = {effect: drift.nats for effect, drift in find_strongest(found.tried.drifts, found.tried.names).items()}
+    assert max(strength, key=lambda effect: strength[effect]) == "friction_wear"
+    kin = list_confusable("friction_wear")
+    least = max(3.0, 0.2 * strength["friction_wear"])
+    alone = {effect for effect, nats in strength.items() if effect in kin and nats > least}
+    assert alone
+    assert set(found.named.effects) == {"friction_wear", *alone}
+    assert set(found.named.effects) <= set(found.named.possible)
+    sure = replace(found.tried, drifts=[one for one in found.tried.drifts if one.effect not in alone])
+    assert decide(sure, found.look, Thresholds()).decision.effects == ("friction_wear",)
+    other = replace(found.tried, drifts=[one for one in found.tried.drifts if one.quantity == "height"])
+    assert not other.is_told_by_drift(Thresholds())
 
 
 def test_without_its_name_it_is_not_in_the_catalogue_and_told_in_words() -> None:

@@ -8,7 +8,16 @@ import pytest
 
 from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from fast.models.calibration.traces.theta_grid import ThetaGrid
-from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, SIMULATED, WIDE, BankPlan, carry_changes, list_versions
+from fast.models.gap.bank.bank import (
+    AMPLITUDES,
+    CENTRE,
+    CLOSED_LESS,
+    SIMULATED,
+    WIDE,
+    BankPlan,
+    carry_changes,
+    list_versions,
+)
 from fast.models.gap.data import GapData
 from fast.models.gap.findings import Candidate
 from fast.models.gap.fit.recalibrate import recalibrate
@@ -37,13 +46,13 @@ def friction(kinetic_ratio: float, slip_scale_mm: float) -> EffectValue:
     return EffectValue(effect="static_kinetic_friction", parameters=parameters)
 
 
-def naming(base: Any, best: Any, r2: dict[str, float]) -> Any:
+def naming(base: Any, best: Any, r2: dict[str, float], drift: str = "") -> Any:
     """What the choice of a bank looks at."""
     rows = [
         Candidate(effect=name, probability=0.1, held_out_gain_nats=1.0, held_out_rmse_change=0.0, grouped_r2=value)
         for name, value in r2.items()
     ]
-    return SimpleNamespace(fit=base, best=best, candidates=tuple(rows))
+    return SimpleNamespace(fit=base, best=best, candidates=tuple(rows), named=SimpleNamespace(drift=drift))
 
 
 def test_the_wide_bank_is_the_default() -> None:
@@ -123,6 +132,8 @@ def test_only_credible_effects_are_simulated_again_and_those_of_the_model() -> N
     assert set(plan.effects) == {"shear_adhesion", "rib_imperfection", "static_kinetic_friction"}
     many = choose_bank(naming(fit(THETA), fit(THETA), {name: 0.1 + 0.01 * i for i, name in enumerate(SIMULATED)}))
     assert set(many.effects) == set(SIMULATED[-MOST_EFFECTS:])  # falling pressure among them
+    drifting = choose_bank(naming(fit(THETA), fit(THETA), {"shear_adhesion": 0.1}, "repeats differ"))
+    assert set(drifting.effects) == {"shear_adhesion", CLOSED_LESS}
 
 
 def test_a_later_round_adds_effects_and_the_bank_moves_only_if_theta_leaves_it() -> None:

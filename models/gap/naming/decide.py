@@ -66,10 +66,6 @@ class CandidateSet:
         """Whether there is an alarm by what repeats of the same grasps differ by, and by nothing else."""
         return self._measure_effects(thresholds) <= 1.0 < self._measure_drift(thresholds)
 
-    def share_drifts(self) -> dict[str, float]:
-        """Probability of each effect by the evidence of the drifts, and of "" for any other; likeliest first."""
-        return share_evidence(self.drifts, self.names)
-
     def _measure_drift(self, thresholds: Thresholds) -> float:
         is_seen = average_evidence(self.drifts) > thresholds.least_nats
         return self.drift_r2 / thresholds.drift_r2 if is_seen else 0.0
@@ -145,7 +141,8 @@ def _decide_by_drift(
     look: at the effect of the strongest drift, None if it has none. The evidence of the drifts says how probable
     each name is.
     """
-    shares, drift = candidates.share_drifts(), candidates.drifts[0]
+    shares = share_evidence(candidates.drifts, candidates.names, thresholds.temperature)
+    drift = candidates.drifts[0]
     chosen = _choose_drifting(look.effect, candidates, thresholds) if look is not None else []
     name = sum(shares[effect] for effect in chosen)
     if look is not None and name >= _EVEN:

@@ -33,7 +33,6 @@ _MOST_KNOTS = 60  # of a batch
 _STEP = 0.02  # of finite differences: relative, or mm
 _JITTER = 1e-6
 _Z90, _N_STATES = 1.645, 40
-_TEMPERATURE = 3.0  # of evidence in nats between drifts, whose fields are those of a bank
 
 Field = Callable[[Fit], np.ndarray]
 
@@ -140,12 +139,12 @@ def compute_contrast_r2(fit: Fit, base: Score, other: Score) -> float:
     return 1.0 - float((after**2).sum() / max((before**2).sum(), 1e-12))
 
 
-def share_evidence(drifts: Sequence[Drift], names: Collection[str]) -> dict[str, float]:
+def share_evidence(drifts: Sequence[Drift], names: Collection[str], temperature: float) -> dict[str, float]:
     """Probability of each effect, and of "" for any other, if one of the drifts is there; likeliest first.
 
-    names: effects that may be named.
+    names: effects that may be named. temperature: of evidence in nats.
     """
-    nats = np.array([drift.nats for drift in drifts]) / _TEMPERATURE
+    nats = np.array([drift.nats for drift in drifts]) / temperature
     shares = np.exp(nats - nats.max())
     found: dict[str, float] = {}
     for drift, share in zip(drifts, shares / shares.sum(), strict=True):

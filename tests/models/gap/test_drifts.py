@@ -19,6 +19,7 @@ from fast.models.gap.naming.drifts import (
     find_batches,
     find_strongest,
     rank_drifts,
+    share_evidence,
 )
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.naming.thresholds import Thresholds
@@ -87,6 +88,11 @@ def name(problem: GapData, names: tuple[str, ...] = LATE) -> NamingResult:
     return name_effect(problem, (), catalogue=names)
 
 
+@pytest.fixture(scope="module")
+def slipping() -> NamingResult:
+    return name(measure(slip_more))
+
+
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_repeats_that_only_scatter_have_no_drift(seed: int) -> None:
     """Mesh, prints and placements differ from the simulator's; repeats scatter by 1 %."""
@@ -98,20 +104,55 @@ def test_repeats_that_only_scatter_have_no_drift(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "quantity"),
+    ("change", "quantity", "most"),
     [
-        (close_less, "closing"),
-        (slip_more, "friction"),
-        (move_zero, "zero"),
-        (soften, "modulus"),
-        (raise_objects, "height"),
+        (close_less, "closing", 1.0),
+        (slip_more, "friction", -0.12),
+        (move_zero, "zero", 0.3),
+        (soften, "modulus", -0.08),
+        (raise_objects, "height", 2.0),
     ],
 )
-def test_what_changes_is_told(change: Callable[[GapData, np.ndarray], np.ndarray], quantity: str) -> None:
+def test_what_changes_is_told_and_by_how_much(
+    change: Callable[[GapData, np.ndarray], np.ndarray], quantity: str, most: float
+) -> None:
     fit = recalibrate(measure(change).training)
     drifts = rank_drifts(fit)
     assert drifts[0].quantity == quantity
     assert 3.0 < average_evidence(drifts) < drifts[0].nats
+    law = draw_drift(fit, next(one for one in drifts if (one.quantity, one.clock) == (quantity, "batch")))
+    true = most * (np.array(law.at) % PERIOD) / PERIOD
+    assert 0.5 < np.polyfit(true, law.median, 1)[0] < 1.3  # in the unit of the quantity; what is little is drawn less
+
+
+def test_shares_of_evidence_are_probabilities(slipping: NamingResult) -> None:
+    drifts, names = slipping.tried.drifts, slipping.tried.names
+    shares = share_evidence(drifts, names, 5.0)
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert list(shares.values()) == sorted(shares.values(), reverse=True)
+    assert next(iter(shares)) == "friction_wear"
+    assert share_evidence(drifts, names, 1.0)["friction_wear"] > shares["friction_wear"]
+    assert share_evidence(drifts, (), 5.0) == {"": pytest.approx(1.0)}
+
+
+def test_batches_drift_apart() -> None:
+    """The zero moves up in the first batch and down in the second: a drift of each, drawn for the larger."""
+    problem = measure()
+    grasps = problem.grasps
+    per_batch = 4 * 3 * len(grasps.objects)
+    anew = tuple(c.model_copy(update={"batch_grasps": c.batch_grasps % per_batch}) for c in grasps.contexts)
+    sign = np.where(grasps.tool < 4, 1.0, -1.0)
+    zero_n = sign * 0.5 * np.array([context.batch_grasps for context in anew]) / per_batch
+    moved = replace(grasps, contexts=anew, steps_n=grasps.steps_n + zero_n[:, None])
+    fit = recalibrate(replace(problem, grasps=moved).training)
+    best = rank_drifts(fit)[0]
+    assert (best.quantity, best.clock, len(best.knots)) == ("zero", "batch", 2)
+    larger = draw_drift(fit, best)
+    assert larger.at[-1] == per_batch - 1
+    assert 0.25 < larger.median[-1] < 0.7
+    with_lag = recalibrate(replace(problem, grasps=moved).training, [EffectValue(effect="load_cell_lag")])
+    again = draw_drift(with_lag, rank_drifts(with_lag)[0])
+    np.testing.assert_allclose(again.median, larger.median, atol=0.1)
 
 
 def test_what_falls_and_comes_back_is_drawn_as_that() -> None:
@@ -129,9 +170,9 @@ def test_what_falls_and_comes_back_is_drawn_as_that() -> None:
     assert inside.mean() > 0.7
 
 
-def test_a_small_change_is_an_alarm_and_gets_the_name_of_its_quantity() -> None:
+def test_a_small_change_is_an_alarm_and_gets_the_name_of_its_quantity(slipping: NamingResult) -> None:
     """Of 1 % and less in the forces: too little for an effect, which solvers differ by as well."""
-    found = name(measure(slip_more))
+    found = slipping
     assert found.tried.is_told_by_drift(Thresholds())
     assert found.tried.measure_alarm(Thresholds()) > 1.0
     assert found.named.effects[0] == "friction_wear"
@@ -142,8 +183,8 @@ def test_a_small_change_is_an_alarm_and_gets_the_name_of_its_quantity() -> None:
     assert "friction_wear" in found.named.possible
 
 
-def test_confusable_effects_with_evidence_of_their_own_are_reported_together() -> None:
-    found = name(measure(slip_more))
+def test_confusable_effects_with_evidence_of_their_own_are_reported_together(slipping: NamingResult) -> None:
+    found = slipping
     strength = {effect: drift.nats for effect, drift in find_strongest(found.tried.drifts, found.tried.names).items()}
     assert max(strength, key=lambda effect: strength[effect]) == "friction_wear"
     kin = list_confusable("friction_wear")

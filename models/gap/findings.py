@@ -87,7 +87,8 @@ class Decision(Record):
     `left_share`: of what the answer explains, what another effect or a model without a name would still explain.
     `law`: of the first effect. `possible`: of a first alarm, the effects, or "unknown", that are not excluded: in
     made-up worlds of each kind of truth, nine in ten alarms had it among these. `drift`: what repeats of the same
-    grasps differ by, in words, where the answer rests on that alone; `law` is then the drift.
+    grasps differ by, in words, where the answer rests on that alone; `law` is then the drift, and `possible` what has a
+    probability of a tenth by the evidence of drifts.
     """
 
     kind: Literal["effect", "set", "none", "unknown"]

@@ -153,9 +153,9 @@ class Surrogate:
         for value in from_bank:
             against = stiffer / self._air_share if value.effect == FORCE_LIMITED_CLOSING.effect else stiffer
             change_n = self.effect_surfaces[value.effect].change_n(value.parameters, against, tool, self.column)
-            steps = steps + _with_own_lead(change_n)
+            steps = steps + with_own_lead(change_n)
         if memory.wider_mm.any():
-            steps = steps + _with_own_lead(self._wider(memory.wider_mm))
+            steps = steps + with_own_lead(self._wider(memory.wider_mm))
         if self.moved_n is not None:
             steps = steps + self.moved_n
         steps = steps * stiffer[:, None]
@@ -199,7 +199,7 @@ class Surrogate:
         return np.asarray((1.0 - part) * self.wider_n[tool, column, low] + part * self.wider_n[tool, column, low + 1])
 
 
-def _with_own_lead(change_n: np.ndarray) -> np.ndarray:
+def with_own_lead(change_n: np.ndarray) -> np.ndarray:
     """Changes of step means (n x 120) with those of the end of closing, n x 132."""
     return np.concatenate([np.repeat(change_n[:, :1], N_LEAD, axis=1), change_n], axis=1)
 

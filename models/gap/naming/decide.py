@@ -99,7 +99,7 @@ class Judgement:
     """An answer and its probabilities: that there is a gap, and that the name is right if there is one.
 
     over_line: `CandidateSet.measure_alarm`. description: of the effect looked at, see `SecondLook.describe`; empty
-    without an alarm.
+    without an alarm, and where drifts decide.
     """
 
     decision: Decision

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fast.models.gap.bank.bank import CLOSED_LESS, DEEPER_MM
-from fast.models.gap.bank.sensor_effects import N_LEAD
-from fast.models.gap.bank.surrogate import N_BINS
+from fast.models.gap.bank.surrogate import N_BINS, with_own_lead
 from fast.models.gap.findings import LawCurve
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import solve_step
@@ -103,7 +102,8 @@ class Drift:
 def rank_drifts(fit: Fit) -> list[Drift]:
     """Drifts of every quantity along every clock, the one with the greatest evidence first; none without repeats.
 
-    What an effect of the fit has not exactly the law of is no other drift: such drifts are free.
+    Where an effect of the fit changes a quantity, its law is never exact: what is left of it is fitted along, and is no
+    drift of its own.
     """
     if fit.features.is_mean.all():
         return []
@@ -166,7 +166,7 @@ def find_strongest(drifts: Sequence[Drift], names: Collection[str]) -> dict[str,
 
 
 def draw_drift(fit: Fit, drift: Drift) -> LawCurve:
-    """How the quantity changed since the first grasp, with its 90 % band; of the batch with most grasps."""
+    """How the quantity changed since the first grasp, in the batch with most grasps, with its 90 % band."""
     changing, clock = CHANGING[drift.quantity], CLOCKS[drift.clock]
     group, at = clock.place(fit.features.surrogate.grasps)
     longest = int(np.argmax(np.bincount(group)))
@@ -221,7 +221,7 @@ def _weigh_drift(fit: Fit, quantity: str, clock: str, field: np.ndarray) -> Drif
         columns = fit.features.whiten(np.concatenate(bases)[:, :, None] * field / max(share, 1e-12)) * fit.weight
         columns[:, fit.features.is_mean] = 0.0
         words = CHANGING[quantity].words, CLOCKS[clock].words
-        found.append(Drift(quantity, clock, length, weigh(fit, *words, columns, "in time"), share, knots))
+        found.append(Drift(quantity, clock, length, weigh(fit, *words, columns), share, knots))
     return max(found, key=lambda drift: drift.nats)
 
 
@@ -257,7 +257,7 @@ def _by_theta(place: int) -> Field:
 def _by_moved(fit: Fit, change_n: np.ndarray) -> np.ndarray:
     """What a change of step means per mm (m x 120), at the bank's modulus, changes in features."""
     surrogate = fit.features.surrogate
-    moved_n = _STEP * np.concatenate([np.repeat(change_n[:, :1], N_LEAD, axis=1), change_n], axis=1)
+    moved_n = _STEP * with_own_lead(change_n)
     known_n = 0.0 if surrogate.moved_n is None else surrogate.moved_n
     moved = replace(surrogate, moved_n=known_n + moved_n)
     return np.asarray(

@@ -35,8 +35,8 @@ class NamingResult:
     judged: the decision and its probabilities. candidates: `none`, `unknown` and every effect that was fitted, by what
     it predicts; their probabilities sum to 1. theta (3) and fit: with what was in the model, calibrated again; best:
     with the named effect or the first of a set, or `fit`. tried: what was fitted and scored; look: at the best of them,
-    if there is an alarm. dropped: effects of the model that explain nothing any more. separability: what these data can
-    tell apart at all.
+    or at the effect of the strongest drift, if that is an alarm. dropped: effects of the model that explain nothing any
+    more. separability: what these data can tell apart at all.
     """
 
     judged: Judgement

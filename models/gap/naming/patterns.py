@@ -31,7 +31,7 @@ ALIKE = (0.0, 0.9)  # correlations of an object's coefficients along the lift th
 _LEAST_SD = 1e-9
 _FACTOR = "a factor on the force"
 
-Kind = Literal["common", "by object", "by tool", "in time"]
+Kind = Literal["common", "by object", "by tool"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -197,7 +197,8 @@ def _describe_possible(named: Decision) -> list[str]:
     families = list(dict.fromkeys(WORDS.get(name, describe_effect(name)) for name in named.possible if name != UNKNOWN))
     if not named.possible:
         return []
+    excluded = "less than 10 % probable" if named.drift else "excluded at 90 %"  # drifts have no conformal set
     if named.effects:
-        can_be = "still possible" if UNKNOWN in named.possible else "excluded at 90 %"
+        can_be = "still possible" if UNKNOWN in named.possible else excluded
         return [f"A cause that is not in the catalogue is {can_be}."]
-    return [f"Still possible: {' or '.join(families)}." if families else "All of the catalogue is excluded at 90 %."]
+    return [f"Still possible: {' or '.join(families)}." if families else f"All of the catalogue is {excluded}."]

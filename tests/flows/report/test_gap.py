@@ -326,6 +326,8 @@ def test_what_repeats_alone_tell_is_said_and_drawn(tmp_path: Path) -> None:
     named = Decision(kind="unknown", probability=0.8, drift=drift, law=law, sentence="Something is missing.")
     (note,) = answer.describe_notes(_round(named), False)
     assert note.startswith(f"Told by repeats alone: {drift}.")
+    possible = named.model_copy(update={"possible": ("unknown",)})
+    assert answer.describe_notes(_round(possible), False)[1] == "All of the catalogue is less than 10 % probable."
     page = write_gap_report(GapPage(_told(_round(named))), tmp_path, "X3").read_text(encoding="utf-8")
     assert "What repeats tell of it, with its 90" in page
     assert "law as the data have it" not in page

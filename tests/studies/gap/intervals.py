@@ -134,7 +134,7 @@ class OwnWorld:
     @cached_property
     def problem(self) -> GapData:
         """The gap problem of this world, of true grasps that are solved now if the effect acts in them."""
-        lab, panels = self.worlds.lab(self.key), self.worlds.panels
+        lab, panels = self.worlds.lab(self.key), self.worlds.of(self.key).panels
         if self.value.effect not in AMPLITUDES:
             traces = lab.measure(panels.truth(self.key.base, 1.0), [OwnLaw(self.value)])
         else:
@@ -148,11 +148,12 @@ class OwnWorld:
 
     def _solve_cells(self) -> dict[tuple[int, int], Variants]:
         found, (modulus_mpa, friction, ratio) = {}, self.theta
-        for tool, design in enumerate(self.worlds.panels.designs):
+        panels = self.worlds.of(self.key).panels
+        for tool, design in enumerate(panels.designs):
             draw = tool_draws(seed_from("true tool", design), 0xE, 1)[0]
             print_factor = 1.0 if self._scales else float(np.exp(TOOL_MODULUS_SD * draw))
             theta = Theta(young_modulus_mpa=modulus_mpa * print_factor, friction=friction, poisson_ratio=ratio)
-            for obj, object_id in enumerate(self.worlds.panels.objects):
+            for obj, object_id in enumerate(panels.objects):
                 try:
                     grasp = TrueGrasp(theta=theta, design=design, object_id=object_id)
                     found[tool, obj] = Variants(solve_with(grasp, [build_effect(self.value)]).trace)

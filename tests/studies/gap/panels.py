@@ -1,7 +1,7 @@
 """Panels of true grasps by name, what worlds are made of, and how strong a hidden effect is in them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -19,6 +19,16 @@ from tests.studies.hidden.truth import hidden_law, tool_modulus_factor
 LEAST_SHARE = 0.97  # of a panel that must have been solved before worlds are made of it
 _FLOOR, _TOOL_SD = 0.01, 0.04
 _BIN = 4  # steps
+
+# Of a bank, by tool and target.
+ARRAYS = (
+    "grid_steps_n",
+    "grid_lead_n",
+    "centre_steps_n",
+    "numerical_steps_n",
+    "placed_steps_n",
+    "wider_steps_n",
+)
 
 Cells = Mapping[tuple[int, int], Trace]  # by numbers of tool and object in the panel
 
@@ -55,6 +65,20 @@ class Panels:
         if not panels.bases:
             raise UsageError(f"{path} holds no complete base of true grasps; the study `gap-truth` makes them.")
         return panels
+
+    def part(self, designs: Sequence[int], objects: Sequence[int]) -> "Panels":
+        """These designs and objects (numbers) alone, in this order."""
+        tools = {self.designs.index(number): place for place, number in enumerate(designs)}
+        columns = {self.objects.index(number): place for place, number in enumerate(objects)}
+        cells = {
+            name: {
+                (tools[tool], columns[obj]): trace
+                for (tool, obj), trace in known.items()
+                if tool in tools and obj in columns
+            }
+            for name, known in self.cells.items()
+        }
+        return Panels(tuple(designs), tuple(objects), self.sets, cells)
 
     @property
     def bases(self) -> tuple[str, ...]:
@@ -130,6 +154,17 @@ class Panels:
         for place, trace in cells.items():
             steps[place] = _steps_of(trace)
         return steps
+
+
+def take_cells(bank: Bank, tools: Sequence[int], columns: Sequence[int]) -> Bank:
+    """The bank of these tools and targets (numbers in it) alone, in this order."""
+
+    def take(of_cells: np.ndarray) -> np.ndarray:
+        return np.asarray(of_cells[np.ix_(tools, columns)])
+
+    arrays = {name: take(getattr(bank, name)) for name in ARRAYS}
+    effects = {name: replace(runs, steps_n=take(runs.steps_n)) for name, runs in bank.effects.items()}
+    return replace(bank, targets=tuple(bank.targets[column] for column in columns), effects=effects, **arrays)
 
 
 def _steps_of(trace: Trace) -> np.ndarray:

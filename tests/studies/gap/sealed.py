@@ -8,7 +8,7 @@ writes `sealed-answers.jsonl` with a hash of each answer. *Judge*: checks every 
 import hashlib
 import secrets
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 
@@ -32,6 +32,8 @@ from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import results_folder
 from tests.studies.gap.worlds import MODULI_MPA, Group, WorldKey, Worlds
 from tests.synthetic.gap import of_one_setup
+
+BankOf = Callable[[Sequence[int], Sequence[int]], Bank]
 
 # Banks around fitted thetas lie on a lattice of Young's modulus; worlds of one lot of material share them.
 ONE_LOT_MPA = (8.8, 9.3)
@@ -78,15 +80,16 @@ def measure_gap_sealed(options: Options) -> Tables:
     folder = results_folder(options)
     thresholds = Thresholds()
     panels, bank = open_panels(folder)
+    known = Worlds(panels, bank, "")  # draws nothing
     banks = None if options.workers is None else LocalBanks.of(folder, options.workers)
     if not (folder / "sealed.jsonl").exists():
         moduli_mpa = MODULI_MPA if banks is None else ONE_LOT_MPA
         worlds = Worlds(panels, bank, secrets.token_hex(16), moduli_mpa)
         seal(worlds, folder, thresholds_id(thresholds), options)
-    answer_all(folder, bank, banks, thresholds, options)
+    answer_all(folder, known.bank_of, banks, thresholds, options)
     judged(folder)  # no key is opened before every hash is checked
-    ask_without_truth(folder, bank, banks, thresholds, options)
-    twins = _measure_twins(folder, Worlds(panels, bank, ""), banks, thresholds, options)
+    ask_without_truth(folder, known.bank_of, banks, thresholds, options)
+    twins = _measure_twins(folder, known, banks, thresholds, options)
     found = [replace(one, twin_n=twins.get(one.key.world_id)) for one in judged(folder)]
     return gap_tables([*found, *left_out(folder)])
 
@@ -126,13 +129,14 @@ def seal(worlds: Worlds, folder: Path, lines: str, options: Options) -> None:
             group, of_group = wanted[int(number)]
             name = f"world-{place:03d}"
             key = SealedKey(world=name, salt=secrets.token_hex(16), key=worlds.draw(group, of_group))
-            write_problem(folder / "sealed" / f"{name}.npz", worlds.problem(key.key), worlds.panels.designs)
+            designs = worlds.of(key.key).panels.designs
+            write_problem(folder / "sealed" / f"{name}.npz", worlds.problem(key.key), designs)
             keys.append(key)
             public.append(Sealed(world=name, key_hash=key.key_hash, lines=lines, code=naming_code()))
             options.tell(f"{name} sealed, {key.key_hash[:12]}")
 
 
-def answer_all(folder: Path, bank: Bank, banks: LocalBanks | None, thresholds: Thresholds, options: Options) -> None:
+def answer_all(folder: Path, bank_of: BankOf, banks: LocalBanks | None, thresholds: Thresholds, options: Options) -> None:
     """Answer every sealed world once, from its data alone.
 
     Raises:
@@ -149,13 +153,13 @@ def answer_all(folder: Path, bank: Bank, banks: LocalBanks | None, thresholds: T
                 raise UsageError(
                     f"{one.world} was sealed for other lines or code; move the sealed files away and seal new worlds."
                 )
-            said = answer(read_problem(folder / "sealed" / f"{one.world}.npz", bank), thresholds, banks=banks)
+            said = answer(read_problem(folder / "sealed" / f"{one.world}.npz", bank_of), thresholds, banks=banks)
             file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
             options.tell(f"{one.world}: {said.rounds[0].kind}, {said.cpu_s:.1f} s")
 
 
 def ask_without_truth(
-    folder: Path, bank: Bank, banks: LocalBanks | None, thresholds: Thresholds, options: Options
+    folder: Path, bank_of: BankOf, banks: LocalBanks | None, thresholds: Thresholds, options: Options
 ) -> None:
     """Ask answered worlds with one effect again, the effect taken out of the catalogue; their keys are open by now."""
     path = folder / "sealed-left-out.jsonl"
@@ -167,7 +171,7 @@ def ask_without_truth(
             key = keys[one.world].key
             if key.group != "single" or one.world in known or time.monotonic() > end:
                 continue
-            problem = read_problem(folder / "sealed" / f"{one.world}.npz", bank)
+            problem = read_problem(folder / "sealed" / f"{one.world}.npz", bank_of)
             said = answer(problem, thresholds, without=key.names, max_rounds=1, banks=banks)
             file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
             options.tell(f"{one.world} without its effect: {said.rounds[0].kind}")
@@ -220,8 +224,8 @@ def write_problem(path: Path, problem: GapData, designs: Sequence[int]) -> None:
     )
 
 
-def read_problem(path: Path, bank: Bank) -> GapData:
-    """The problem of a file of `write_problem`."""
+def read_problem(path: Path, bank_of: BankOf) -> GapData:
+    """The problem of a file of `write_problem`. bank_of: the bank of designs and objects (numbers)."""
     with np.load(path) as file:
         data = {name: file[name] for name in file.files}
     names = list(GraspContext.model_fields)
@@ -243,4 +247,5 @@ def read_problem(path: Path, bank: Bank) -> GapData:
         noise=SensorNoise(**dict(zip([f.name for f in fields(SensorNoise)], data["noise"].tolist(), strict=True))),
         **of_one_setup(len(contexts)),
     )
+    bank = bank_of(data["designs"].tolist(), data["objects"].tolist())
     return GapData(grasps, bank, data["held_out_tools"], data["held_out_objects"])

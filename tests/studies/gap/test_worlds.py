@@ -9,11 +9,13 @@ import pytest
 
 from fast.flows.benchmarks.base import Options
 from fast.lake.store import Lake
+from fast.models.design.space import numbered_design
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank, BankPlan
 from fast.models.gap.data import GapData
 from fast.models.gap.naming.families import WORDS
 from fast.models.gap.naming.thresholds import Thresholds
+from fast.models.objects.catalogue import get_object
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import measure_gap, with_known_fields
@@ -24,7 +26,7 @@ from tests.studies.gap.panels import Panels, raw_strength, visible_share
 from tests.studies.gap.sealed import SealedKey, judged, measure_gap_sealed, read_problem, seal, write_problem
 from tests.studies.gap.small import read_small, write_small
 from tests.studies.gap.tables import clopper_pearson, gap_tables
-from tests.studies.gap.truth import LAWS, Panel
+from tests.studies.gap.truth import LAWS, MODULUS_MPA, Panel
 from tests.studies.gap.worlds import UNLISTED, Hidden, WorldKey, Worlds
 from tests.studies.hidden.lab_laws import LAB_LAWS
 
@@ -72,6 +74,34 @@ def test_a_seed_always_draws_the_same_world_and_another_draws_another(worlds: Wo
     assert first.held_out_tools.sum() == first.held_out_objects.sum() == 2
 
 
+def test_worlds_of_a_larger_panel_have_designs_and_objects_of_their_own(
+    small: tuple[Panels, Bank], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Traces, prints, bank and what is hidden are theirs, also after the file."""
+    monkeypatch.setattr("tests.studies.gap.worlds.N_DESIGNS", 6)
+    monkeypatch.setattr("tests.studies.gap.worlds.N_OBJECTS", 5)
+    panels, bank = small
+    worlds = Worlds(panels, bank, seed=5)
+    key, other = worlds.draw("null", 0), worlds.draw("null", 1)
+    assert {key.designs, key.objects} & {other.designs, other.objects} == set()
+    assert (len(set(key.designs)), len(set(key.objects))) == (6, 5)
+    problem = worlds.problem(worlds.with_effect(key, "load_cell_offset", 0.1, np.random.default_rng(0)))
+    assert problem.grasps.designs == tuple(numbered_design(number) for number in key.designs)
+    assert problem.grasps.objects == key.objects
+    tool, obj = panels.designs.index(key.designs[2]), panels.objects.index(key.objects[3])
+    assert np.array_equal(problem.bank.grid_steps_n[2, 3], bank.grid_steps_n[tool, obj])
+    assert problem.bank.targets[3] == bank.targets[obj]
+    assert np.array_equal(problem.bank.effects[SLIP].steps_n[2, 3], bank.effects[SLIP].steps_n[tool, obj])
+    assert worlds.of(key).panels.cells["base-0"][2, 3] is panels.cells["base-0"][tool, obj]
+    is_cell = (problem.grasps.tool == 2) & (problem.grasps.obj == 3)
+    true_n = worlds.of(key).panels.steps_n["base-0"][2, 3] * key.young_modulus_mpa / MODULUS_MPA
+    rest_n = problem.grasps.steps_n[is_cell].mean(axis=0) - true_n
+    assert np.sqrt(np.mean(rest_n**2)) < 0.2 * np.sqrt(np.mean(true_n**2))
+    write_problem(tmp_path / "w.npz", problem, key.designs)
+    read = read_problem(tmp_path / "w.npz", worlds.bank_of)
+    assert np.array_equal(read.bank.grid_steps_n, problem.bank.grid_steps_n)
+
+
 @pytest.mark.parametrize("effect", ["load_cell_offset", "temperature_softening", "object_post_compliance"])
 def test_a_law_of_the_lab_is_as_strong_as_asked(worlds: Worlds, effect: str) -> None:
     """Within a tenth, by RMS over the forces; visible is never more than raw."""
@@ -114,7 +144,7 @@ def test_a_sealed_problem_is_read_as_it_was_written(worlds: Worlds, tmp_path: Pa
     """Data without the key."""
     problem = worlds.problem(_key(worlds, "load_cell_lag"))
     write_problem(tmp_path / "w.npz", problem, worlds.panels.designs)
-    read = read_problem(tmp_path / "w.npz", worlds.bank)
+    read = read_problem(tmp_path / "w.npz", worlds.bank_of)
     assert np.array_equal(read.grasps.steps_n, problem.grasps.steps_n)
     assert read.grasps.contexts == problem.grasps.contexts
     assert read.grasps.noise == problem.grasps.noise
@@ -273,8 +303,8 @@ def test_a_panel_of_a_secret_is_drawn_again_from_it() -> None:
     first, other = Panel.draw("a"), Panel.draw("b")
     assert first == Panel.draw("a")
     assert (first.designs, first.sets) != (other.designs, other.sets)
-    assert len(first.designs) == len(set(first.designs)) == 8
-    assert len(first.objects) == 6
+    assert len(first.designs) == len(set(first.designs)) == 12
+    assert len(first.objects) == len({get_object(number).object_class for number in first.objects}) == 8
 
 
 def test_a_benchmark_without_its_files_says_what_it_needs(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """Worlds of the hidden-effect study: what each hides, drawn from a seed or a secret, and the gap problem it makes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from tests.studies.gap.panels import (
     Panels,
     modulus_factor,
     raw_strength,
+    take_cells,
     visible_share,
 )
 from tests.studies.gap.truth import MODULUS_MPA, RESPONDING
@@ -42,6 +43,7 @@ UNLISTED = (
     "soft_objects",
     "object_surfaces",
 )
+N_DESIGNS, N_OBJECTS = 8, 6  # of a world, drawn from its panel
 _HELD_OUT_TOOLS, _HELD_OUT_OBJECTS = 4, 3
 # Largest amplitude that is plausible, and whether it may be negative.
 _LIMITS: Mapping[str, tuple[float, bool]] = {
@@ -76,7 +78,10 @@ class Hidden(Record):
 
 
 class WorldKey(Record):
-    """What a world hides: everything that makes its data, and what an answer is judged by."""
+    """What a world hides: everything that makes its data, and what an answer is judged by.
+
+    designs, objects: of the panel, in the world's order; empty where it has all of them.
+    """
 
     group: Group
     number: int
@@ -85,6 +90,8 @@ class WorldKey(Record):
     young_modulus_mpa: float
     effects: tuple[Hidden, ...] = ()
     nuisance: Nuisance = Nuisance()
+    designs: tuple[int, ...] = ()
+    objects: tuple[int, ...] = ()
 
     @property
     def world_id(self) -> str:
@@ -121,6 +128,8 @@ class Worlds:
             base=base,
             young_modulus_mpa=round(float(rng.uniform(*self.moduli_mpa)), 3),
             nuisance=nuisance,
+            designs=self._some_of(self.panels.designs, N_DESIGNS, "designs", group, number),
+            objects=self._some_of(self.panels.objects, N_OBJECTS, "objects", group, number),
         )
         effects = {"single": self._singles, "alias": tuple(ALIASES), "unlisted": self._unlisted, "pair": self._singles}
         if group not in effects:
@@ -132,6 +141,23 @@ class Worlds:
             second = str(rng.choice([name for name in self.panels.lab_laws if self._may_pair(name, first)]))
             key = self.with_effect(key, second, STRENGTHS[1 + number % 2], rng)
         return key
+
+    def _some_of(self, numbers: tuple[int, ...], n: int, *place: str | int) -> tuple[int, ...]:
+        """The world's own of the panel's designs or objects; empty where the panel has no more than these."""
+        rng = np.random.default_rng(seed_from("gap world's own", self.seed, *place))
+        return () if len(numbers) <= n else tuple(int(one) for one in rng.choice(numbers, n, replace=False))
+
+    def of(self, key: WorldKey) -> "Worlds":
+        """Worlds of a key's designs and objects alone; these ones where they have no others."""
+        designs, objects = key.designs or self.panels.designs, key.objects or self.panels.objects
+        if (designs, objects) == (self.panels.designs, self.panels.objects):
+            return self
+        return replace(self, panels=self.panels.part(designs, objects), bank=self.bank_of(designs, objects))
+
+    def bank_of(self, designs: Sequence[int], objects: Sequence[int]) -> Bank:
+        """The bank of these of the panel's designs and objects (numbers)."""
+        tools = [self.panels.designs.index(number) for number in designs]
+        return take_cells(self.bank, tools, [self.panels.objects.index(number) for number in objects])
 
     @property
     def _singles(self) -> tuple[str, ...]:
@@ -152,6 +178,9 @@ class Worlds:
 
     def with_effect(self, key: WorldKey, name: str, strength: float, rng: np.random.Generator) -> WorldKey:
         """The key with one more effect: a set of true grasps as it is, a law of the lab at the strength."""
+        own = self.of(key)
+        if own is not self:
+            return own.with_effect(key, name, strength, rng)
         if name in self.panels.sets:
             return self._with_set(key, name)
         if name in ("friction_wear", "pressure_droop", "warm_posts"):
@@ -196,27 +225,31 @@ class Worlds:
 
     def lab(self, key: WorldKey) -> Lab:
         """The lab that measures a world."""
-        return Lab(self.panels.designs, self.panels.objects, key.seed, nuisance=key.nuisance)
+        panels = self.of(key).panels
+        return Lab(panels.designs, panels.objects, key.seed, nuisance=key.nuisance)
 
     def measure(self, key: WorldKey) -> list[tuple[Site, Trace]]:
         """The world's traces, as the lab measures them."""
+        panels = self.of(key).panels
         name = next((hidden.truth_set for hidden in key.effects if hidden.truth_set), key.base)
         laws = [LAB_LAWS[hidden.effect](hidden.amplitude) for hidden in key.effects if not hidden.truth_set]
-        truth = self.panels.truth(name, modulus_factor(key.young_modulus_mpa))
-        return self.lab(key).measure(truth, laws, is_scaled=self.panels.is_scaled(name))
+        truth = panels.truth(name, modulus_factor(key.young_modulus_mpa))
+        return self.lab(key).measure(truth, laws, is_scaled=panels.is_scaled(name))
 
     def problem(self, key: WorldKey) -> GapData:
         """The gap problem that a world makes, with designs and objects held out."""
         return self.make_problem(key, self.measure(key))
 
     def make_problem(self, key: WorldKey, traces: Sequence[tuple[Site, Trace]]) -> GapData:
-        """The gap problem of measured traces; key: for its seed and its sensor."""
+        """The gap problem of measured traces; key: of the world that they are of."""
+        own = self.of(key)
+        panels = own.panels
         measured = [(site, trace) for site, trace in traces if is_usable(trace)]
         how = key.nuisance
         grasps = Grasps(
-            tools=tuple(f"T{number:02d}" for number in range(len(self.panels.designs))),
-            designs=tuple(numbered_design(number) for number in self.panels.designs),
-            objects=self.panels.objects,
+            tools=tuple(f"T{number:02d}" for number in range(len(panels.designs))),
+            designs=tuple(numbered_design(number) for number in panels.designs),
+            objects=panels.objects,
             tool=np.array([site.tool for site, _ in measured]),
             obj=np.array([site.obj for site, _ in measured]),
             contexts=tuple(site.context for site, _ in measured),
@@ -226,10 +259,10 @@ class Worlds:
             **of_one_setup(len(measured)),
         )
         rng = np.random.default_rng(seed_from("held out", key.seed))
-        n_tools, n_objects = len(self.panels.designs), len(self.panels.objects)
+        n_tools, n_objects = len(panels.designs), len(panels.objects)
         return GapData(
             grasps,
-            self.bank,
+            own.bank,
             held_out_tools=_some(rng, n_tools, min(_HELD_OUT_TOOLS, n_tools // 3)),
             held_out_objects=_some(rng, n_objects, min(_HELD_OUT_OBJECTS, n_objects // 3)),
         )

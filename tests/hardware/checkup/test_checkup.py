@@ -19,6 +19,7 @@ from fast.models.design.space import BEST_PUBLISHED
 
 TOOLS = {slot: MountedTool(f"B00T{slot}", BEST_PUBLISHED) for slot in (0, 3)}
 MASSES = {slot: round(tool.expected_mass_kg, 3) for slot, tool in TOOLS.items()}
+PATIENT_S = 30.0  # of real time: on a busy machine the threads of virtual devices answer late
 NOISY = World(seed=7, sensor=Sensor(noise_sd_n=0.1))
 NAMES = [
     "gantry port", "gantry", "limit switches", "gantry settings", "PLC address", "PLC scan", "emergency stop",
@@ -41,6 +42,7 @@ def look(prepare=lambda virtual: None, changes=None, world=NOISY, folder=None):
             transmitter_host=at.transmitter_host,
             transmitter_port=at.transmitter_port,
             tool_mass_kg=MASSES,
+            modbus_time_out_s=PATIENT_S,
             **(changes or {}),
         )
         before = virtual.grbl.position_mm()

@@ -20,16 +20,6 @@ LEAST_SHARE = 0.97  # of a panel that must have been solved before worlds are ma
 _FLOOR, _TOOL_SD = 0.01, 0.04
 _BIN = 4  # steps
 
-# Of a bank, by tool and target.
-ARRAYS = (
-    "grid_steps_n",
-    "grid_lead_n",
-    "centre_steps_n",
-    "numerical_steps_n",
-    "placed_steps_n",
-    "wider_steps_n",
-)
-
 Cells = Mapping[tuple[int, int], Trace]  # by numbers of tool and object in the panel
 
 
@@ -162,9 +152,17 @@ def take_cells(bank: Bank, tools: Sequence[int], columns: Sequence[int]) -> Bank
     def take(of_cells: np.ndarray) -> np.ndarray:
         return np.asarray(of_cells[np.ix_(tools, columns)])
 
-    arrays = {name: take(getattr(bank, name)) for name in ARRAYS}
-    effects = {name: replace(runs, steps_n=take(runs.steps_n)) for name, runs in bank.effects.items()}
-    return replace(bank, targets=tuple(bank.targets[column] for column in columns), effects=effects, **arrays)
+    return replace(
+        bank,
+        targets=tuple(bank.targets[column] for column in columns),
+        grid_steps_n=take(bank.grid_steps_n),
+        grid_lead_n=take(bank.grid_lead_n),
+        centre_steps_n=take(bank.centre_steps_n),
+        numerical_steps_n=take(bank.numerical_steps_n),
+        placed_steps_n=take(bank.placed_steps_n),
+        wider_steps_n=take(bank.wider_steps_n),
+        effects={name: replace(runs, steps_n=take(runs.steps_n)) for name, runs in bank.effects.items()},
+    )
 
 
 def _steps_of(trace: Trace) -> np.ndarray:

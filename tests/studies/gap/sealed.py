@@ -136,7 +136,9 @@ def seal(worlds: Worlds, folder: Path, lines: str, options: Options) -> None:
             options.tell(f"{name} sealed, {key.key_hash[:12]}")
 
 
-def answer_all(folder: Path, bank_of: BankOf, banks: LocalBanks | None, thresholds: Thresholds, options: Options) -> None:
+def answer_all(
+    folder: Path, bank_of: BankOf, banks: LocalBanks | None, thresholds: Thresholds, options: Options
+) -> None:
     """Answer every sealed world once, from its data alone.
 
     Raises:

@@ -9,17 +9,18 @@ import numpy as np
 from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Trace
-from tests.studies.gap.panels import ARRAYS, Panels
+from tests.studies.gap.panels import Panels
 from tests.studies.gap.truth import CHANNELS, TrueSet
 
 _STEP_N = 0.002  # forces are kept in whole multiples of it
+_ARRAYS = ("grid_steps_n", "grid_lead_n", "centre_steps_n", "numerical_steps_n", "placed_steps_n", "wider_steps_n")
 
 
 def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) -> None:
     """Keep these sets of true grasps and the bank of the same designs and objects."""
     arrays: dict[str, np.ndarray] = {"grid": bank.grid, "designs": np.array(panels.designs)}
     arrays["objects"] = np.array(panels.objects)
-    for name in ARRAYS:
+    for name in _ARRAYS:
         arrays[name] = _packed(getattr(bank, name))
     for name, field in bank.effects.items():
         arrays[f"field {name}"] = _packed(field.steps_n)

@@ -26,7 +26,7 @@ from tests.studies.hidden.truth import TrueGrasp, solve_truth
 MODULUS_MPA = 9.2
 FRICTIONS, RATIOS = (0.38, 0.95), (0.32, 0.47)  # of true thetas: the bulk of the priors, not the bank's centre
 N_BASES = 4
-N_DESIGNS, N_OBJECTS = 12, 8  # of a panel; each of its worlds takes some of them
+PANEL_DESIGNS, PANEL_OBJECTS = 12, 8  # each world takes some of them
 _DIGITS = 4
 
 
@@ -97,7 +97,7 @@ class Panel(Record):
         Sets come in the order of their worth: a run that is stopped lacks the last of them.
         """
         rng = np.random.default_rng(seed_from("gap panel", seed))
-        drawn_designs = tuple(int(n) for n in rng.choice(np.arange(40, 400), N_DESIGNS, replace=False))
+        drawn_designs = tuple(int(n) for n in rng.choice(np.arange(40, 400), PANEL_DESIGNS, replace=False))
         thetas = [(round(float(rng.uniform(*FRICTIONS)), 3), round(float(rng.uniform(*RATIOS)), 3)) for _ in range(4)]
         first = thetas[0]
         sets = [TrueSet(name=f"base-{number}", theta=theta) for number, theta in enumerate(thetas)]
@@ -142,7 +142,7 @@ def _draw_objects(rng: np.random.Generator) -> tuple[int, ...]:
     numbers = [int(number) for number in rng.permutation(36)]
     by_class = {get_object(number).object_class: number for number in reversed(numbers)}
     others = [number for number in numbers if number not in by_class.values()]
-    return tuple(sorted([*by_class.values(), *others][:N_OBJECTS]))
+    return tuple(sorted([*by_class.values(), *others][:PANEL_OBJECTS]))
 
 
 class TrueTrace(Record):

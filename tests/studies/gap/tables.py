@@ -52,6 +52,10 @@ def _figures(worlds: Sequence[Judged]) -> Rows:
             _row(f"alarm, visible {low:.0%} or more", _above(singles, low), lambda one: one.said.is_alarm, ">= 90 %")
             for low in _LEVELS
         ),
+        *(
+            _row(f"alarm, {low:.0%} or more without the strongest cell", spread, lambda one: one.said.is_alarm, "")
+            for low, spread in _by_spread(singles)
+        ),
         _row("family right first, given an alarm", alarmed, _is_top_family, ">= 90 %"),
         _row("member right, given a single name", named, _is_held, ">= 90 %"),
         _row("truth in the name or set, given one", spoken, _is_held, ">= 95 %"),
@@ -93,6 +97,11 @@ def _of(worlds: Sequence[Judged], group: str) -> list[Judged]:
 
 def _above(worlds: Sequence[Judged], strength: float) -> list[Judged]:
     return [one for one in worlds if one.key.effects[0].visible_strength >= strength]
+
+
+def _by_spread(singles: Sequence[Judged]) -> list[tuple[float, list[Judged]]]:
+    """Worlds whose effect is visible by so much without the cell that it changes most, if that was measured."""
+    return [(low, [one for one in singles if one.spread is not None and one.spread >= low]) for low in _LEVELS]
 
 
 def _kind(one: Judged) -> str:

@@ -1,6 +1,7 @@
 """Worlds that hide effects: they are what their keys say, sealed ones can be judged, and three tiny ones are named."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +17,7 @@ from fast.models.gap.data import GapData
 from fast.models.gap.naming.families import WORDS
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.objects.catalogue import get_object
+from fast.models.records import Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import measure_gap, with_known_fields
@@ -111,6 +113,20 @@ def test_a_law_of_the_lab_is_as_strong_as_asked(worlds: Worlds, effect: str) -> 
     hidden = _key(worlds, effect, 0.05).effects[0]
     assert hidden.raw_strength == pytest.approx(0.05, rel=0.1)
     assert 0.0 < hidden.visible_strength <= hidden.raw_strength * 1.001
+
+
+def test_one_cell_that_snaps_is_no_strength_without_it(worlds: Worlds) -> None:
+    """An effect that doubles the force of one cell looks strong, and is not once that cell is left out."""
+    name = SLIP
+    cells = dict(worlds.panels.cells[name])
+    snapped = cells[0, 0]
+    cells[0, 0] = Trace(snapped.time_s, snapped.lift_mm, 2.0 * snapped.force_n)
+    snapping = replace(worlds, panels=replace(worlds.panels, cells={**worlds.panels.cells, name: cells}))
+    usual, strange = _key(worlds, name), _key(snapping, name)
+    assert strange.effects[0].visible_strength > 2.0 * usual.effects[0].visible_strength
+    spread = snapping.measure_spread_strength(strange)
+    assert spread == pytest.approx(usual.effects[0].visible_strength, rel=0.15)
+    assert 0.0 < worlds.measure_spread_strength(usual) < usual.effects[0].visible_strength
 
 
 def test_aliases_are_invisible_and_other_effects_are_not(worlds: Worlds) -> None:

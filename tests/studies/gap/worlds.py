@@ -105,6 +105,25 @@ class WorldKey(Record):
 
 
 @dataclass(frozen=True, eq=False)
+class _Change:
+    """What an effect changes (n x 120, N; NaN where it is not known) in the forces of grasps (n x 120) at sites (n)."""
+
+    sites: Sequence[Site]
+    change_n: np.ndarray
+    force_n: np.ndarray
+
+    def without_strongest_cell(self) -> "_Change":
+        """The grasps of all cells but the one whose squares it changes most."""
+        cells = [(site.tool, site.obj) for site in self.sites]
+        squares = dict.fromkeys(cells, 0.0)
+        for cell, row in zip(cells, self.change_n, strict=True):
+            squares[cell] += float(np.nansum(row**2))
+        strongest = max(squares, key=lambda cell: squares[cell])
+        kept = [place for place, cell in enumerate(cells) if cell != strongest]
+        return _Change([self.sites[place] for place in kept], self.change_n[kept], self.force_n[kept])
+
+
+@dataclass(frozen=True, eq=False)
 class Worlds:
     """Draws worlds of a panel; `seed` is public for development and a secret for sealed worlds.
 
@@ -187,17 +206,12 @@ class Worlds:
             key = key.model_copy(update={"base": RESPONDING})
         largest, has_sign = _LIMITS[name]
         sign = -1.0 if has_sign and rng.uniform() < 0.5 else 1.0
-        lab, factor = self.lab(key), modulus_factor(key.young_modulus_mpa)
-        sites = lab.order()
-        force_n = factor * _at(self.panels.steps_n[key.base], sites)
         amplitude = sign * 0.1 * largest
         for _ in range(3):
-            change_n = self.panels.change_of_lab_law(name, key.base, amplitude, lab, factor)
-            ratio = strength / max(raw_strength(change_n, force_n), 1e-9)
+            change = self._change_by(key, Hidden(effect=name, amplitude=amplitude))
+            ratio = strength / max(raw_strength(change.change_n, change.force_n), 1e-9)
             amplitude = sign * min(abs(amplitude) * ratio, largest)
-        amplitude = float(f"{amplitude:.4g}")
-        change_n = self.panels.change_of_lab_law(name, key.base, amplitude, lab, factor)
-        return self._appended(key, Hidden(effect=name, amplitude=amplitude), change_n, force_n, sites)
+        return self._appended(key, Hidden(effect=name, amplitude=float(f"{amplitude:.4g}")))
 
     def _with_set(self, key: WorldKey, name: str) -> WorldKey:
         one = self.panels.sets[name]
@@ -205,19 +219,38 @@ class Worlds:
         update: dict[str, object] = {"base": base}
         if not self.panels.is_scaled(name):
             update["young_modulus_mpa"] = MODULUS_MPA
-        key = key.model_copy(update=update)
-        sites, factor = self.lab(key).order(), modulus_factor(key.young_modulus_mpa)
-        change_n = factor * _at(self.panels.change_of_law(name), sites)
-        force_n = factor * _at(self.panels.steps_n[base], sites)
-        return self._appended(key, Hidden(effect=one.law, truth_set=name), change_n, force_n, sites)
+        return self._appended(key.model_copy(update=update), Hidden(effect=one.law, truth_set=name))
 
-    def _appended(
-        self, key: WorldKey, hidden: Hidden, change_n: np.ndarray, force_n: np.ndarray, sites: Sequence[Site]
-    ) -> WorldKey:
-        raw = raw_strength(change_n, force_n)
-        visible = raw * visible_share(change_n, force_n, sites, self.panels.sets[key.base].theta, self.bank)
-        measured = {"raw_strength": float(f"{raw:.3g}"), "visible_strength": float(f"{visible:.3g}")}
+    def _appended(self, key: WorldKey, hidden: Hidden) -> WorldKey:
+        raw, visible = self._measure_strength(key, self._change_by(key, hidden))
+        measured = {"raw_strength": raw, "visible_strength": visible}
         return key.model_copy(update={"effects": (*key.effects, hidden.model_copy(update=measured))})
+
+    def _change_by(self, key: WorldKey, hidden: Hidden) -> "_Change":
+        """What a hidden effect changes in the grasps of a world that has all cells of these panels."""
+        lab, factor = self.lab(key), modulus_factor(key.young_modulus_mpa)
+        sites = lab.order()
+        if hidden.truth_set:
+            change_n = factor * _at(self.panels.change_of_law(hidden.truth_set), sites)
+        else:
+            change_n = self.panels.change_of_lab_law(hidden.effect, key.base, hidden.amplitude, lab, factor)
+        return _Change(sites, change_n, factor * _at(self.panels.steps_n[key.base], sites))
+
+    def _measure_strength(self, key: WorldKey, change: "_Change") -> tuple[float, float]:
+        """Raw and visible strength."""
+        raw = raw_strength(change.change_n, change.force_n)
+        theta = self.panels.sets[key.base].theta
+        visible = raw * visible_share(change.change_n, change.force_n, change.sites, theta, self.bank)
+        return float(f"{raw:.3g}"), float(f"{visible:.3g}")
+
+    def measure_spread_strength(self, key: WorldKey) -> float:
+        """Visible strength of a world's first effect without the cell that it changes most.
+
+        Where a grasp snaps, a small change of anything moves the snap, and with it the force of this one cell.
+        """
+        own = self.of(key)
+        change = own._change_by(key, key.effects[0])
+        return own._measure_strength(key, change.without_strongest_cell())[1]
 
     def twin(self, key: WorldKey) -> WorldKey:
         """The same world with nothing hidden: the same prints, order, scatter and noise."""

@@ -13,7 +13,7 @@ from fast.models.records import Trace
 from fast.models.traces.step_features import N_STEPS, is_usable, step_means
 from tests.studies.gap.truth import LOWER, MODULUS_MPA, RAISED, RESPONDING, WIDER, Panel, TrueSet, read_truth
 from tests.studies.hidden.lab import Lab, Site, Variants
-from tests.studies.hidden.lab_laws import LAB_LAWS
+from tests.studies.hidden.lab_laws import LAB_LAWS, LabLaw
 from tests.studies.hidden.truth import hidden_law, tool_modulus_factor
 
 LEAST_SHARE = 0.97  # of a panel that must have been solved before worlds are made of it
@@ -124,14 +124,14 @@ class Panels:
         base = next(base for base in self.bases if self.sets[base].theta == self.sets[name].theta)
         return np.asarray(self.steps_n[name] / self.tool_factors(name)[:, None, None] - self.steps_n[base])
 
-    def change_of_lab_law(self, name: str, base: str, amplitude: float, lab: Lab, factor: float) -> np.ndarray:
+    def change_of_lab_law(self, law: LabLaw, base: str, lab: Lab, factor: float) -> np.ndarray:
         """What a law of the lab changes in the step means of every grasp, n x 120; n as `Lab.order`."""
-        law, truth = [LAB_LAWS[name](amplitude)], self.truth(base, factor)
+        truth = self.truth(base, factor)
         rows = np.full((len(self.designs) * len(self.objects) * lab.repeats, N_STEPS), np.nan)
         for row, site in enumerate(lab.order()):
             variants = truth(site.tool, site.obj)
             if variants is not None:
-                with_law = lab.true_trace(site, variants, law)
+                with_law = lab.true_trace(site, variants, [law])
                 rows[row] = _steps_of(with_law) - _steps_of(lab.true_trace(site, variants, ()))
         return rows
 

@@ -84,7 +84,7 @@ def measure_gap_sealed(options: Options) -> Tables:
     banks = None if options.workers is None else LocalBanks.of(folder, options.workers)
     if not (folder / "sealed.jsonl").exists():
         moduli_mpa = MODULI_MPA if banks is None else ONE_LOT_MPA
-        worlds = Worlds(panels, bank, secrets.token_hex(16), moduli_mpa)
+        worlds = Worlds(panels, bank, secrets.token_hex(16), moduli_mpa, has_other_laws=True)
         seal(worlds, folder, thresholds_id(thresholds), options)
     answer_all(folder, known.bank_of, banks, thresholds, options)
     judged(folder)  # no key is opened before every hash is checked

@@ -31,6 +31,7 @@ from tests.studies.gap.tables import clopper_pearson, gap_tables
 from tests.studies.gap.truth import LAWS, MODULUS_MPA, Panel
 from tests.studies.gap.worlds import UNLISTED, Hidden, WorldKey, Worlds
 from tests.studies.hidden.lab_laws import LAB_LAWS
+from tests.studies.hidden.other_lab_laws import OTHER_LAB_LAWS
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
 SLIP = "static_kinetic_friction"
@@ -137,6 +138,19 @@ def test_aliases_are_invisible_and_other_effects_are_not(worlds: Worlds) -> None
     assert friction.visible_strength > 0.3 * friction.raw_strength
 
 
+def test_the_law_of_an_effect_is_drawn_from_two(small: tuple[Panels, Bank]) -> None:
+    """Sealed worlds have both; both are as strong as asked, and their traces differ."""
+    worlds = Worlds(*small, seed=5, has_other_laws=True)
+    drawn = [worlds.with_effect(_key(worlds), "stress_relaxation", 0.05, np.random.default_rng(n)) for n in range(6)]
+    kinds = {key.effects[0].is_other: key for key in drawn}
+    assert set(kinds) == {False, True}
+    for key in kinds.values():
+        assert key.effects[0].raw_strength == pytest.approx(0.05, rel=0.1)
+    first, other = (worlds.problem(kinds[is_other]).grasps.steps_n for is_other in (False, True))
+    assert 0.001 < np.sqrt(np.mean((first - other) ** 2) / np.mean(first**2)) < 0.05
+    assert not any(Worlds(*small, seed=5).draw("single", n).effects[0].is_other for n in range(4))
+
+
 def test_strengths() -> None:
     """RMS over RMS."""
     force = np.full((2, 120), 2.0)
@@ -155,6 +169,7 @@ def test_hidden_names_are_the_catalogues_or_of_no_catalogue() -> None:
     """So that an answer can be compared with a key."""
     unlisted = {*UNLISTED, "wider_closing"}
     names = {*LAB_LAWS, *LAWS}
+    assert set(OTHER_LAB_LAWS) <= set(CATALOGUE)
     assert names - unlisted <= set(CATALOGUE)
     assert not unlisted & set(CATALOGUE)
 

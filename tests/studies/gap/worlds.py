@@ -23,7 +23,8 @@ from tests.studies.gap.panels import (
 )
 from tests.studies.gap.truth import MODULUS_MPA, RESPONDING
 from tests.studies.hidden.lab import NASTIER, Lab, Nuisance, Site
-from tests.studies.hidden.lab_laws import LAB_LAWS
+from tests.studies.hidden.lab_laws import LabLaw
+from tests.studies.hidden.other_lab_laws import OTHER_LAB_LAWS, build_lab_law
 from tests.synthetic.gap import of_one_setup
 
 Group = Literal["null", "nasty null", "single", "alias", "unlisted", "pair"]
@@ -68,11 +69,15 @@ _LIMITS: Mapping[str, tuple[float, bool]] = {
 
 
 class Hidden(Record):
-    """One hidden effect: of a set of true grasps (`truth_set`), or of the lab with an amplitude."""
+    """One hidden effect: of a set of true grasps (`truth_set`), or of the lab with an amplitude.
+
+    is_other: by the second law that the lab knows for it.
+    """
 
     effect: str
     amplitude: float = 0.0
     truth_set: str = ""
+    is_other: bool = False
     raw_strength: float = 0.0
     visible_strength: float = 0.0
 
@@ -127,13 +132,15 @@ class _Change:
 class Worlds:
     """Draws worlds of a panel; `seed` is public for development and a secret for sealed worlds.
 
-    moduli_mpa: ends between which Young's modulus is drawn.
+    moduli_mpa: ends between which Young's modulus is drawn. has_other_laws: whether the lab's law for an effect is
+    drawn from two; else it is the first.
     """
 
     panels: Panels
     bank: Bank
     seed: int | str
     moduli_mpa: tuple[float, float] = MODULI_MPA
+    has_other_laws: bool = False
 
     def draw(self, group: Group, number: int) -> WorldKey:
         """The key of a world, always the same for a seed."""
@@ -206,12 +213,13 @@ class Worlds:
             key = key.model_copy(update={"base": RESPONDING})
         largest, has_sign = _LIMITS[name]
         sign = -1.0 if has_sign and rng.uniform() < 0.5 else 1.0
+        is_other = self.has_other_laws and name in OTHER_LAB_LAWS and rng.uniform() < 0.5
         amplitude = sign * 0.1 * largest
         for _ in range(3):
-            change = self._change_by(key, Hidden(effect=name, amplitude=amplitude))
+            change = self._change_by(key, Hidden(effect=name, amplitude=amplitude, is_other=is_other))
             ratio = strength / max(raw_strength(change.change_n, change.force_n), 1e-9)
             amplitude = sign * min(abs(amplitude) * ratio, largest)
-        return self._appended(key, Hidden(effect=name, amplitude=float(f"{amplitude:.4g}")))
+        return self._appended(key, Hidden(effect=name, amplitude=float(f"{amplitude:.4g}"), is_other=is_other))
 
     def _with_set(self, key: WorldKey, name: str) -> WorldKey:
         one = self.panels.sets[name]
@@ -233,7 +241,7 @@ class Worlds:
         if hidden.truth_set:
             change_n = factor * _at(self.panels.change_of_law(hidden.truth_set), sites)
         else:
-            change_n = self.panels.change_of_lab_law(hidden.effect, key.base, hidden.amplitude, lab, factor)
+            change_n = self.panels.change_of_lab_law(_law_of(hidden), key.base, lab, factor)
         return _Change(sites, change_n, factor * _at(self.panels.steps_n[key.base], sites))
 
     def _measure_strength(self, key: WorldKey, change: "_Change") -> tuple[float, float]:
@@ -265,7 +273,7 @@ class Worlds:
         """The world's traces, as the lab measures them."""
         panels = self.of(key).panels
         name = next((hidden.truth_set for hidden in key.effects if hidden.truth_set), key.base)
-        laws = [LAB_LAWS[hidden.effect](hidden.amplitude) for hidden in key.effects if not hidden.truth_set]
+        laws = [_law_of(hidden) for hidden in key.effects if not hidden.truth_set]
         truth = panels.truth(name, modulus_factor(key.young_modulus_mpa))
         return self.lab(key).measure(truth, laws, is_scaled=panels.is_scaled(name))
 
@@ -299,6 +307,10 @@ class Worlds:
             held_out_tools=_some(rng, n_tools, min(_HELD_OUT_TOOLS, n_tools // 3)),
             held_out_objects=_some(rng, n_objects, min(_HELD_OUT_OBJECTS, n_objects // 3)),
         )
+
+
+def _law_of(hidden: Hidden) -> LabLaw:
+    return build_lab_law(hidden.effect, hidden.amplitude, hidden.is_other)
 
 
 def _at(values: np.ndarray, sites: Sequence[Site]) -> np.ndarray:

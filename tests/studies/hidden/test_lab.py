@@ -8,7 +8,8 @@ from fast.models.errors import UsageError
 from fast.models.records import GraspContext, GraspSetup, Trace
 from fast.models.traces.step_features import step_means
 from tests.studies.hidden.lab import NASTIER, SETUP, Lab, Nuisance, Site, Variants, retime
-from tests.studies.hidden.lab_laws import LAB_LAWS, Moment, lift_speed_mm_per_s
+from tests.studies.hidden.lab_laws import LAB_LAWS, LabLaw, Moment, lift_speed_mm_per_s
+from tests.studies.hidden.other_lab_laws import OTHER_LAB_LAWS, build_lab_law
 
 FRESH = GraspContext()
 QUIET = Nuisance(tool_sd=0.0, cell_sd=0.0, repeat_sd=0.0, noise_sd_n=0.0, tare_n=0.0, missing=0.0)
@@ -26,10 +27,10 @@ def _trace() -> Trace:
     return Trace(time_s, np.concatenate([[0.0, 0.0], lift_mm]), force_n)
 
 
-@pytest.mark.parametrize("name", sorted(LAB_LAWS))
-def test_amplitude_zero_changes_nothing(name: str) -> None:
+@pytest.mark.parametrize("kind", [*LAB_LAWS.values(), *OTHER_LAB_LAWS.values()])
+def test_amplitude_zero_changes_nothing(kind: type[LabLaw]) -> None:
     """All hooks at zero, late in a batch."""
-    law, trace = LAB_LAWS[name](0.0), _trace()
+    law, trace = kind(0.0), _trace()
     moment = _moment(repeat=2, tool_grasps=30, batch_grasps=100, clock_s=9000.0)
     assert law.modulus_factor(moment) == law.friction_factor(moment) == 1.0
     assert law.wider_mm(moment) == law.raised_mm(moment) == 0.0
@@ -122,6 +123,64 @@ def test_time_laws() -> None:
     assert LAB_LAWS["batch_ageing"](0.1).modulus_factor(_moment()) == pytest.approx(1.1)
 
 
+def test_other_laws_of_memory_have_other_curves() -> None:
+    """Each over its clock."""
+    softening = OTHER_LAB_LAWS["mullins_softening"](0.1)
+    found = [softening.modulus_factor(_moment(repeat=n, clock_s=9000.0 * n)) for n in range(3)]
+    assert found == pytest.approx([1.0, 1.0 - 0.1 * np.log(2.0) / np.log(3.0), 0.9])
+    warming = OTHER_LAB_LAWS["temperature_softening"](0.2)
+    found = [warming.modulus_factor(_moment(clock_s=3600.0 * hours)) for hours in (0.0, 1.5, 3.0)]
+    assert found == pytest.approx([1.0, 0.9, 0.8])
+    wear = OTHER_LAB_LAWS["friction_wear"](0.3)
+    assert [wear.friction_factor(_moment(tool_grasps=n)) for n in (0, 18, 36, 72)] == pytest.approx(
+        [1.0, 0.85, 0.7, 0.7]
+    )
+    bottle = OTHER_LAB_LAWS["pressure_droop"](1.8)
+    assert [bottle.wider_mm(_moment(batch_grasps=n)) for n in (0, 60, 120, 200)] == pytest.approx([0.0, 0.9, 1.8, 1.8])
+
+
+def test_other_laws_of_sensors() -> None:
+    """What they add to a trace: a decade of relaxation, a zero of its own for each tool, a drift that runs away."""
+    trace, moment = _trace(), _moment(clock_s=7200.0)
+
+    def change(name: str, amplitude: float, at: Moment = moment) -> np.ndarray:
+        return np.asarray(OTHER_LAB_LAWS[name](amplitude).trace(trace, at).force_n - trace.force_n)
+
+    relaxed = OTHER_LAB_LAWS["stress_relaxation"](0.1).trace(trace, moment).force_n[3:-1] / trace.force_n[3:-1]
+    assert np.interp([0.0, 2.7], trace.time_s[3:-1] - 1.0, relaxed)[1] == pytest.approx(0.9, abs=1e-3)
+    offsets = [change("load_cell_offset", 0.2, Moment(numbered_design(0), seed, 40.0, FRESH))[0] for seed in range(30)]
+    assert np.mean(offsets) == pytest.approx(0.2, rel=0.1)
+    assert 0.02 < np.std(offsets) < 0.06
+    assert change("load_cell_drift", 0.1)[0] == pytest.approx(0.4)
+    weight = change("tool_weight", 1.0)
+    assert np.ptp(weight) < 1e-9
+    assert weight[0] > 9.81 * 0.015
+
+
+def test_other_laws_of_time() -> None:
+    """Filters in a row are late by their sum; a curved start by its amplitude; a clock wanders from grasp to grasp."""
+    for effect, amplitude, late_mm in (("load_cell_lag", 0.4, 2.0), ("lift_start_error", 1.0, 1.0)):
+        assert _late_mm(effect, amplitude, SETUP, is_other=True) == pytest.approx(late_mm, rel=0.15)
+    assert _late_mm("lift_start_error", 0.4, FASTER, is_other=True) > 3.0 * _late_mm(
+        "lift_start_error", 0.4, SETUP, True
+    )
+    clock, trace = OTHER_LAB_LAWS["lift_misalignment"](1.0), _trace()
+    peaks_mm = []
+    for grasp in range(40):
+        made = clock.trace(trace, _moment(tool_grasps=grasp))
+        peaks_mm.append(made.lift_mm[np.argmax(made.force_n)] - 20.0)
+    assert np.mean(peaks_mm) == pytest.approx(1.0, abs=0.2)
+    assert 0.15 < np.std(peaks_mm) < 0.45
+
+
+def test_a_bending_post_gives_way_with_the_cube_of_the_height() -> None:
+    peaks_mm = []
+    for height_mm in (20.0, 40.0):
+        made = OTHER_LAB_LAWS["object_post_compliance"](0.1).trace(_trace(), _moment(height_mm))
+        peaks_mm.append(made.lift_mm[np.argmax(made.force_n)] - 20.0)
+    assert peaks_mm[1] == pytest.approx(8.0 * peaks_mm[0], rel=0.1)
+
+
 @pytest.mark.parametrize("name", ["load_cell_lag", "lift_misalignment", "lift_start_error"])
 def test_what_is_late_still_comes_after_the_last_sample(name: str) -> None:
     """A trace that ends in a dip, as a tip springs off, is late as a whole: the dip is no force that stays."""
@@ -133,10 +192,10 @@ def test_what_is_late_still_comes_after_the_last_sample(name: str) -> None:
     assert np.diff(made.lift_mm).max() < 0.2
 
 
-def _late_mm(name: str, amplitude: float, setup: GraspSetup) -> float:
+def _late_mm(name: str, amplitude: float, setup: GraspSetup, is_other: bool = False) -> float:
     """How much later in the lift a law brings the middle of the force at a setup."""
     trace = retime(_trace(), setup)
-    made = step_means(LAB_LAWS[name](amplitude).trace(trace, _moment(setup=setup)))
+    made = step_means(build_lab_law(name, amplitude, is_other).trace(trace, _moment(setup=setup)))
     true = step_means(trace)
     places = 0.5 * np.arange(len(true))
     return float((made * places).sum() / made.sum() - (true * places).sum() / true.sum())

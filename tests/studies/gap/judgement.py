@@ -26,16 +26,12 @@ _RIDGE = 1.0  # precision of intercept and slopes about none at all
 
 @dataclass(frozen=True)
 class Judged:
-    """An answer with its key. left_out: the truth was not in the catalogue; twin_n: error of the world without it.
-
-    spread: visible strength without the cell that the effect changes most, see `Worlds.measure_spread_strength`.
-    """
+    """An answer with its key. left_out: the truth was not in the catalogue; twin_n: error of the world without it."""
 
     key: WorldKey
     said: Answer
     left_out: bool = False
     twin_n: float | None = None
-    spread: float | None = None
 
     @property
     def families(self) -> set[str]:

@@ -90,12 +90,8 @@ def measure_gap_sealed(options: Options) -> Tables:
     judged(folder)  # no key is opened before every hash is checked
     ask_without_truth(folder, known.bank_of, banks, thresholds, options)
     twins = _measure_twins(folder, known, banks, thresholds, options)
-    found = [replace(one, twin_n=twins.get(one.key.world_id), spread=_spread(known, one)) for one in judged(folder)]
+    found = [replace(one, twin_n=twins.get(one.key.world_id)) for one in judged(folder)]
     return gap_tables([*found, *left_out(folder)])
-
-
-def _spread(worlds: Worlds, one: Judged) -> float | None:
-    return worlds.measure_spread_strength(one.key) if one.key.group == "single" else None
 
 
 class Twin(Record):

@@ -53,8 +53,13 @@ def _figures(worlds: Sequence[Judged]) -> Rows:
             for low in _LEVELS
         ),
         *(
-            _row(f"alarm, {low:.0%} or more without the strongest cell", spread, lambda one: one.said.is_alarm, "")
-            for low, spread in _by_spread(singles)
+            _row(
+                f"alarm, {low:.0%} or more without the strongest cell",
+                _spread_above(singles, low),
+                lambda one: one.said.is_alarm,
+                "",
+            )
+            for low in _LEVELS
         ),
         _row("family right first, given an alarm", alarmed, _is_top_family, ">= 90 %"),
         _row("member right, given a single name", named, _is_held, ">= 90 %"),
@@ -99,9 +104,8 @@ def _above(worlds: Sequence[Judged], strength: float) -> list[Judged]:
     return [one for one in worlds if one.key.effects[0].visible_strength >= strength]
 
 
-def _by_spread(singles: Sequence[Judged]) -> list[tuple[float, list[Judged]]]:
-    """Worlds whose effect is visible by so much without the cell that it changes most, if that was measured."""
-    return [(low, [one for one in singles if one.spread is not None and one.spread >= low]) for low in _LEVELS]
+def _spread_above(worlds: Sequence[Judged], strength: float) -> list[Judged]:
+    return [one for one in worlds if one.key.effects[0].spread_strength >= strength]
 
 
 def _kind(one: Judged) -> str:

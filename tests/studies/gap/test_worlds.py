@@ -125,9 +125,8 @@ def test_one_cell_that_snaps_is_no_strength_without_it(worlds: Worlds) -> None:
     snapping = replace(worlds, panels=replace(worlds.panels, cells={**worlds.panels.cells, name: cells}))
     usual, strange = _key(worlds, name), _key(snapping, name)
     assert strange.effects[0].visible_strength > 2.0 * usual.effects[0].visible_strength
-    spread = snapping.measure_spread_strength(strange)
-    assert spread == pytest.approx(usual.effects[0].visible_strength, rel=0.15)
-    assert 0.0 < worlds.measure_spread_strength(usual) < usual.effects[0].visible_strength
+    assert strange.effects[0].spread_strength == pytest.approx(usual.effects[0].visible_strength, rel=0.15)
+    assert 0.0 < usual.effects[0].spread_strength < usual.effects[0].visible_strength
 
 
 def test_aliases_are_invisible_and_other_effects_are_not(worlds: Worlds) -> None:

@@ -71,7 +71,9 @@ _LIMITS: Mapping[str, tuple[float, bool]] = {
 class Hidden(Record):
     """One hidden effect: of a set of true grasps (`truth_set`), or of the lab with an amplitude.
 
-    is_other: by the second law that the lab knows for it.
+    is_other: by the second law that the lab knows for it. Strengths are shares of the force: raw_strength of all that
+    changes, visible_strength of what is left once theta is fitted, spread_strength the same without the cell that the
+    effect changes most: where a grasp snaps, a small change of anything moves the snap.
     """
 
     effect: str
@@ -80,6 +82,7 @@ class Hidden(Record):
     is_other: bool = False
     raw_strength: float = 0.0
     visible_strength: float = 0.0
+    spread_strength: float = 0.0
 
 
 class WorldKey(Record):
@@ -230,11 +233,13 @@ class Worlds:
         return self._appended(key.model_copy(update=update), Hidden(effect=one.law, truth_set=name))
 
     def _appended(self, key: WorldKey, hidden: Hidden) -> WorldKey:
-        raw, visible = self._measure_strength(key, self._change_by(key, hidden))
-        measured = {"raw_strength": raw, "visible_strength": visible}
+        change = self._change_by(key, hidden)
+        raw, visible = self._measure_strength(key, change)
+        _, spread = self._measure_strength(key, change.without_strongest_cell())
+        measured = {"raw_strength": raw, "visible_strength": visible, "spread_strength": spread}
         return key.model_copy(update={"effects": (*key.effects, hidden.model_copy(update=measured))})
 
-    def _change_by(self, key: WorldKey, hidden: Hidden) -> "_Change":
+    def _change_by(self, key: WorldKey, hidden: Hidden) -> _Change:
         """What a hidden effect changes in the grasps of a world that has all cells of these panels."""
         lab, factor = self.lab(key), modulus_factor(key.young_modulus_mpa)
         sites = lab.order()
@@ -244,21 +249,12 @@ class Worlds:
             change_n = self.panels.change_of_lab_law(_law_of(hidden), key.base, lab, factor)
         return _Change(sites, change_n, factor * _at(self.panels.steps_n[key.base], sites))
 
-    def _measure_strength(self, key: WorldKey, change: "_Change") -> tuple[float, float]:
+    def _measure_strength(self, key: WorldKey, change: _Change) -> tuple[float, float]:
         """Raw and visible strength."""
         raw = raw_strength(change.change_n, change.force_n)
         theta = self.panels.sets[key.base].theta
         visible = raw * visible_share(change.change_n, change.force_n, change.sites, theta, self.bank)
         return float(f"{raw:.3g}"), float(f"{visible:.3g}")
-
-    def measure_spread_strength(self, key: WorldKey) -> float:
-        """Visible strength of a world's first effect without the cell that it changes most.
-
-        Where a grasp snaps, a small change of anything moves the snap, and with it the force of this one cell.
-        """
-        own = self.of(key)
-        change = own._change_by(key, key.effects[0])
-        return own._measure_strength(key, change.without_strongest_cell())[1]
 
     def twin(self, key: WorldKey) -> WorldKey:
         """The same world with nothing hidden: the same prints, order, scatter and noise."""

@@ -63,7 +63,7 @@ class PowerLawRelaxation(LabLaw):
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The relaxing force."""
         held_s = np.maximum(trace.time_s - lift_start_s(trace) + moment.setup.dwell_s, 0.0)
-        return _with_force(trace, trace.force_n * (1.0 + held_s) ** -self.amplitude)
+        return with_force(trace, trace.force_n * (1.0 + held_s) ** -self.amplitude)
 
 
 class HyperbolicSoftening(LabLaw):
@@ -110,7 +110,7 @@ class CreepingOffset(LabLaw):
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The offset force."""
-        return _with_force(trace, trace.force_n + self.amplitude * (1.0 + 0.01 * np.abs(trace.force_n)))
+        return with_force(trace, trace.force_n + self.amplitude * (1.0 + 0.01 * np.abs(trace.force_n)))
 
 
 class SettlingDrift(LabLaw):
@@ -119,7 +119,7 @@ class SettlingDrift(LabLaw):
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The drifted force."""
         clock_s = moment.context.clock_s + trace.time_s
-        return _with_force(trace, trace.force_n + self.amplitude * np.sqrt(clock_s / 3600.0))
+        return with_force(trace, trace.force_n + self.amplitude * np.sqrt(clock_s / 3600.0))
 
 
 class AveragingTransmitter(LabLaw):
@@ -141,22 +141,25 @@ class JitteringClock(LabLaw):
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The late force."""
-        spread = 1.0 + 0.15 * float(tool_draws(moment.tool_seed, 0x55, 1)[0])
-        late_s = self.amplitude * spread / USUAL_SPEED_MM_PER_S
+        late_s = self.amplitude * self.spread(moment) / USUAL_SPEED_MM_PER_S
         time_s, lift_mm = lift_on(trace)
         return Trace(time_s, lift_mm, np.interp(time_s - late_s, trace.time_s, trace.force_n))
+
+    def spread(self, moment: Moment) -> float:
+        """Delay of this grasp over the mean one."""
+        return 1.0 + 0.15 * float(tool_draws(moment.tool_seed, 0x55, 1)[0])
 
 
 class HangingTool(LabLaw):
     """S6: `amplitude` of the weight of the fingers and of a hose as heavy as 10 g (the fingers' alone there)."""
 
-    hose_kg = 0.01
+    filled, added_kg = 1.0, 0.01
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The force with the weight."""
         volume_mm3 = 2.0 * moment.design.draw_section().area * moment.design.width_mm
-        weight_n = GRAVITY * (DENSITY_KG_PER_MM3 * volume_mm3 + self.hose_kg)
-        return _with_force(trace, trace.force_n + self.amplitude * weight_n)
+        weight_n = GRAVITY * (self.filled * DENSITY_KG_PER_MM3 * volume_mm3 + self.added_kg)
+        return with_force(trace, trace.force_n + self.amplitude * weight_n)
 
 
 class LeakingSupply(LabLaw):
@@ -182,11 +185,14 @@ class SmoothStart(LabLaw):
         if self.amplitude == 0.0:
             return trace
         time_s, lift_mm = lift_on(trace)
-        speed = lift_speed_mm_per_s(trace)
-        behind_mm = self.amplitude * speed / USUAL_SPEED_MM_PER_S
-        real_mm = lift_mm + behind_mm * np.expm1(-lift_mm / behind_mm)
-        real_s = np.where(lift_mm > 0.0, lift_start_s(trace) + real_mm / speed, time_s)
+        real_s = self.real_s(lift_mm / lift_speed_mm_per_s(trace))
+        real_s = np.where(lift_mm > 0.0, lift_start_s(trace) + real_s, time_s)
         return Trace(time_s, lift_mm, np.interp(real_s, trace.time_s, trace.force_n))
+
+    def real_s(self, lifted_s: np.ndarray) -> np.ndarray:
+        """Time of the lift at full speed that ends where the gantry is, for times since its start (n, s)."""
+        late_s = self.amplitude / USUAL_SPEED_MM_PER_S
+        return np.asarray(lifted_s + late_s * np.expm1(-lifted_s / late_s))
 
 
 class ConstantSpanError(LabLaw):
@@ -212,7 +218,7 @@ class MagneticPull(LabLaw):
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The force with the magnet's."""
-        return _with_force(trace, trace.force_n + self.amplitude * np.exp(-trace.lift_mm / self.range_mm))
+        return with_force(trace, trace.force_n + self.amplitude * np.exp(-trace.lift_mm / self.range_mm))
 
 
 class WarmPosts(LabLaw):
@@ -233,7 +239,7 @@ class PullingHose(LabLaw):
 
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The force with the hose's."""
-        return _with_force(trace, trace.force_n + self.amplitude * (0.1 + 0.9 * trace.lift_mm / 60.0))
+        return with_force(trace, trace.force_n + self.amplitude * (0.1 + 0.9 * trace.lift_mm / 60.0))
 
 
 # By the name of the catalogue's effect of the same physics; what no catalogue lists comes last.
@@ -271,7 +277,8 @@ def lift_speed_mm_per_s(trace: Trace) -> float:
     return float((lift_mm[-1] - lift_mm[0]) / (time_s[-1] - time_s[0]))
 
 
-def _with_force(trace: Trace, force_n: np.ndarray) -> Trace:
+def with_force(trace: Trace, force_n: np.ndarray) -> Trace:
+    """The trace with other forces (n, N) at its times."""
     return Trace(trace.time_s, trace.lift_mm, np.asarray(force_n))
 
 

@@ -9,15 +9,16 @@ from fast.hardware.virtual.world.hidden import over_tilting_post
 from fast.models.records import Trace
 from tests.studies.hidden.body_laws import tool_draws
 from tests.studies.hidden.lab_laws import (
-    DENSITY_KG_PER_MM3,
-    GRAVITY,
     LAB_LAWS,
     USUAL_SPEED_MM_PER_S,
+    HangingTool,
+    JitteringClock,
     LabLaw,
     Moment,
+    SmoothStart,
     lift_on,
-    lift_speed_mm_per_s,
     lift_start_s,
+    with_force,
 )
 
 
@@ -30,7 +31,7 @@ class LogarithmicRelaxation(LabLaw):
         """The relaxing force."""
         held_s = np.maximum(trace.time_s - lift_start_s(trace) + moment.setup.dwell_s, 0.0)
         left = np.maximum(1.0 - self.amplitude * np.log10(1.0 + held_s / self.from_s), 0.0)
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n * left)
+        return with_force(trace, trace.force_n * left)
 
 
 class LogarithmicSoftening(LabLaw):
@@ -42,7 +43,7 @@ class LogarithmicSoftening(LabLaw):
 
 
 class DailyWarming(LabLaw):
-    """M5: a lab that warms as a morning does, E (1 - d (1 - cos(pi t / 3 h)) / 2), `amplitude` d; slow at first."""
+    """M5: a lab that warms slowly at first, E (1 - d (1 - cos(pi t / 3 h)) / 2), `amplitude` d."""
 
     rise_s = 3.0 * 3600.0
 
@@ -52,7 +53,7 @@ class DailyWarming(LabLaw):
 
 
 class LinearWear(LabLaw):
-    """C7: mu (1 - d m / 36) after m grasps of the tool, until 36: `amplitude` d; no grasp wears less than the first."""
+    """C7: mu (1 - d m / 36) after m grasps of the tool, until 36, `amplitude` d: every grasp wears as much."""
 
     def friction_factor(self, moment: Moment) -> float:
         """Worn friction over the fresh one."""
@@ -73,7 +74,7 @@ class TaredOffset(LabLaw):
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The offset force."""
         offset_n = self.amplitude * (1.0 + 0.2 * float(tool_draws(moment.tool_seed, 0x52, 1)[0]))
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + offset_n)
+        return with_force(trace, trace.force_n + offset_n)
 
 
 class RunawayDrift(LabLaw):
@@ -82,7 +83,7 @@ class RunawayDrift(LabLaw):
     def trace(self, trace: Trace, moment: Moment) -> Trace:
         """The drifted force."""
         hours = (moment.context.clock_s + trace.time_s) / 3600.0
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + self.amplitude * hours**2)
+        return with_force(trace, trace.force_n + self.amplitude * hours**2)
 
 
 class TwiceFilteredTransmitter(LabLaw):
@@ -100,27 +101,18 @@ class TwiceFilteredTransmitter(LabLaw):
         return Trace(time_s, lift_mm, np.asarray(force_n))
 
 
-class WanderingClock(LabLaw):
+class WanderingClock(JitteringClock):
     """S5: force late by the time of `amplitude` mm at 5 mm/s, 30 % sd from grasp to grasp."""
 
-    def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The late force."""
-        spread = 1.0 + 0.3 * float(tool_draws(moment.tool_seed, 0x5500 + moment.context.tool_grasps, 1)[0])
-        late_s = self.amplitude * spread / USUAL_SPEED_MM_PER_S
-        time_s, lift_mm = lift_on(trace)
-        return Trace(time_s, lift_mm, np.interp(time_s - late_s, trace.time_s, trace.force_n))
+    def spread(self, moment: Moment) -> float:
+        """Delay of this grasp over the mean one."""
+        return 1.0 + 0.3 * float(tool_draws(moment.tool_seed, 0x5500 + moment.context.tool_grasps, 1)[0])
 
 
-class HollowTool(LabLaw):
+class HollowTool(HangingTool):
     """S6: `amplitude` of the weight of fingers that are printed half empty, and of a bracket of 15 g."""
 
-    filled, bracket_kg = 0.5, 0.015
-
-    def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The force with the weight."""
-        volume_mm3 = 2.0 * moment.design.draw_section().area * moment.design.width_mm
-        weight_n = GRAVITY * (self.filled * DENSITY_KG_PER_MM3 * volume_mm3 + self.bracket_kg)
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + self.amplitude * weight_n)
+    filled, added_kg = 0.5, 0.015
 
 
 class EmptyingBottle(LabLaw):
@@ -133,24 +125,17 @@ class EmptyingBottle(LabLaw):
         return self.amplitude * min(moment.context.batch_grasps / self.grasps, 1.0)
 
 
-class CurvedStart(LabLaw):
+class CurvedStart(SmoothStart):
     """A5: a gantry whose speed rises as half a cosine in the time T: behind by v T / 2 from then on.
 
-    T is such that this is `amplitude` mm at 5 mm/s.
+    v is the speed of the lift; T is such that this is `amplitude` mm at 5 mm/s.
     """
 
-    def trace(self, trace: Trace, moment: Moment) -> Trace:
-        """The force over the commanded lift."""
-        if self.amplitude == 0.0:
-            return trace
-        time_s, lift_mm = lift_on(trace)
-        start_s, rise_s = lift_start_s(trace), 2.0 * self.amplitude / USUAL_SPEED_MM_PER_S
-        lifted_s = lift_mm / lift_speed_mm_per_s(trace)
+    def real_s(self, lifted_s: np.ndarray) -> np.ndarray:
+        """Time of the lift at full speed that ends where the gantry is, for times since its start (n, s)."""
+        rise_s = 2.0 * self.amplitude / USUAL_SPEED_MM_PER_S
         rising_s = 0.5 * lifted_s - rise_s / (2.0 * math.pi) * np.sin(math.pi * lifted_s / rise_s)
-        real_s = np.where(lifted_s < rise_s, rising_s, lifted_s - 0.5 * rise_s)
-        return Trace(
-            time_s, lift_mm, np.interp(np.where(lift_mm > 0.0, start_s + real_s, time_s), trace.time_s, trace.force_n)
-        )
+        return np.where(lifted_s < rise_s, rising_s, lifted_s - 0.5 * rise_s)
 
 
 # By the name of the catalogue's effect of the same physics.

@@ -175,6 +175,13 @@ def _outcome_text(data: dict[str, Any], lake: Path) -> str:
     return "\n".join([*lines, "", *_next_lines(data, lake)])
 
 
+def _can_search_gap(tools: list[dict[str, Any]]) -> bool:
+    """Whether enough tools and objects were measured to hold some out."""
+    from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
+
+    return sum(tool["n_objects"] >= MIN_OBJECTS for tool in tools) >= MIN_DESIGNS
+
+
 def _next_lines(data: dict[str, Any], lake: Path) -> list[str]:
     """What to open and what to try next, as it can be clicked or typed."""
     where = "" if os.environ.get("FAST_LAKE") == str(lake) or lake == DEFAULT_LAKE else f" --lake {lake}"
@@ -182,10 +189,11 @@ def _next_lines(data: dict[str, Any], lake: Path) -> list[str]:
     tries = [("what it did, in motion", f"fast view {data['campaign']}{where}")]
     if best:
         tries += [("the best tool", f"fast view {best['tool_id']}{where}")]
-    tries += [
-        ("ask the data", f'fast sql "FROM tool_quality"{where}'),
-        ("where the simulator is wrong: what the search would cost", f"fast gap --dry-run{where}"),
-    ]
+    tries.append(("ask the data", f'fast sql "FROM tool_quality"{where}'))
+    if _can_search_gap(data["tools"]):
+        tries.append(("where the simulator is wrong: what the search would cost", f"fast gap --dry-run{where}"))
+    else:
+        tries.append(("where a simulator is wrong, on measurements that come with FAST", "fast gap --example"))
     width = max(len(command) for _, command in tries)
     report = f"Open the report: {Path(data['report']).resolve().as_uri()}"
     return [report, "Then try (without a screen add --web to `fast view`):"] + [

@@ -66,7 +66,7 @@ def test_a_terminal_that_cannot_be_written_over_gets_lines(monkeypatch):
 def test_the_last_lines_of_a_campaign_say_what_to_open_and_what_to_try(tmp_path, monkeypatch):
     monkeypatch.delenv("FAST_LAKE", raising=False)
     report = tmp_path / "outputs" / "demo" / "report" / "index.html"
-    best = {"tool_id": "demo/B02T1", "tool_quality_n": 16.2}
+    best = {"tool_id": "demo/B02T1", "tool_quality_n": 16.2, "n_objects": 4}
     data = {"campaign": "demo", "complete": True, "best_tool": best, "tools": [best], "report": str(report),
             "recording": str(tmp_path / "demo.rrd"), "ended_by": None}  # fmt: skip
     lines = _outcome_text(data, tmp_path).splitlines()
@@ -75,6 +75,11 @@ def test_the_last_lines_of_a_campaign_say_what_to_open_and_what_to_try(tmp_path,
     assert tried[:2] == [f"fast view demo --lake {tmp_path}", f"fast view demo/B02T1 --lake {tmp_path}"]
     for line in tried:
         app.parse_args(shlex.split(line)[1:])  # as it stands, it is a command
+    assert "fast gap --example" in tried
     assert not any("--lake" in line for line in _outcome_text(data, DEFAULT_LAKE).splitlines())
     monkeypatch.setenv("FAST_LAKE", str(tmp_path))
     assert not any("--lake" in line for line in _outcome_text(data, tmp_path).splitlines())
+    data["tools"] = [best | {"n_objects": n} for n in (4, 5, 5, 5, 5, 5, 5)]
+    assert "gap --dry-run" not in _outcome_text(data, tmp_path)
+    data["tools"] = [best | {"n_objects": 5}] * 7
+    assert "fast gap --dry-run" in _outcome_text(data, tmp_path)

@@ -106,13 +106,14 @@ class Panels:
     def tool_factors(self, name: str) -> np.ndarray:
         """Moduli of the tools over theta's that are already in a set's traces, t."""
         one = self.sets[name]
-        if not one.law or hidden_law(one.law).scales:
+        if not one.law or hidden_law(one.law, one.is_other).scales:
             return np.ones(len(self.designs))
         return np.array([tool_modulus_factor(chunk[0]) for chunk in one.grasps(self.designs, self.objects)])
 
     def is_scaled(self, name: str) -> bool:
         """Whether a set's forces may be multiplied for another modulus."""
-        return not self.sets[name].law or hidden_law(self.sets[name].law).scales
+        one = self.sets[name]
+        return not one.law or hidden_law(one.law, one.is_other).scales
 
     @cached_property
     def steps_n(self) -> dict[str, np.ndarray]:

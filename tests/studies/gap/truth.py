@@ -21,7 +21,7 @@ from fast.models.records import GraspSetup, Record, SimulatorVersion, Theta, Tra
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.simulation.plan import simulate_plan
 from fast.tasks.simulation.pool import WorkerPool
-from tests.studies.hidden.truth import TrueGrasp, solve_truth
+from tests.studies.hidden.truth import OTHER_GRASP_LAWS, TrueGrasp, solve_truth
 
 MODULUS_MPA = 9.2
 FRICTIONS, RATIOS = (0.38, 0.95), (0.32, 0.47)  # of true thetas: the bulk of the priors, not the bank's centre
@@ -31,11 +31,15 @@ _DIGITS = 4
 
 
 class TrueSet(Record):
-    """A panel of true grasps at one theta: what it is called, and its law with parameters (none: a base)."""
+    """A panel of true grasps at one theta: what it is called, and its law with parameters (none: a base).
+
+    is_other: whether the law is the second one that is known for its effect.
+    """
 
     name: str
     theta: tuple[float, float]
     law: str = ""
+    is_other: bool = False
     parameters: dict[str, float] = {}
     raised_mm: float = 0.0
 
@@ -49,6 +53,7 @@ class TrueSet(Record):
                     design=design,
                     object_id=obj,
                     law=self.law,
+                    is_other=self.is_other,
                     parameters=self.parameters,
                     raised_mm=self.raised_mm,
                 )
@@ -77,6 +82,13 @@ LAWS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "rib_imperfection": {"bow_mm": (0.25, 0.5)},
     "finger_finger_contact": {"half_gap_mm": (6.5, 8.0)},
 }
+# Of the second laws of `tests.studies.hidden.truth.OTHER_GRASP_LAWS`: those that are not as for the first.
+OTHER_LAWS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "pressure_dependent_friction": {"strength": (0.1, 0.26)},
+    "base_compliance": {"compliance_mm_per_n": (0.05, 0.12)},
+    "wall_thickness_offset": {"offset_mm": (0.14, 0.3)},
+    "shear_adhesion": {"shear_strength_mpa": (0.001, 0.003)},
+}
 
 
 class Panel(Record):
@@ -94,16 +106,17 @@ class Panel(Record):
     def draw(seed: str, designs: Sequence[int] = (), objects: Sequence[int] = ()) -> "Panel":
         """Draw thetas and amplitudes, and designs and objects of different classes if none are given.
 
-        Sets come in the order of their worth: a run that is stopped lacks the last of them.
+        The law of an effect is drawn from two. Sets come in the order of their worth: a run that is stopped lacks the
+        last of them.
         """
         rng = np.random.default_rng(seed_from("gap panel", seed))
         drawn_designs = tuple(int(n) for n in rng.choice(np.arange(40, 400), PANEL_DESIGNS, replace=False))
         thetas = [(round(float(rng.uniform(*FRICTIONS)), 3), round(float(rng.uniform(*RATIOS)), 3)) for _ in range(4)]
         first = thetas[0]
         sets = [TrueSet(name=f"base-{number}", theta=theta) for number, theta in enumerate(thetas)]
-        for law, ranges in LAWS.items():
-            parameters = {key: round(float(rng.uniform(*ends)), 5) for key, ends in ranges.items()}
-            sets.append(TrueSet(name=law, theta=thetas[int(rng.integers(N_BASES))], law=law, parameters=parameters))
+        for law in LAWS:
+            is_other = law in OTHER_GRASP_LAWS and bool(rng.uniform() < 0.5)
+            sets.append(draw_set(law, is_other, thetas[int(rng.integers(N_BASES))], rng))
         sets += [
             TrueSet(name=LOWER, theta=(round(0.7 * first[0], 3), first[1])),
             TrueSet(name=WIDER, theta=first, law="wider_closing", parameters={"wider_mm": 2.0}),
@@ -131,6 +144,13 @@ class Panel(Record):
     def write(self, folder: Path) -> None:
         """Keep the panel in a study's folder."""
         (folder / "panel.json").write_text(self.model_dump_json(indent=1) + "\n")
+
+
+def draw_set(law: str, is_other: bool, theta: tuple[float, float], rng: np.random.Generator) -> TrueSet:
+    """The true set of a law, first or second, with amplitudes from its ranges."""
+    ranges = OTHER_LAWS.get(law, LAWS[law]) if is_other else LAWS[law]
+    parameters = {key: round(float(rng.uniform(*ends)), 5) for key, ends in ranges.items()}
+    return TrueSet(name=law, theta=theta, law=law, is_other=is_other, parameters=parameters)
 
 
 RESPONDING, LOWER, WIDER, RAISED = "base-0", "lower friction", "wider closing", "raised objects"

@@ -230,7 +230,9 @@ class Worlds:
         update: dict[str, object] = {"base": base}
         if not self.panels.is_scaled(name):
             update["young_modulus_mpa"] = MODULUS_MPA
-        return self._appended(key.model_copy(update=update), Hidden(effect=one.law, truth_set=name))
+        return self._appended(
+            key.model_copy(update=update), Hidden(effect=one.law, truth_set=name, is_other=one.is_other)
+        )
 
     def _appended(self, key: WorldKey, hidden: Hidden) -> WorldKey:
         change = self._change_by(key, hidden)

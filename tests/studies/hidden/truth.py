@@ -32,6 +32,7 @@ from fast.models.solver_code import source_id
 from fast.models.validation import closest
 from tests.studies.hidden import body_laws as body
 from tests.studies.hidden import contact_laws as contact
+from tests.studies.hidden import other_grasp_laws as other
 
 SETUP = GraspSetup()
 # Shorter walls, flatter fillets: none of the meshes that the simulator's numerical error is estimated from.
@@ -46,13 +47,15 @@ _MODEL_SOURCES = ("design/profile.py", "objects", "simulation")
 class TrueGrasp(Record):
     """One grasp of a truth. `law`: its name in `GRASP_LAWS`, or empty. `raised_mm`: the object above its place.
 
-    `setup`, `placement`: as asked for; jaws reach another force with other air.
+    is_other: whether the law is the second one, of `OTHER_GRASP_LAWS`. `setup`, `placement`: as asked for; jaws reach
+    another force with other air.
     """
 
     theta: Theta
     design: int
     object_id: int
     law: str = ""
+    is_other: bool = False
     parameters: dict[str, float] = {}
     raised_mm: float = 0.0
     setup: GraspSetup = SETUP
@@ -61,8 +64,10 @@ class TrueGrasp(Record):
     @property
     def grasp_id(self) -> str:
         """Id derived from the content and from the code that decides the result."""
-        usual = {name for name in ("setup", "placement") if getattr(self, name) == TrueGrasp.model_fields[name].default}
-        return content_id("U", {"grasp": self.model_dump(mode="json", exclude=usual), "code": truth_code(self.law)})
+        rare = ("is_other", "setup", "placement")
+        usual = {name for name in rare if getattr(self, name) == TrueGrasp.model_fields[name].default}
+        code = truth_code(self.law, self.is_other)
+        return content_id("U", {"grasp": self.model_dump(mode="json", exclude=usual), "code": code})
 
     @property
     def tool_seed(self) -> int:
@@ -87,24 +92,32 @@ def _by_tool(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], True
     return lambda parameters, grasp: kind(**parameters, tool_seed=grasp.tool_seed)
 
 
-def _cylinder(parameters: Mapping[str, float], grasp: TrueGrasp) -> Effect:
-    """Jaws at the air of the grasp: a cylinder's force goes with its pressure."""
+def _by_design(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], TrueGrasp], Effect]:
+    return lambda parameters, grasp: kind(**parameters, design=numbered_design(grasp.design))
+
+
+def _by_friction(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], TrueGrasp], Effect]:
+    return lambda parameters, grasp: kind(**parameters, friction=grasp.theta.friction)
+
+
+def _jaw_force_n(parameters: Mapping[str, float], grasp: TrueGrasp) -> float:
+    """Force of jaws at the air of the grasp: a cylinder's goes with its pressure."""
     psi = USUAL_PRESSURE_PSI if grasp.setup.supply_pressure_psi is None else grasp.setup.supply_pressure_psi
-    return LeakyCylinder(parameters["max_force_n"] * psi / USUAL_PRESSURE_PSI, tool_seed=grasp.tool_seed)
+    return parameters["max_force_n"] * psi / USUAL_PRESSURE_PSI
 
 
 # By the name of the catalogue's effect of the same physics; what no catalogue lists comes last.
 GRASP_LAWS: Mapping[str, GraspLaw] = {
     "static_kinetic_friction": GraspLaw(RationalSlipFriction, _plain(RationalSlipFriction)),
     "object_edge_radius": GraspLaw(contact.WornEdges, _plain(contact.WornEdges)),
-    "force_limited_closing": GraspLaw(LeakyCylinder, _cylinder, scales=False),
-    "wall_thickness_offset": GraspLaw(DirectionalDilation, _by_tool(DirectionalDilation)),
-    "hyperelastic_stiffening": GraspLaw(body.ScatteredStiffening, _by_tool(body.ScatteredStiffening)),
-    "shear_adhesion": GraspLaw(
-        contact.SaturatingAdhesion,
-        lambda parameters, grasp: contact.SaturatingAdhesion(**parameters, friction=grasp.theta.friction),
+    "force_limited_closing": GraspLaw(
+        LeakyCylinder,
+        lambda parameters, grasp: LeakyCylinder(_jaw_force_n(parameters, grasp), tool_seed=grasp.tool_seed),
         scales=False,
     ),
+    "wall_thickness_offset": GraspLaw(DirectionalDilation, _by_tool(DirectionalDilation)),
+    "hyperelastic_stiffening": GraspLaw(body.ScatteredStiffening, _by_tool(body.ScatteredStiffening)),
+    "shear_adhesion": GraspLaw(contact.SaturatingAdhesion, _by_friction(contact.SaturatingAdhesion), scales=False),
     "finger_finger_contact": GraspLaw(contact.FlashedFingers, _by_tool(contact.FlashedFingers)),
     "base_compliance": GraspLaw(body.SlackMount, _plain(body.SlackMount), scales=False),
     "pressure_dependent_friction": GraspLaw(contact.HertzFriction, _plain(contact.HertzFriction), scales=False),
@@ -121,25 +134,45 @@ GRASP_LAWS: Mapping[str, GraspLaw] = {
     ),
 }
 
+# A second law of each of the catalogue's effects.
+OTHER_GRASP_LAWS: Mapping[str, GraspLaw] = {
+    "static_kinetic_friction": GraspLaw(other.LinearSlipFriction, _plain(other.LinearSlipFriction)),
+    "object_edge_radius": GraspLaw(other.TumbledEdges, _plain(other.TumbledEdges)),
+    "force_limited_closing": GraspLaw(
+        other.LeaningJaws,
+        lambda parameters, grasp: other.LeaningJaws(_jaw_force_n(parameters, grasp), numbered_design(grasp.design)),
+        scales=False,
+    ),
+    "wall_thickness_offset": GraspLaw(other.SquashedLayers, _plain(other.SquashedLayers)),
+    "hyperelastic_stiffening": GraspLaw(other.CuredStiffening, _by_design(other.CuredStiffening)),
+    "shear_adhesion": GraspLaw(other.SpotAdhesion, _by_friction(other.SpotAdhesion), scales=False),
+    "finger_finger_contact": GraspLaw(other.WarpedFingers, _by_design(other.WarpedFingers)),
+    "base_compliance": GraspLaw(other.TiltingMount, _by_design(other.TiltingMount), scales=False),
+    "pressure_dependent_friction": GraspLaw(other.FadingFriction, _plain(other.FadingFriction), scales=False),
+    "print_anisotropy": GraspLaw(other.StrandedRibs, _plain(other.StrandedRibs)),
+    "rib_imperfection": GraspLaw(other.SaggingRibs, _plain(other.SaggingRibs)),
+}
+
 
 @cache
-def truth_code(law: str) -> str:
+def truth_code(law: str, is_other: bool = False) -> str:
     """Id of the code that decides a true grasp under a law: the solver's, this module's, and the law's own class."""
     here = source_id(Path(__file__).parent, ("truth.py",))
     models = source_id(Path(inspect.getfile(Effect)).parents[2], _MODEL_SOURCES)
-    own = "" if not law else content_id("U", {"source": inspect.getsource(hidden_law(law).kind)})
+    own = "" if not law else content_id("U", {"source": inspect.getsource(hidden_law(law, is_other).kind)})
     return f"{models}-{here}{own}"
 
 
-def hidden_law(name: str) -> GraspLaw:
-    """The law of this name.
+def hidden_law(name: str, is_other: bool = False) -> GraspLaw:
+    """The law of this name, or the second one.
 
     Raises:
         UsageError: there is none.
     """
-    if name not in GRASP_LAWS:
-        raise UsageError(f"no hidden law is called `{name}`; {closest(name, list(GRASP_LAWS))}")
-    return GRASP_LAWS[name]
+    laws = OTHER_GRASP_LAWS if is_other else GRASP_LAWS
+    if name not in laws:
+        raise UsageError(f"no hidden law is called `{name}`; {closest(name, list(laws))}")
+    return laws[name]
 
 
 def tool_modulus_factor(grasp: TrueGrasp) -> float:
@@ -147,7 +180,7 @@ def tool_modulus_factor(grasp: TrueGrasp) -> float:
 
     Only laws that break the scaling of forces with the modulus are solved with it; a world scales all other traces.
     """
-    is_scaled = not grasp.law or hidden_law(grasp.law).scales
+    is_scaled = not grasp.law or hidden_law(grasp.law, grasp.is_other).scales
     return 1.0 if is_scaled else float(np.exp(TOOL_MODULUS_SD * body.tool_draws(grasp.tool_seed, 0xE, 1)[0]))
 
 
@@ -165,7 +198,7 @@ def solve_truth(grasp: TrueGrasp) -> GraspSimulation:
         SimulationFailed: no solution, or no mesh (reason `mesh_...`).
         UsageError: the law does not exist.
     """
-    effects = [hidden_law(grasp.law).build(grasp.parameters, grasp)] if grasp.law else []
+    effects = [hidden_law(grasp.law, grasp.is_other).build(grasp.parameters, grasp)] if grasp.law else []
     solved = _solve(grasp, effects)
     if any(isinstance(effect, body.WeakFinger) for effect in effects):
         return replace(solved, trace=_mean_trace(solved.trace, _solve(grasp, []).trace))

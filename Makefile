@@ -44,7 +44,7 @@ campaign: setup ## a small complete campaign on the virtual bench, with report a
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print
 
 test: setup     ## the test suite
-	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --durations=40 --durations-min=5
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --no-loadscope-reorder --durations=40 --durations-min=5
 
 studies: setup  ## tests that take minutes; `python -m tests.studies list` names the studies behind the docs
 	$(BIN)/python -m pytest -m study

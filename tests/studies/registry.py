@@ -22,6 +22,7 @@ from tests.studies.scientist.peers import measure_scientist_peers
 from tests.studies.scientist.prior import measure_prior
 from tests.studies.simulation.branches import measure_branches
 from tests.studies.simulation.material_law import measure_material_law
+from tests.studies.simulation.placement import measure_placement
 from tests.studies.simulation.robustness import measure_robustness
 from tests.studies.simulation.scale import measure_scale
 from tests.studies.traces.anomalies import measure_anomalies
@@ -34,6 +35,7 @@ STUDIES: dict[str, Benchmark] = {
     "robustness": benchmark(measure_robustness, *_KEPT, "workers"),
     "branches": benchmark(measure_branches, "designs", "objects"),
     "material-law": benchmark(measure_material_law, "designs", "objects"),
+    "placement": benchmark(measure_placement, "designs", "objects"),
     "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
     "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds"),

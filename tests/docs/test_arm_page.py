@@ -42,6 +42,7 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     process.communicate(timeout=30)
 
 
+@pytest.mark.slow
 def test_a_campaign_is_measured_by_the_arm(arm: None, capsys: pytest.CaptureFixture[str]) -> None:
     fast, run = Fast(capsys), commands_of(PAGE)[1]
     began_s = time.monotonic()

@@ -60,6 +60,7 @@ def write_pulls(results: Path, folder: Path) -> list[Path]:
     return written
 
 
+@pytest.mark.slow
 def test_a_campaign_is_asked_told_and_finished_as_the_page_says(fast: Fast) -> None:
     ask, tell, ask_more, tell_pulls, ask_last, report = commands_of(BENCH)[:6]
     assert fast(*ask).status == 0

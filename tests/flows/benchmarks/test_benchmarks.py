@@ -83,6 +83,7 @@ def test_outcomes_of_another_solver_count_only_where_they_last(tmp_path):
     assert [o.tier for o in read_outcomes(path, ("reference",)).values()] == ["reference"]
 
 
+@pytest.mark.slow
 def test_a_study_continues_where_it_was_stopped(tmp_path, short_grasps):
     path, cases = tmp_path / "results.jsonl", cases_of([0, 1], ["production"], [1, 24])
     assert run_study(cases, Options(results=path, limit_minutes=0.0), n_workers=1) == []

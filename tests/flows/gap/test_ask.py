@@ -40,6 +40,7 @@ def go(lake: Lake) -> GapOutcome:
     return run_gap(lake, ORDER, ProgressReporter(lambda _: None, lambda _: None))
 
 
+@pytest.mark.slow
 def test_a_set_is_asked_about_and_its_answer_is_a_name(tmp_path: Path) -> None:
     lake = gap_lake(tmp_path / "lake", hidden=[LAG])
     first = go(lake).run

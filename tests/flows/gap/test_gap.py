@@ -67,6 +67,7 @@ def lagging(tmp_path_factory: pytest.TempPathFactory) -> Lake:
     return gap_lake(tmp_path_factory.mktemp("lagging") / "lake", hidden=[LAG])
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path, no_figures: None) -> None:
     said: list[str] = []
     outcome = run_gap(lagging, ORDER, ProgressReporter(said.append, said.append))
@@ -116,6 +117,7 @@ def test_a_hidden_effect_is_named_added_and_shown(lagging: Lake, tmp_path: Path,
     assert again.sentence.startswith("nothing new since gap search")
 
 
+@pytest.mark.slow
 def test_a_name_that_does_not_help_is_in_the_answer_and_in_no_simulator(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

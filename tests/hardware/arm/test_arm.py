@@ -176,6 +176,7 @@ def test_a_lift_that_ends_above_the_travel_height_is_refused(controller):
         measure(bench, [(0, 0)])
 
 
+@pytest.mark.slow
 def test_the_arm_measures_what_the_gantry_measures(controller):
     world = World(seed=7, sensor=Sensor(rate_hz=125, noise_sd_n=0.05))
     with open_arm_bench(controller.settings, TOOLS) as arm:

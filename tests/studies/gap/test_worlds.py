@@ -32,6 +32,7 @@ from tests.studies.gap.truth import LAWS, MODULUS_MPA, Panel
 from tests.studies.gap.worlds import UNLISTED, Hidden, WorldKey, Worlds
 from tests.studies.hidden.lab_laws import LAB_LAWS
 from tests.studies.hidden.other_lab_laws import OTHER_LAB_LAWS
+from tests.studies.hidden.truth import OTHER_GRASP_LAWS
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
 SLIP = "static_kinetic_friction"
@@ -169,6 +170,8 @@ def test_hidden_names_are_the_catalogues_or_of_no_catalogue() -> None:
     unlisted = {*UNLISTED, "wider_closing"}
     names = {*LAB_LAWS, *LAWS}
     assert set(OTHER_LAB_LAWS) <= set(CATALOGUE)
+    for name, law in OTHER_GRASP_LAWS.items():
+        assert law.kind is not CATALOGUE[name].kind
     assert names - unlisted <= set(CATALOGUE)
     assert not unlisted & set(CATALOGUE)
 

@@ -38,6 +38,7 @@ WORK = (
     "fast.flows.scientist.landscape_study.run_planned",
     "fast.flows.scientist.campaign_runs.run_campaigns",
     "fast.flows.gap.search.run_gap",
+    "fast.flows.benchmarks.study._Part.run",
     "fast.flows.gap.example.open_example",
     "fast.flows.calibration.calibrate.run_calibration",
     "fast.flows.report.campaign.page.write_report",

@@ -30,9 +30,9 @@ from tests.studies.gap.panels import raw_strength
 from tests.studies.gap.tables import clopper_pearson
 from tests.studies.gap.truth import MODULUS_MPA, RESPONDING, results_folder
 from tests.studies.gap.worlds import WorldKey, Worlds
-from tests.studies.hidden.body_laws import tool_draws
 from tests.studies.hidden.lab import Variants
 from tests.studies.hidden.lab_laws import LabLaw, Moment, lift_on
+from tests.studies.hidden.parts import tool_draws
 from tests.studies.hidden.truth import TOOL_MODULUS_SD, TrueGrasp
 from tests.studies.hidden.truth import _solve as solve_with
 

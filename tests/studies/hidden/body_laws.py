@@ -5,14 +5,10 @@ from typing import ClassVar
 import numpy as np
 
 from fast.hardware.virtual.world.hidden import DirectionalDilation
-from fast.models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
+from fast.models.design.profile import cavity_share, take_fin_ray
 from fast.models.records import Design, GraspSetup
 from fast.models.simulation.effects.base import Effect
-
-
-def tool_draws(tool_seed: int, purpose: int, n: int) -> np.ndarray:
-    """Standard normal numbers (n), clipped at 2: what differs from one print to the next."""
-    return np.clip(np.random.default_rng([tool_seed, purpose]).standard_normal(n), -2.0, 2.0)
+from tests.studies.hidden.parts import find_ribs, tool_draws
 
 
 class ScatteredStiffening(Effect):
@@ -57,8 +53,6 @@ class WavyRibs(Effect):
     The catalogue bows every rib by the same one half wave.
     """
 
-    reach_mm = 2.0
-
     def __init__(self, bow_mm: float, tool_seed: int) -> None:
         self.bow_mm = bow_mm
         self.tool_seed = tool_seed
@@ -68,15 +62,8 @@ class WavyRibs(Effect):
         if self.bow_mm == 0.0:
             return points
         design = take_fin_ray(design, "the hidden law of wavy ribs")
-        angle = np.radians(design.rib_angle_deg)
-        across = np.array([-np.sin(angle), np.cos(angle)])
-        centres = rib_centres(design)
-        waves = tool_draws(self.tool_seed, 0x62, 2 * len(centres)).reshape(-1, 2)
-        beside_mm = np.abs((points[:, None] - centres) @ across)
-        rib = np.argmin(beside_mm, axis=1)
-        outside_mm = np.maximum(beside_mm.min(axis=1) - 0.5 * design.rib_thickness_mm, 0.0)
-        ends_mm = np.minimum(points[:, 1] - BASE_HEIGHT_MM, design.height_mm - design.tip_length_mm - points[:, 1])
-        near = np.exp(-((outside_mm / (0.5 * self.reach_mm)) ** 2)) * np.clip(ends_mm / self.reach_mm, 0.0, 1.0)
+        rib, near, across = find_ribs(points, design)
+        waves = tool_draws(self.tool_seed, 0x62, 2 * design.rib_count).reshape(-1, 2)
         phase = np.pi * cavity_share(points, design)
         shape = 0.9 * waves[rib, 0] * np.sin(phase) + 0.4 * waves[rib, 1] * np.sin(2.0 * phase)
         return np.asarray(points + (self.bow_mm * near * shape)[:, None] * across)

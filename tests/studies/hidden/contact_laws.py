@@ -6,9 +6,7 @@ import numpy as np
 
 from fast.models.objects.catalogue import RigidObject
 from fast.models.simulation.effects.base import Effect
-from tests.studies.hidden.body_laws import tool_draws
-
-LEAST_RADIUS_MM = 0.5  # contact points cannot resolve a sharper edge
+from tests.studies.hidden.parts import list_sizes_mm, tool_draws, with_rounder_edges
 
 
 class HertzFriction(Effect):
@@ -63,13 +61,12 @@ class WornEdges(Effect):
 
     def modify_object(self, obj: RigidObject) -> RigidObject:
         """The object as it was made."""
-        radius_mm = obj.parameters.get("rounding_mm")
-        if radius_mm is None or self.extra_radius_mm == 0.0:
+        if obj.parameters.get("rounding_mm") is None or self.extra_radius_mm == 0.0:
             return obj
         spread = 1.0 + self.object_sd * float(tool_draws(obj.object_id, 0xED6E, 1)[0])
-        made = {name: value - self.shrinking * self.extra_radius_mm for name, value in _sizes(obj).items()}
-        made["rounding_mm"] = max(radius_mm + spread * self.extra_radius_mm, LEAST_RADIUS_MM)
-        return obj.model_copy(update={"parameters": obj.parameters | made})
+        made = {name: value - self.shrinking * self.extra_radius_mm for name, value in list_sizes_mm(obj).items()}
+        shrunk = obj.model_copy(update={"parameters": obj.parameters | made})
+        return with_rounder_edges(shrunk, spread * self.extra_radius_mm)
 
 
 class FlashedFingers(Effect):
@@ -93,7 +90,7 @@ class ScaledObjects(Effect):
 
     def modify_object(self, obj: RigidObject) -> RigidObject:
         """The object with all its sizes scaled; its edges stay as sharp."""
-        made = {name: value * self.scale for name, value in _sizes(obj).items()}
+        made = {name: value * self.scale for name, value in list_sizes_mm(obj).items()}
         return obj.model_copy(update={"parameters": obj.parameters | made})
 
 
@@ -121,8 +118,3 @@ class ObjectSurfaces(Effect):
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> float:
         """Factor on the friction coefficient on this object."""
         return self.factor
-
-
-def _sizes(obj: RigidObject) -> dict[str, float]:
-    """Lengths of an object in mm, but for its edge radius and what is zero."""
-    return {n: v for n, v in obj.parameters.items() if n.endswith("_mm") and n != "rounding_mm" and v > 0.0}

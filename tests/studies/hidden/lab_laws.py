@@ -11,7 +11,7 @@ import numpy as np
 
 from fast.hardware.virtual.world.hidden import SpanError, mean_force_n, over_tilting_post
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from tests.studies.hidden.body_laws import tool_draws
+from tests.studies.hidden.parts import tool_draws
 
 DENSITY_KG_PER_MM3 = 1.13e-6
 GRAVITY = 9.81

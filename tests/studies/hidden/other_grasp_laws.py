@@ -6,10 +6,11 @@ import numpy as np
 from shapely.geometry import MultiPolygon, Polygon
 from shapely.ops import unary_union
 
-from fast.models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
+from fast.models.design.profile import cavity_share, is_in_rib, rib_centres, take_fin_ray
 from fast.models.objects.catalogue import RigidObject
 from fast.models.records import Design
 from fast.models.simulation.effects.base import Effect
+from tests.studies.hidden.parts import find_ribs, list_sizes_mm, with_rounder_edges
 
 USUAL_HEIGHT_MM = 105.0  # of a finger; of designs it is 90 to 120
 USUAL_THICKNESS_MM = 2.5  # of walls and ribs; of designs it is 2 to 3
@@ -71,19 +72,14 @@ class TumbledEdges(Effect):
     `extra_radius_mm` on an object whose smallest length is 30 mm, in proportion to that length on others.
     """
 
-    least_radius_mm, usual_mm = 0.5, 30.0
+    usual_mm = 30.0
 
     def __init__(self, extra_radius_mm: float) -> None:
         self.extra_radius_mm = extra_radius_mm
 
     def modify_object(self, obj: RigidObject) -> RigidObject:
         """The object after the tumbler."""
-        radius_mm = obj.parameters.get("rounding_mm")
-        if radius_mm is None or self.extra_radius_mm == 0.0:
-            return obj
-        sizes_mm = [v for n, v in obj.parameters.items() if n.endswith("_mm") and n != "rounding_mm" and v > 0.0]
-        made_mm = max(radius_mm + self.extra_radius_mm * min(sizes_mm) / self.usual_mm, self.least_radius_mm)
-        return obj.model_copy(update={"parameters": obj.parameters | {"rounding_mm": made_mm}})
+        return with_rounder_edges(obj, self.extra_radius_mm * min(list_sizes_mm(obj).values()) / self.usual_mm)
 
 
 class WarpedFingers(Effect):
@@ -169,9 +165,8 @@ class StrandedRibs(Effect):
     def stiffness_factor(self, points: np.ndarray, design: Design) -> np.ndarray:
         """Factor (n) on the modulus of elements at `points` (n, 2) of the section, mm."""
         design = take_fin_ray(design, "the hidden law of strands")
-        share = cavity_share(points, design)
-        is_rib = (share > 0.0) & (share < 1.0) & (points[:, 1] < design.height_mm - design.tip_length_mm)
-        return np.asarray(1.0 + self.excess * (USUAL_THICKNESS_MM / design.rib_thickness_mm) ** 2 * is_rib)
+        excess = self.excess * (USUAL_THICKNESS_MM / design.rib_thickness_mm) ** 2
+        return np.asarray(1.0 + excess * is_in_rib(points, design))
 
 
 class SaggingRibs(Effect):
@@ -179,8 +174,6 @@ class SaggingRibs(Effect):
 
     L is how long the rib is, L0 the same of the lowest one; the shape is that of a clamped beam, (1 - cos 2 pi s) / 2.
     """
-
-    reach_mm = 2.0
 
     def __init__(self, bow_mm: float) -> None:
         self.bow_mm = bow_mm
@@ -190,15 +183,8 @@ class SaggingRibs(Effect):
         if self.bow_mm == 0.0:
             return points
         design = take_fin_ray(design, "the hidden law of sagging ribs")
-        angle = np.radians(design.rib_angle_deg)
-        across = np.array([-np.sin(angle), np.cos(angle)])
-        centres = rib_centres(design)
-        beside_mm = np.abs((points[:, None] - centres) @ across)
-        rib = np.argmin(beside_mm, axis=1)
-        outside_mm = np.maximum(beside_mm.min(axis=1) - 0.5 * design.rib_thickness_mm, 0.0)
-        ends_mm = np.minimum(points[:, 1] - BASE_HEIGHT_MM, design.height_mm - design.tip_length_mm - points[:, 1])
-        near = np.exp(-((outside_mm / (0.5 * self.reach_mm)) ** 2)) * np.clip(ends_mm / self.reach_mm, 0.0, 1.0)
-        # The middle of a rib is half way between the walls: what is beside it is half of its length.
-        longer = (centres[:, 0] - design.front_thickness_mm) / (centres[0, 0] - design.front_thickness_mm)
+        rib, near, across = find_ribs(points, design)
+        # The middle of a rib is half way between the walls: how far it is from the front wall goes with its length.
+        half_mm = rib_centres(design)[:, 0] - design.front_thickness_mm
         shape = 0.5 * (1.0 - np.cos(2.0 * np.pi * cavity_share(points, design)))
-        return np.asarray(points - (self.bow_mm * near * shape * longer[rib] ** 2)[:, None] * across)
+        return np.asarray(points - (self.bow_mm * near * shape * (half_mm / half_mm[0])[rib] ** 2)[:, None] * across)

@@ -7,7 +7,6 @@ from scipy.signal import lfilter
 
 from fast.hardware.virtual.world.hidden import over_tilting_post
 from fast.models.records import Trace
-from tests.studies.hidden.body_laws import tool_draws
 from tests.studies.hidden.lab_laws import (
     LAB_LAWS,
     USUAL_SPEED_MM_PER_S,
@@ -20,6 +19,7 @@ from tests.studies.hidden.lab_laws import (
     lift_start_s,
     with_force,
 )
+from tests.studies.hidden.parts import tool_draws
 
 
 class LogarithmicRelaxation(LabLaw):

@@ -13,7 +13,6 @@ from tests.studies.hidden.body_laws import (
     SlackMount,
     WavyRibs,
     WiderClosing,
-    tool_draws,
 )
 from tests.studies.hidden.contact_laws import (
     FlashedFingers,
@@ -24,6 +23,7 @@ from tests.studies.hidden.contact_laws import (
     SoftObjects,
     WornEdges,
 )
+from tests.studies.hidden.parts import tool_draws
 from tests.studies.hidden.truth import (
     GRASP_LAWS,
     TrueGrasp,

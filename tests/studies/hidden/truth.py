@@ -33,6 +33,7 @@ from fast.models.validation import closest
 from tests.studies.hidden import body_laws as body
 from tests.studies.hidden import contact_laws as contact
 from tests.studies.hidden import other_grasp_laws as other
+from tests.studies.hidden.parts import tool_draws
 
 SETUP = GraspSetup()
 # Shorter walls, flatter fillets: none of the meshes that the simulator's numerical error is estimated from.
@@ -75,46 +76,49 @@ class TrueGrasp(Record):
         return seed_from("true tool", self.design)
 
 
+_Build = Callable[[Mapping[str, float], TrueGrasp], Effect]
+
+
 @dataclass(frozen=True)
 class GraspLaw:
     """A hidden law by its effect class and how it is built for a grasp; `scales`: forces stay proportional to E."""
 
     kind: type[Effect]
-    build: Callable[[Mapping[str, float], TrueGrasp], Effect]
+    build: _Build
     scales: bool = True
 
 
-def _plain(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], TrueGrasp], Effect]:
+def _plain(kind: Callable[..., Effect]) -> _Build:
     return lambda parameters, grasp: kind(**parameters)
 
 
-def _by_tool(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], TrueGrasp], Effect]:
+def _by_tool(kind: Callable[..., Effect]) -> _Build:
     return lambda parameters, grasp: kind(**parameters, tool_seed=grasp.tool_seed)
 
 
-def _by_design(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], TrueGrasp], Effect]:
+def _by_design(kind: Callable[..., Effect]) -> _Build:
     return lambda parameters, grasp: kind(**parameters, design=numbered_design(grasp.design))
 
 
-def _by_friction(kind: Callable[..., Effect]) -> Callable[[Mapping[str, float], TrueGrasp], Effect]:
+def _by_friction(kind: Callable[..., Effect]) -> _Build:
     return lambda parameters, grasp: kind(**parameters, friction=grasp.theta.friction)
 
 
-def _jaw_force_n(parameters: Mapping[str, float], grasp: TrueGrasp) -> float:
-    """Force of jaws at the air of the grasp: a cylinder's goes with its pressure."""
-    psi = USUAL_PRESSURE_PSI if grasp.setup.supply_pressure_psi is None else grasp.setup.supply_pressure_psi
-    return parameters["max_force_n"] * psi / USUAL_PRESSURE_PSI
+def _by_air(build: _Build) -> _Build:
+    """Jaws at the air of the grasp: a cylinder's force goes with its pressure."""
+
+    def at_air(parameters: Mapping[str, float], grasp: TrueGrasp) -> Effect:
+        psi = USUAL_PRESSURE_PSI if grasp.setup.supply_pressure_psi is None else grasp.setup.supply_pressure_psi
+        return build({"max_force_n": parameters["max_force_n"] * psi / USUAL_PRESSURE_PSI}, grasp)
+
+    return at_air
 
 
 # By the name of the catalogue's effect of the same physics; what no catalogue lists comes last.
 GRASP_LAWS: Mapping[str, GraspLaw] = {
     "static_kinetic_friction": GraspLaw(RationalSlipFriction, _plain(RationalSlipFriction)),
     "object_edge_radius": GraspLaw(contact.WornEdges, _plain(contact.WornEdges)),
-    "force_limited_closing": GraspLaw(
-        LeakyCylinder,
-        lambda parameters, grasp: LeakyCylinder(_jaw_force_n(parameters, grasp), tool_seed=grasp.tool_seed),
-        scales=False,
-    ),
+    "force_limited_closing": GraspLaw(LeakyCylinder, _by_air(_by_tool(LeakyCylinder)), scales=False),
     "wall_thickness_offset": GraspLaw(DirectionalDilation, _by_tool(DirectionalDilation)),
     "hyperelastic_stiffening": GraspLaw(body.ScatteredStiffening, _by_tool(body.ScatteredStiffening)),
     "shear_adhesion": GraspLaw(contact.SaturatingAdhesion, _by_friction(contact.SaturatingAdhesion), scales=False),
@@ -138,11 +142,7 @@ GRASP_LAWS: Mapping[str, GraspLaw] = {
 OTHER_GRASP_LAWS: Mapping[str, GraspLaw] = {
     "static_kinetic_friction": GraspLaw(other.LinearSlipFriction, _plain(other.LinearSlipFriction)),
     "object_edge_radius": GraspLaw(other.TumbledEdges, _plain(other.TumbledEdges)),
-    "force_limited_closing": GraspLaw(
-        other.LeaningJaws,
-        lambda parameters, grasp: other.LeaningJaws(_jaw_force_n(parameters, grasp), numbered_design(grasp.design)),
-        scales=False,
-    ),
+    "force_limited_closing": GraspLaw(other.LeaningJaws, _by_air(_by_design(other.LeaningJaws)), scales=False),
     "wall_thickness_offset": GraspLaw(other.SquashedLayers, _plain(other.SquashedLayers)),
     "hyperelastic_stiffening": GraspLaw(other.CuredStiffening, _by_design(other.CuredStiffening)),
     "shear_adhesion": GraspLaw(other.SpotAdhesion, _by_friction(other.SpotAdhesion), scales=False),
@@ -156,8 +156,8 @@ OTHER_GRASP_LAWS: Mapping[str, GraspLaw] = {
 
 @cache
 def truth_code(law: str, is_other: bool = False) -> str:
-    """Id of the code that decides a true grasp under a law: the solver's, this module's, and the law's own class."""
-    here = source_id(Path(__file__).parent, ("truth.py",))
+    """Id of the code that decides a true grasp: the solver, this module, `parts`, and the class of the law."""
+    here = source_id(Path(__file__).parent, ("truth.py", "parts.py"))
     models = source_id(Path(inspect.getfile(Effect)).parents[2], _MODEL_SOURCES)
     own = "" if not law else content_id("U", {"source": inspect.getsource(hidden_law(law, is_other).kind)})
     return f"{models}-{here}{own}"
@@ -181,7 +181,7 @@ def tool_modulus_factor(grasp: TrueGrasp) -> float:
     Only laws that break the scaling of forces with the modulus are solved with it; a world scales all other traces.
     """
     is_scaled = not grasp.law or hidden_law(grasp.law, grasp.is_other).scales
-    return 1.0 if is_scaled else float(np.exp(TOOL_MODULUS_SD * body.tool_draws(grasp.tool_seed, 0xE, 1)[0]))
+    return 1.0 if is_scaled else float(np.exp(TOOL_MODULUS_SD * tool_draws(grasp.tool_seed, 0xE, 1)[0]))
 
 
 def true_placement(grasp: TrueGrasp) -> Placement:

@@ -30,12 +30,13 @@ def report(
 ) -> None:
     """Write a report as one folder of HTML, figures and data: of a campaign, finished or not, or of a calibration."""
     from fast.flows.cli.campaign import open_lake, resolve_campaign
-    from fast.flows.report.calibration.page import write_calibration_report
     from fast.flows.report.campaign.page import add_features, write_report
     from fast.lake.tables.campaign import CalibrationRow
 
     found = open_lake(lake)
     if campaign is not None and found.has(CalibrationRow, campaign):
+        from fast.flows.report.calibration.page import write_calibration_report
+
         page = write_calibration_report(found, campaign, out or found.root / "outputs" / campaign / "report")
         show({"calibration": campaign, "report": str(page)}, str(page), json)
         return

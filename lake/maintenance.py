@@ -38,9 +38,10 @@ TARGET_BYTES = 64 * 2**20  # of a merged file, 14,000 traces; files over half of
 _ALWAYS_MERGED = 16  # files below this part of the target are merged whatever the others are
 _READ_AT_ONCE, _READERS = 50, 2
 _NEEDS_SAMPLES = (
-    ("grasps", "traces", "grasp_id"),
-    ("simulations", "sim_traces", "simulation_id"),
-    ("calibrations", "posterior_draws", "calibration_id"),
+    # A peak that a person read off an instrument has no trace, and so no work.
+    ("grasps", "traces", "grasp_id", "AND work_j IS NOT NULL"),
+    ("simulations", "sim_traces", "simulation_id", ""),
+    ("calibrations", "posterior_draws", "calibration_id", ""),
 )
 
 Kind = Literal[FaultKind, "foreign", "leftover", "incomplete"]
@@ -266,10 +267,10 @@ def _set_aside(storage: Storage, finding: Finding) -> Finding:
 
 
 def _incomplete(lake: Lake) -> Iterator[Finding]:
-    for scalars, samples, key in _NEEDS_SAMPLES:
+    for scalars, samples, key, unless in _NEEDS_SAMPLES:
         # Of traces the index has the ids, and need not be read.
         held = f"raw_{samples}" if TABLE_BY_NAME[samples].id_column() == key else samples
-        sql = f"SELECT {key} FROM {scalars} WHERE status = 'ok' EXCEPT SELECT {key} FROM {held} ORDER BY {key}"
+        sql = f"SELECT {key} FROM {scalars} WHERE status = 'ok' {unless} EXCEPT SELECT {key} FROM {held} ORDER BY {key}"
         for row_id in lake.query(sql).column(0).to_pylist():
             path = lake.storage.place(scalars)
             yield Finding("incomplete", path, f"`{row_id}` of `{scalars}` has no row in `{samples}`; redo it.")

@@ -206,25 +206,50 @@ def labs(
 
 @app.command
 def publish(
-    directory: Annotated[Path, Parameter(help="New folder for the deposit.")],
+    directory: Annotated[Path | None, Parameter(help="New folder for the deposit.")] = None,
     *,
     title: Annotated[str, Parameter(help="Title of the data set.")],
     author: Annotated[list[str], Parameter(negative="", help="Who made the data; may be given several times.")],
     licence: Annotated[str, Parameter(help="CC-BY-4.0, CC0-1.0 or ODC-By-1.0.")] = "CC-BY-4.0",
+    eln: Annotated[Path | None, Parameter(help="Also write one file for electronic lab notebooks (.eln).")] = None,
+    zenodo: Annotated[
+        bool, Parameter(negative="", help="Also upload it to Zenodo, as a draft; FAST_ZENODO_TOKEN is your token.")
+    ] = False,
     lake: LakePath = DEFAULT_LAKE,
     campaign: Annotated[str | None, Parameter(help="Publish this campaign alone; default: everything.")] = None,
     json: AsJson = False,
 ) -> None:
-    """Write a deposit for Zenodo or another archive: an export that describes itself, readable without FAST."""
-    from fast.lake.handoff.publish import publish as write_deposit
-    from fast.lake.store import Lake
+    """Write a deposit for Zenodo or another archive: an export that describes itself, readable without FAST.
 
+    Give a folder, --eln, --zenodo, or several of them.
+    """
+    from tempfile import TemporaryDirectory
+
+    from fast.lake.handoff.eln import check_eln_path, write_eln
+    from fast.lake.handoff.publish import publish as write_deposit
+    from fast.lake.handoff.zenodo import read_access, upload_deposit
+    from fast.lake.store import Lake
+    from fast.models.errors import UsageError
+
+    if directory is None and eln is None and not zenodo:
+        raise UsageError("nothing is asked for; give a new folder, --eln FILE.eln, --zenodo, or several of them.")
+    access = read_access() if zenodo else None
+    if eln is not None:
+        check_eln_path(eln)
     found = Lake.open(lake)
     if campaign is not None:
         _check_campaign(found, campaign)
-    counts = write_deposit(found, directory, title=title, authors=author, licence=licence, campaign_id=campaign)
-    words = f"{_counts_text('wrote', counts._asdict())} to {directory}; pack the folder and upload it as it is."
-    show(counts._asdict(), words, json)
+    with TemporaryDirectory(prefix="fast-deposit-") as spare:
+        folder = directory or Path(spare) / (campaign or "fast-grasps")
+        counts = write_deposit(found, folder, title=title, authors=author, licence=licence, campaign_id=campaign)
+        words = [_counts_text("wrote", counts._asdict())]
+        words += [f"to {directory}; pack the folder and upload it as it is"] if directory else []
+        if eln is not None:
+            write_eln(folder, eln)
+            words.append(f"to {eln}; import it into your notebook")
+        page = upload_deposit(folder, access) if access else None
+        words += [f"to {page} as a draft; look at it and publish it there"] if page else []
+    show({**counts._asdict(), "draft": page}, f"{words[0]} {', and '.join(words[1:])}.", json)
 
 
 @app.command

@@ -52,7 +52,7 @@ Numbers are in the units that end their names: `_mm`, `_n` (newton), `_s`, `_deg
 `grasps.csv` says how each grasp was made where that differs from the usual: jaws 70 mm open and 16 mm closed, tips 5 mm
 below the object, closing at 20 mm/s, lift at 5 mm/s.
 
-`shapes/` holds each measured finger and each object on its mount as STL files, in mm.
+`shapes/` holds each measured finger and each object on its mount (one without a floor alone) as STL files, in mm.
 
 `datapackage.json` describes every column (Frictionless data package), `ro-crate-metadata.json` the whole (RO-Crate).
 With Python, `pandas.read_csv("grasps.csv")` and `pandas.read_parquet("traces.parquet")` read it. FAST reads it back:
@@ -115,7 +115,7 @@ def _write_shapes(lake: Lake, folder: Path, campaign_id: str | None) -> list[Pat
     """What was printed and what was grasped, as STL files: measured designs by id, objects with their mounts."""
     from fast.models.design.finger import finger_bodies  # loads meshing
     from fast.models.objects.catalogue import get_object
-    from fast.models.objects.mount import printable_mesh
+    from fast.models.objects.mount import printable_mesh, unmounted_mesh
 
     where = {"campaign_id": campaign_id} if campaign_id else {}
     measured = lake.rows(GraspRow, **where)
@@ -128,8 +128,12 @@ def _write_shapes(lake: Lake, folder: Path, campaign_id: str | None) -> list[Pat
             files.append(folder / f"{row.design_id}_{name}.stl")
             body.export(files[-1])
     for object_id in sorted({row["object_id"] for row in measured}):
-        files.append(folder / f"object_{object_id}.stl")
-        printable_mesh(get_object(object_id)).export(files[-1])
+        try:
+            name, mesh = f"object_{object_id}.stl", printable_mesh(get_object(object_id))
+        except UsageError:  # a tube has no floor that a post could hold
+            name, mesh = f"object_{object_id}_alone.stl", unmounted_mesh(get_object(object_id))
+        files.append(folder / name)
+        mesh.export(files[-1])
     return files
 
 
@@ -137,7 +141,8 @@ def _tell_about(path: Path) -> str:
     if path.parent.name != SHAPES:
         return _ABOUT[path.name]
     if path.stem.startswith("object_"):
-        return f"object {path.stem.removeprefix('object_')} on its mount, mm"
+        _, number, *alone = path.stem.split("_")
+        return f"object {number} {'alone: it has no floor for a mount' if alone else 'on its mount'}, mm"
     design_id, _, part = path.stem.rpartition("_")
     return f"{part} part of a finger of design {design_id}, mm"
 
@@ -214,7 +219,8 @@ def _write_crate(directory: Path, files: Sequence[Path], about: dict[str, Any]) 
     from rocrate.model.person import Person
     from rocrate.rocrate import ROCrate
 
-    crate = ROCrate()
+    crate = ROCrate(version="1.1")  # what notebooks and archives read
+    crate.metadata.extra_terms["sha256"] = "https://schema.org/sha256"  # which version 1.1 does not define
     crate.name, crate.description = about["title"], about["description"]
     crate.license = LICENCES[about["licence"]][1]
     crate.creator = [

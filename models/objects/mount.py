@@ -20,9 +20,7 @@ def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -
     Raises:
         UsageError: there is no material over the post to stand on.
     """
-    own = mesh_of(obj)
-    # What is no clean solid (bodies that overlap, say) is printed as the simulator sees it.
-    body = own if own is not None and own.is_volume else object_mesh(obj, _SPACING_MM)
+    body = unmounted_mesh(obj)
     body.apply_translation([0.0, 0.0, mount_height_mm])
     length = mount_height_mm + _OVERLAP_MM
     post = trimesh.creation.cylinder(POST_DIAMETER_MM / 2, length, sections=64)
@@ -36,3 +34,10 @@ def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -
             "would hold it; give it a floor, or print the object alone."
         )
     return whole
+
+
+def unmounted_mesh(obj: RigidObject) -> trimesh.Trimesh:
+    """Watertight mesh of an object alone, mm; z = 0 is its bottom."""
+    own = mesh_of(obj)
+    # What is no clean solid (bodies that overlap, say) is printed as the simulator sees it.
+    return own if own is not None and own.is_volume else object_mesh(obj, _SPACING_MM)

@@ -203,6 +203,12 @@ def test_a_good_grasp_without_trace_is_incomplete(filled, provenance, make_grasp
     assert rows[0].grasp_id in finding.message
 
 
+def test_a_peak_told_without_its_trace_is_complete(filled, provenance, make_grasp):
+    rows = make_grasp(object_id=30, work_j=None, initial_force_n=None)
+    filled.append(rows[:1], provenance)
+    assert check(filled) == []
+
+
 def test_stats_counts_files_rows_and_bytes(filled):
     by_table = {row.table: row for row in stats(filled)}
     assert set(by_table) == {t.table for t in TABLES}

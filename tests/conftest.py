@@ -10,7 +10,6 @@ from hypothesis import settings
 from fast.flows.cli.main import leave
 
 _STATUS: list[int] = []
-_SERVER = "PREFECT_API_URL"
 settings.register_profile("quick", max_examples=40)  # a test that needs more says so
 settings.load_profile("quick")
 # Wire logs of benches moved by hand go to the user's state folder: not to that of whoever runs the tests.
@@ -27,17 +26,6 @@ def _no_waiting_for_the_disk() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda _descriptor: None)
         yield
-
-
-@pytest.fixture(autouse=True)
-def _no_server_of_another_test() -> Iterator[None]:
-    """A campaign that ran in this process leaves the address of a server that is gone; the next test knows none."""
-    before = os.environ.get(_SERVER)
-    yield
-    if os.environ.get(_SERVER) != before:
-        os.environ.pop(_SERVER, None)
-        if before is not None:
-            os.environ[_SERVER] = before
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -20,6 +20,7 @@ import psutil
 from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.flows.benchmarks.made_up_batch import Batch, lockstep_bench
 from fast.flows.benchmarks.made_up_campaign import Size, use_made_up_physics, world_of, write_files
+from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, named_server
 from fast.flows.server.server import configure_client, server
 from fast.hardware.safety.safe_state import Verb
 from fast.lake.store import Lake
@@ -131,15 +132,17 @@ def _physics_cpu_s() -> float:
 @contextmanager
 def server_of_study(lake: Lake) -> Iterator[None]:
     """A server that is not the campaign's own, so that its CPU time can be told apart."""
-    before = os.environ.get("PREFECT_API_URL")
-    with server(lake.root) as url:
-        configure_client(url, lake.root)
+    before = named_server()
+    with server(lake.root) as api:
+        configure_client(api, lake.root)
+        os.environ |= {SERVER_VARIABLE: api.url, LOGIN_VARIABLE: api.login or ""}
         try:
             yield
         finally:
-            os.environ.pop("PREFECT_API_URL")
-            if before is not None:
-                os.environ["PREFECT_API_URL"] = before
+            for name, value in ((SERVER_VARIABLE, before and before.url), (LOGIN_VARIABLE, before and before.login)):
+                os.environ.pop(name)
+                if value:
+                    os.environ[name] = value
 
 
 def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:

@@ -4,12 +4,13 @@ A form is a convenience beside `fast print confirm`: what counts is in the lake,
 """
 
 import logging
-import os
 import urllib.error
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from fast.flows.server.access import Api
+from fast.flows.server.environment import named_server
 from fast.flows.server.server import address_for_others, ask_server, find_server
 from fast.lake.store import Lake
 
@@ -37,48 +38,48 @@ def open_form(lake: Lake, form: Form) -> str | None:
     None where all is answered, as it is when a form ended and its campaign has not heard of it yet; and where the
     server does not answer or nobody has applied prefect.yaml (`fast serve`).
     """
-    api_url = _server_of(lake)
-    if api_url is None:
+    api = _server_of(lake)
+    if api is None:
         return None
     try:
-        runs = _open_runs(api_url, lake, form)
+        runs = _open_runs(api, lake, form)
         # Asked for after the forms: one that has ended since has its answer in the lake.
         if not runs and (parameters := form.find_open()) is None:
             return None
-        run = runs[0] if runs else _start(api_url, lake, form, parameters)
+        run = runs[0] if runs else _start(api, lake, form, parameters)
     except (OSError, ValueError) as error:
         if not (isinstance(error, urllib.error.HTTPError) and error.code == 404):
             logger.warning("no form for %s in the pages: %s", form.tag, error)
         return None
-    return f"{api_url.removesuffix('/api')}/runs/flow-run/{run['id']}"
+    return f"{api.page}/runs/flow-run/{run['id']}"
 
 
 def close_forms(lake: Lake, form: Form, reason: str) -> None:
     """End the forms of a step that nobody needs any more."""
-    api_url = _server_of(lake)
-    if api_url is None:
+    api = _server_of(lake)
+    if api is None:
         return
     try:
-        for run in _open_runs(api_url, lake, form):
+        for run in _open_runs(api, lake, form):
             state = {"type": "COMPLETED", "name": "Completed", "message": reason}
-            ask_server(api_url, f"/flow_runs/{run['id']}/set_state", {"state": state, "force": True})
+            ask_server(api, f"/flow_runs/{run['id']}/set_state", {"state": state, "force": True})
     except (OSError, ValueError) as error:
         logger.warning("the form of %s stays open: %s", form.tag, error)
 
 
-def _server_of(lake: Lake) -> str | None:
-    return os.environ.get("PREFECT_API_URL") or find_server(lake.root)
+def _server_of(lake: Lake) -> Api | None:
+    return named_server() or find_server(lake.root)
 
 
-def _start(api_url: str, lake: Lake, form: Form, parameters: Mapping[str, Any] | None) -> dict[str, Any]:
-    deployment = ask_server(api_url, f"/deployments/name/{form.deployment}")
+def _start(api: Api, lake: Lake, form: Form, parameters: Mapping[str, Any] | None) -> dict[str, Any]:
+    deployment = ask_server(api, f"/deployments/name/{form.deployment}")
     filled = {**(parameters or {}), "lake": address_for_others(lake)}
     body = {"name": form.title, "parameters": filled, "tags": ["needs-you", form.tag]}
-    found: dict[str, Any] = ask_server(api_url, f"/deployments/{deployment['id']}/create_flow_run", body)
+    found: dict[str, Any] = ask_server(api, f"/deployments/{deployment['id']}/create_flow_run", body)
     return found
 
 
-def _open_runs(api_url: str, lake: Lake, form: Form) -> list[dict[str, Any]]:
+def _open_runs(api: Api, lake: Lake, form: Form) -> list[dict[str, Any]]:
     """Forms of a step of this lake that have not ended."""
     which = {
         "flow_runs": {
@@ -86,5 +87,5 @@ def _open_runs(api_url: str, lake: Lake, form: Form) -> list[dict[str, Any]]:
             "state": {"type": {"any_": _OPEN}},
         }
     }
-    runs = ask_server(api_url, "/flow_runs/filter", which)
+    runs = ask_server(api, "/flow_runs/filter", which)
     return [run for run in runs if run["parameters"].get("lake") == address_for_others(lake)]

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from fast.flows.dependencies import CAMPAIGN, require
 from fast.flows.progress import ProgressReporter
+from fast.flows.server.access import address_for_person
 from fast.flows.server.crashed_runs import end_crashed_runs
-from fast.flows.server.server import configure_client, server
+from fast.flows.server.environment import named_server
+from fast.flows.server.server import configure_client, server, tell_ignored
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
 from fast.hardware.virtual.world.file import World
@@ -63,11 +65,13 @@ def run_campaign(
         enter(campaign, config_path)
         append_event(campaign.lake, name, STARTED, "started or continued", run=lease.token)
         reporter.progress("starting the Prefect server (some seconds, a minute on a busy machine)")
-        api_url = stack.enter_context(server(campaign.lake.root))
-        configure_client(api_url, campaign.lake.root)
-        for sentence in end_crashed_runs(api_url).sentences:
+        if (sentence := tell_ignored()) and named_server() is None:
             reporter.progress(sentence)
-        reporter.announce(f"Campaign {name}; watch it at {api_url.removesuffix('/api')}")
+        api = stack.enter_context(server(campaign.lake.root))
+        configure_client(api, campaign.lake.root)
+        for sentence in end_crashed_runs(api).sentences:
+            reporter.progress(sentence)
+        reporter.announce(f"Campaign {name}; watch it at {address_for_person(api)}")
         # Prefect reads its settings when first imported, so only now.
         from fast.flows.campaign.process import run_in_process
 

@@ -153,20 +153,22 @@ def _serial_ports() -> str:
 def _running(lake: Path) -> str:
     import socket
 
-    from fast.flows.server.server import DEFAULT_PORT, LOOPBACK, find_server
+    from fast.flows.server.access import address_for_person
+    from fast.flows.server.server import DEFAULT_PORT, LOOPBACK, find_server, reach_named_server, tell_ignored
     from fast.lake.storage.open import storage_at
 
-    named = os.environ.get("PREFECT_API_URL")
-    known = named or find_server(storage_at(lake).root)
-    if known:
-        return f"{'named by PREFECT_API_URL' if named else 'of this lake'}: {known.removesuffix('/api')}"
+    if named := reach_named_server():
+        return f"named by FAST_PREFECT_API_URL: {named.page}"
+    ignored = f"; {sentence}" if (sentence := tell_ignored()) else ""
+    if known := find_server(storage_at(lake).root):
+        return f"of this lake: {address_for_person(known)}{ignored}"
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((LOOPBACK, DEFAULT_PORT))
         except OSError:
-            return f"none of this lake; port {DEFAULT_PORT} is taken, so give `fast serve` another --port"
-    return f"none of this lake; `fast serve` starts one, port {DEFAULT_PORT} is free"
+            return f"none of this lake; port {DEFAULT_PORT} is taken, so give `fast serve` another --port{ignored}"
+    return f"none of this lake; `fast serve` starts one, port {DEFAULT_PORT} is free{ignored}"
 
 
 def _notifications() -> str:
@@ -220,8 +222,8 @@ def _small_mesh() -> str:
 def _server() -> str:
     from fast.flows.server.server import server
 
-    with tempfile.TemporaryDirectory(prefix="fast-doctor-") as folder, server(Path(folder)) as api_url:
-        return f"answered at {api_url}"
+    with tempfile.TemporaryDirectory(prefix="fast-doctor-") as folder, server(Path(folder)) as api:
+        return f"answered at {api.page}"
 
 
 def _try(name: str, check: Callable[[], str], fix: str) -> Check:

@@ -9,6 +9,8 @@ import sys
 from cyclopts import App
 from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
+from fast.flows.server.loopback import spare_loopback
+
 
 def _read_version() -> str:
     from importlib.metadata import version  # a hundredth of a second that other commands do not need
@@ -76,6 +78,7 @@ def run_and_leave(command_line: App) -> None:
     # Several processes work side by side: one thread each, set before numpy is imported.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    spare_loopback(os.environ)
     os.environ.setdefault("DO_NOT_TRACK", "1")  # what libraries would report of their use stays here
     gc.set_threshold(50_000)  # imports make many objects and drop few: the default looks through them 300 times
     status = run(None, command_line)

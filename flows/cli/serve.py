@@ -31,32 +31,37 @@ def serve(
 ) -> None:
     """Run the Prefect server of this lake, a worker and the deployments of prefect.yaml until Ctrl-C.
 
-    Campaigns on the same lake show there and can be started there. A server named by PREFECT_API_URL is used instead
-    of one of its own. With FAST_PASSWORD set, pages and programs need it (user `fast`).
+    Campaigns on the same lake show there and can be started there. The printed address lets a browser in; nobody else
+    gets in, neither pages of other sites nor other users of the computer. A server that FAST_PREFECT_API_URL names is
+    used instead of one of its own. FAST_PASSWORD is a password in place of the key in the address (user `fast`).
     """
     from fast.flows.cli.virtual import watch_signals
     from fast.flows.dependencies import require
+    from fast.flows.server.access import address_for_person
+    from fast.flows.server.environment import named_server
     from fast.flows.server.lab import LabPlan, open_lab
-    from fast.flows.server.server import find_server
+    from fast.flows.server.server import find_server, tell_ignored
     from fast.lake.store import Lake
     from fast.models.errors import FastError
 
     require(["prefect"])
-    named = os.environ.get("PREFECT_API_URL")
+    named = named_server()
     if named is None:
         _check_server_wanted(host, port)
     found = Lake.open(lake, create=True)
     known = None if named else find_server(found.root)
     if known:
-        raise FastError(f"a server of this lake runs already: {known.removesuffix('/api')}; use that one.")
+        raise FastError(f"a server of this lake runs already: {address_for_person(known)}; use that one.")
+    if (sentence := tell_ignored()) and named is None:
+        tell(sentence)
     with open_lab(found, LabPlan(port, host, runs)) as lab:
         asked = watch_signals()  # a server that is still starting is ended by the default
-        page = lab.api_url.removesuffix("/api")
+        page = address_for_person(lab.api)
         say_text: Callable[[str], None] = tell if json else say
         say_text(f"Prefect server of {found.address}: {page}")
         deployments = lab.deploy()
         if json:
-            data = {"url": page, "api_url": lab.api_url, "lake": found.address, "deployments": deployments}
+            data = {"url": page, "api_url": lab.api.url, "lake": found.address, "deployments": deployments}
             say(json_module.dumps(data))
         say_text(f"worker ready; can be started from the pages: {', '.join(deployments)}")
         say_text("Ctrl-C stops server and worker, and what the worker does; campaigns in other terminals go on.")
@@ -70,7 +75,7 @@ def _tend(lab: "Lab", asked: threading.Event) -> None:
 
 def _check_server_wanted(host: str, port: int) -> None:
     """Raises UsageError when the port is taken, or others would reach a server without password."""
-    from fast.flows.server.server import PASSWORD_VARIABLE
+    from fast.flows.server.access import PASSWORD_VARIABLE
     from fast.models.errors import UsageError
 
     if not _is_loopback(host) and not os.environ.get(PASSWORD_VARIABLE):

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from fast.flows.server.access import Api
 from fast.flows.server.run_process import RunningProcess, is_process_alive
 from fast.flows.server.server import ask_server
 
@@ -44,7 +45,7 @@ class EndedRuns:
 
 
 def end_crashed_runs(
-    api_url: str,
+    api: Api,
     *,
     and_continue: bool = False,
     hour_limit: int = MOST_PER_HOUR,
@@ -56,9 +57,9 @@ def end_crashed_runs(
     time.
     """
     try:
-        names = _flow_names(api_url)
-        crashed = [sentence for run in _active(api_url, names) if (sentence := _declare(api_url, run, worker_since))]
-        continued = _continue_campaigns(api_url, names, hour_limit) if and_continue else []
+        names = _flow_names(api)
+        crashed = [sentence for run in _active(api, names) if (sentence := _declare(api, run, worker_since))]
+        continued = _continue_campaigns(api, names, hour_limit) if and_continue else []
     except (OSError, ValueError) as error:
         logger.warning("crashed flow runs were not looked for: %s", error)
         return EndedRuns()
@@ -91,13 +92,13 @@ def _is_orphaned(since: datetime, worker_since: datetime, now: datetime) -> bool
     return since < worker_since and (now - worker_since).total_seconds() > ORPHAN_LIMIT_S
 
 
-def _flow_names(api_url: str) -> dict[str, str]:
+def _flow_names(api: Api) -> dict[str, str]:
     """Ids and names of the flows that are ours."""
     wanted = {"flows": {"name": {"any_": list(OURS)}}}
-    return {flow["id"]: flow["name"] for flow in ask_server(api_url, "/flows/filter", wanted)}
+    return {flow["id"]: flow["name"] for flow in ask_server(api, "/flows/filter", wanted)}
 
 
-def _active(api_url: str, names: Iterable[str]) -> list[Run]:
+def _active(api: Api, names: Iterable[str]) -> list[Run]:
     if not (flow_ids := list(names)):
         return []
     question = {
@@ -105,44 +106,44 @@ def _active(api_url: str, names: Iterable[str]) -> list[Run]:
         "flows": {"id": {"any_": flow_ids}},
         "limit": _AT_ONCE,
     }
-    return list(ask_server(api_url, "/flow_runs/filter", question))
+    return list(ask_server(api, "/flow_runs/filter", question))
 
 
-def _declare(api_url: str, run: Run, worker_since: datetime | None) -> str | None:
+def _declare(api: Api, run: Run, worker_since: datetime | None) -> str | None:
     """Set a run whose process is gone, and its tasks, to Crashed; returns the sentence about it."""
     reason = explain_death(run, datetime.now(UTC), worker_since)
     if reason is None:
         return None
-    _set_crashed(api_url, "flow_runs", run["id"], reason)
+    _set_crashed(api, "flow_runs", run["id"], reason)
     question = {
         "task_runs": {"state": {"type": {"any_": list(ACTIVE)}}},
         "flow_runs": {"id": {"any_": [run["id"]]}},
         "limit": _AT_ONCE,
     }
-    for task_run in ask_server(api_url, "/task_runs/filter", question):
-        _set_crashed(api_url, "task_runs", task_run["id"], reason)
+    for task_run in ask_server(api, "/task_runs/filter", question):
+        _set_crashed(api, "task_runs", task_run["id"], reason)
     return f"run {run['name']} has crashed: {reason}"
 
 
-def _set_crashed(api_url: str, kind: str, run_id: str, reason: str) -> None:
+def _set_crashed(api: Api, kind: str, run_id: str, reason: str) -> None:
     state = {"type": "CRASHED", "name": "Crashed", "message": reason}
-    ask_server(api_url, f"/{kind}/{run_id}/set_state", {"state": state, "force": True})
+    ask_server(api, f"/{kind}/{run_id}/set_state", {"state": state, "force": True})
 
 
-def _continue_campaigns(api_url: str, names: dict[str, str], hour_limit: int) -> list[str]:
+def _continue_campaigns(api: Api, names: dict[str, str], hour_limit: int) -> list[str]:
     """Start again every campaign whose last run from a deployment has crashed; a person's stop is no crash."""
     flow_ids = [flow_id for flow_id, name in names.items() if name == CONTINUED]
     if not flow_ids:
         return []
     question = {"flows": {"id": {"any_": flow_ids}}, "sort": "EXPECTED_START_TIME_DESC", "limit": _AT_ONCE}
     by_campaign: dict[str, list[Run]] = {}
-    for run in ask_server(api_url, "/flow_runs/filter", question):
+    for run in ask_server(api, "/flow_runs/filter", question):
         if run["deployment_id"] and not run["auto_scheduled"]:
             by_campaign.setdefault(f"{run['deployment_id']} {sorted(run['parameters'].items())}", []).append(run)
-    return [sentence for runs in by_campaign.values() if (sentence := _continue(api_url, runs, hour_limit))]
+    return [sentence for runs in by_campaign.values() if (sentence := _continue(api, runs, hour_limit))]
 
 
-def _continue(api_url: str, runs: list[Run], hour_limit: int) -> str | None:
+def _continue(api: Api, runs: list[Run], hour_limit: int) -> str | None:
     """A new run with the parameters of the last, newest first, if that has crashed."""
     last, now = runs[0], datetime.now(UTC)
     if last["state"]["type"] != "CRASHED" or _time(last["state"]["timestamp"]) < now - FORGOTTEN_AFTER:
@@ -153,7 +154,7 @@ def _continue(api_url: str, runs: list[Run], hour_limit: int) -> str | None:
         return None
     new = {"parameters": last["parameters"], "tags": [CONTINUES], "idempotency_key": f"continues-{last['id']}"}
     try:
-        ask_server(api_url, f"/deployments/{last['deployment_id']}/create_flow_run", new)
+        ask_server(api, f"/deployments/{last['deployment_id']}/create_flow_run", new)
     except urllib.error.HTTPError as error:
         return f"run {last['name']} has crashed and its deployment starts no other: {error.reason}"
     return f"run {last['name']} has crashed and is continued"

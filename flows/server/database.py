@@ -11,15 +11,15 @@ from contextlib import closing
 from importlib.metadata import version
 from pathlib import Path
 
+from fast.flows.server.environment import DATABASE_VARIABLE
 from fast.models.solver_code import cache_folder
 
 NAME = "prefect.db"
-OTHER_DATABASE = "PREFECT_API_DATABASE_CONNECTION_URL"  # a lab's own, such as PostgreSQL
 
 
 def take_empty_database(home: Path) -> bool:
     """Give a new server a database; True if no empty one is kept, so that Prefect makes it."""
-    if os.environ.get(OTHER_DATABASE) or (home / NAME).exists():
+    if os.environ.get(DATABASE_VARIABLE) or (home / NAME).exists():
         return False
     if not _kept().exists():
         return True

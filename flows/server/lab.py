@@ -11,14 +11,15 @@ from pathlib import Path
 
 from fast.flows.server.child_process import ChildProcess
 from fast.flows.server.crashed_runs import end_crashed_runs
+from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, make_environment
 from fast.flows.server.server import (
     LOOPBACK,
     address_for_others,
     ask_server,
-    client_environment,
-    get_api_url,
+    get_api,
     is_healthy,
     note_server,
+    reach_named_server,
     start_server,
     state_folder,
     stop_server,
@@ -50,22 +51,21 @@ class Lab:
         self._lake = lake
         self._swept_s = 0.0
         self._server: ChildProcess | None = None
-        named = os.environ.get("PREFECT_API_URL")
-        if named is None:
+        api = reach_named_server()
+        if api is None:
             self._server = start_server(lake.root, plan.port, plan.host)
-            self.api_url = get_api_url(self._server)
-        elif is_healthy(named):
-            self.api_url = named
-        else:
-            raise FastError(f"PREFECT_API_URL is {named}, which does not answer; start that server or unset it.")
+            api = get_api(self._server)
+        self.api = api
         self._environment = {
-            **os.environ,
-            **client_environment(self.api_url),
-            "PREFECT_HOME": str(state_folder(lake.root)),
+            **make_environment(self.api, state_folder(lake.root)),
+            # What the worker starts uses this server, also while it is started again.
+            SERVER_VARIABLE: self.api.url,
             "PYTHONPATH": os.pathsep.join(filter(None, [str(CHECKOUT), os.environ.get("PYTHONPATH")])),
             "FAST_CHECKOUT": str(CHECKOUT),
             "FAST_LAKE": address_for_others(lake),
         }
+        if self.api.login:
+            self._environment[LOGIN_VARIABLE] = self.api.login
         self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
         log = state_folder(lake.root) / "worker.log"
         self._n_runs = plan.n_runs
@@ -86,7 +86,7 @@ class Lab:
         if done.returncode:
             last = " ".join((done.stderr or done.stdout).strip().splitlines()[-3:])
             raise FastError(f"the deployments of {CHECKOUT / 'prefect.yaml'} were not accepted: {last}")
-        return sorted(found["name"] for found in ask_server(self.api_url, "/deployments/filter", {}))
+        return sorted(found["name"] for found in ask_server(self.api, "/deployments/filter", {}))
 
     def tend(self, tell: Callable[[str], None]) -> None:
         """Start again what died, and campaigns whose process did; what they need is in the database and in the lake."""
@@ -96,10 +96,10 @@ class Lab:
         if self._worker.restart_if_dead():
             tell(f"the worker had died and was started again; its log is {self._worker.log_path}")
         # A server that is still starting would hold this up, and with it the start of the worker.
-        if time.monotonic() - self._swept_s > SWEEP_S and is_healthy(self.api_url):
+        if time.monotonic() - self._swept_s > SWEEP_S and is_healthy(self.api):
             self._swept_s = time.monotonic()
             only_worker_since = None if self._server is None else self._worker.since
-            for sentence in end_crashed_runs(self.api_url, and_continue=True, worker_since=only_worker_since).sentences:
+            for sentence in end_crashed_runs(self.api, and_continue=True, worker_since=only_worker_since).sentences:
                 tell(sentence)
 
     def close(self) -> None:
@@ -122,7 +122,7 @@ class Lab:
         deadline = time.monotonic() + POOL_LIMIT_S
         while True:
             try:
-                ask_server(self.api_url, f"/work_pools/{POOL}", {"concurrency_limit": self._n_runs}, method="PATCH")
+                ask_server(self.api, f"/work_pools/{POOL}", {"concurrency_limit": self._n_runs}, method="PATCH")
                 return
             except OSError as error:
                 if time.monotonic() > deadline or not self._worker.is_alive():

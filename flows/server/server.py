@@ -1,6 +1,5 @@
 """Find or start the Prefect server: `fast serve`'s, or one embedded in the process that needs it."""
 
-import base64
 import json
 import os
 import socket
@@ -14,8 +13,10 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
+from fast.flows.server.access import Api, own_login
 from fast.flows.server.child_process import ChildProcess
 from fast.flows.server.database import keep_empty_database, take_empty_database
+from fast.flows.server.environment import enter_environment, list_ignored, make_environment, named_server
 from fast.flows.server.run_process import is_process_alive
 from fast.lake.storage.files import writing_failed
 from fast.lake.store import Lake
@@ -27,16 +28,7 @@ LISTEN_BACKLOG = 1024  # requests that wait while the server starts again
 LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 4200
 ANY_PORT = 0  # the system chooses one that is free
-PASSWORD_VARIABLE = "FAST_PASSWORD"
-USER = "fast"
 
-OFFLINE = {
-    "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
-    "DO_NOT_TRACK": "1",
-    "PREFECT_CLOUD_ENABLE_ORCHESTRATION_TELEMETRY": "false",
-    "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
-    "PREFECT_SERVER_UI_V2_ENABLED": "false",
-}
 # Runs are forgotten three months after their end, with their tasks and logs; events after a week. The lake keeps all.
 TIDY = {
     "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
@@ -54,7 +46,6 @@ ROUNDS = {
     "PREFECT_SERVER_SERVICES_CANCELLATION_CLEANUP_LOOP_SECONDS": "60",
     "PREFECT_SERVER_EVENTS_PROACTIVE_GRANULARITY": "PT60S",
 }
-PATIENT = {"PREFECT_CLIENT_MAX_RETRIES": "7"}  # about four minutes, where a server of others is gone
 
 
 def state_folder(lake_root: Path) -> Path:
@@ -67,28 +58,12 @@ def address_for_others(lake: Lake) -> str:
     return str(lake.root.resolve()) if Path(lake.address) == lake.root else lake.address
 
 
-def configure_client(api_url: str, lake_root: Path) -> None:
+def configure_client(api: Api, lake_root: Path) -> None:
     """Set this process's Prefect settings; must come before `import prefect`."""
-    os.environ.update(client_environment(api_url))
-    os.environ.setdefault("PREFECT_HOME", str(state_folder(lake_root)))
-    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")
+    enter_environment(api, state_folder(lake_root))
 
 
-def client_environment(api_url: str) -> dict[str, str]:
-    """Settings of a process that talks to the server: its address, its password if it has one, and no telemetry."""
-    settings = {**OFFLINE, **PATIENT, "PREFECT_API_URL": api_url}
-    if login := _login():
-        settings.setdefault("PREFECT_API_AUTH_STRING", login)
-    return settings
-
-
-def _login() -> str | None:
-    """`user:password` of the server, where the environment has a password."""
-    password = os.environ.get(PASSWORD_VARIABLE)
-    return f"{USER}:{password}" if password else None
-
-
-def ask_server(api_url: str, path: str, body: Any = None, timeout_s: float = 10.0, method: str | None = None) -> Any:
+def ask_server(api: Api, path: str, body: Any = None, timeout_s: float = 10.0, method: str | None = None) -> Any:
     """Answer of the server to a GET, or to a POST of `body`, without the cost of importing Prefect.
 
     `method`: another one, such as PATCH.
@@ -96,12 +71,9 @@ def ask_server(api_url: str, path: str, body: Any = None, timeout_s: float = 10.
     Raises:
         OSError: no answer, or a refusal (`urllib.error.HTTPError`).
     """
-    headers = {"Content-Type": "application/json"}
-    login = os.environ.get("PREFECT_API_AUTH_STRING") or _login()
-    if login:
-        headers["Authorization"] = f"Basic {base64.b64encode(login.encode()).decode()}"
+    headers = {"Content-Type": "application/json", **api.headers}
     data = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(f"{api_url}{path}", data, headers, method=method)
+    request = urllib.request.Request(f"{api.url}{path}", data, headers, method=method)
     for patience_s in (0.5, 1.0, 2.0, 4.0, 0.0):
         try:
             with urllib.request.urlopen(request, timeout=timeout_s) as answer:
@@ -116,15 +88,15 @@ def ask_server(api_url: str, path: str, body: Any = None, timeout_s: float = 10.
 
 
 @contextmanager
-def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
-    """API address of a server: the environment's, one that serves this lake already, or a new one.
+def server(lake_root: Path, port: int | None = None) -> Iterator[Api]:
+    """A server: the one that FAST_PREFECT_API_URL names, one that serves this lake already, or a new one.
 
     A new server is started again when it dies, stopped on exit, and stops by itself when this process dies.
 
     Raises:
-        FastError: the server did not become healthy.
+        FastError: the server that was named does not answer, or a new one did not become healthy.
     """
-    known = os.environ.get("PREFECT_API_URL") or find_server(lake_root)
+    known = reach_named_server() or find_server(lake_root)
     if known:
         yield known
         return
@@ -135,7 +107,7 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[str]:
     )
     watcher.start()
     try:
-        yield get_api_url(process)
+        yield get_api(process)
     finally:
         is_over.set()
         watcher.join()
@@ -149,8 +121,34 @@ def _keep_alive(lake_root: Path, process: ChildProcess, is_over: threading.Event
             note_server(lake_root, process)
 
 
-def find_server(lake_root: Path) -> str | None:
-    """API address of a server that already serves this lake, if it answers."""
+def reach_named_server() -> Api | None:
+    """The server that FAST_PREFECT_API_URL names, if it names one.
+
+    Raises:
+        FastError: it does not answer, or does not let us in.
+    """
+    named = named_server()
+    if named is None or is_healthy(named):
+        return named
+    raise FastError(
+        f"FAST_PREFECT_API_URL is {named.url}, which does not answer or does not let us in; start that server, set "
+        "FAST_PREFECT_API_AUTH_STRING to its user:password, or unset both, and FAST brings its own."
+    )
+
+
+def tell_ignored() -> str | None:
+    """The sentence about settings for another Prefect, if there are any."""
+    ignored = list_ignored()
+    if not ignored:
+        return None
+    return (
+        f"left aside, since FAST brings its own Prefect server: {', '.join(ignored)} "
+        "(a setting that is meant for FAST is named FAST_PREFECT_...)"
+    )
+
+
+def find_server(lake_root: Path) -> Api | None:
+    """A server that already serves this lake, if it answers."""
     try:
         entry = json.loads(_address_file(lake_root).read_text())
         url, owner_pid = str(entry["api_url"]), int(entry["owner_pid"])
@@ -158,13 +156,16 @@ def find_server(lake_root: Path) -> str | None:
         return None
     if not is_process_alive(owner_pid):
         return None  # it may still answer, but follows its owner within a second
-    return url if url.startswith(f"http://{LOOPBACK}:") and is_healthy(url) else None
+    if not url.startswith(f"http://{LOOPBACK}:"):
+        return None
+    api = Api(url, own_login(lake_root))
+    return api if is_healthy(api) else None
 
 
-def is_healthy(api_url: str) -> bool:
-    """True when the server answers its health check."""
+def is_healthy(api: Api) -> bool:
+    """True when the server answers its health check, and lets us in."""
     try:
-        return ask_server(api_url, "/health", timeout_s=2) is True
+        return ask_server(api, "/health", timeout_s=2) is True
     except (OSError, ValueError, urllib.error.URLError):
         return False
 
@@ -181,24 +182,26 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
     home = state_folder(lake_root)
     try:
         home.mkdir(parents=True, exist_ok=True)
+        home.chmod(0o700)  # its database holds what the pages show
     except OSError as error:
         raise writing_failed(home, error) from error
+    login = own_login(lake_root)
     listener = _listen(host, port)
     port = int(listener.getsockname()[1])
-    url = f"http://{LOOPBACK}:{port}/api"
-    environment = {**os.environ, **client_environment(url), "PREFECT_HOME": str(home)}
-    if login := _login():
-        environment["PREFECT_SERVER_API_AUTH_STRING"] = login
+    api = Api(f"http://{LOOPBACK}:{port}/api", login)
+    environment = make_environment(api, home)
+    environment["FAST_SERVER_LOGIN"] = login
+    environment["PREFECT_SERVER_CORS_ALLOWED_ORIGINS"] = api.page  # not the default, which is everybody
     for name, value in {**TIDY, **ROUNDS}.items():
         environment.setdefault(name, value)
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")
-    arguments = [str(listener.fileno()), str(os.getpid()), str(lake_root / "outputs")]
+    arguments = [str(listener.fileno()), str(os.getpid()), str((lake_root / "outputs").resolve())]
     process = ChildProcess("fast.flows.server.server_process", arguments, environment, home / "server.log", listener)
     is_made_by_prefect = take_empty_database(home)
     process.start()
     try:
-        _wait_until_healthy(url, process)
+        _wait_until_healthy(api, process)
         if is_made_by_prefect:
             keep_empty_database(home)
     except BaseException:
@@ -211,7 +214,7 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
 def note_server(lake_root: Path, process: ChildProcess) -> None:
     """Write the address of a server where other processes of this machine look for it."""
     _address_file(lake_root).write_text(
-        json.dumps({"api_url": get_api_url(process), "pid": process.pid, "owner_pid": os.getpid()})
+        json.dumps({"api_url": get_api(process).url, "pid": process.pid, "owner_pid": os.getpid()})
     )
 
 
@@ -221,14 +224,14 @@ def stop_server(lake_root: Path, process: ChildProcess) -> None:
     process.stop()
 
 
-def get_api_url(process: ChildProcess) -> str:
-    """API address of a server of ours, for processes of this machine."""
-    return process.environment["PREFECT_API_URL"]
+def get_api(process: ChildProcess) -> Api:
+    """Address and login of a server of ours, for processes of this machine."""
+    return Api(process.environment["PREFECT_API_URL"], process.environment["PREFECT_API_AUTH_STRING"])
 
 
-def _wait_until_healthy(url: str, process: ChildProcess) -> None:
+def _wait_until_healthy(api: Api, process: ChildProcess) -> None:
     deadline = time.monotonic() + START_LIMIT_S
-    while not is_healthy(url):
+    while not is_healthy(api):
         if not process.is_alive() or time.monotonic() > deadline:
             raise FastError(
                 f"the Prefect server did not start within {START_LIMIT_S:.0f} s; its log is {process.log_path}; "

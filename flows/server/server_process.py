@@ -3,61 +3,38 @@
 Arguments: number of the listening socket that the parent hands on, process id of the parent, output folder.
 """
 
-import base64
-import binascii
 import functools
-import hmac
 import inspect
 import os
 import socket
 import sys
-from collections.abc import Awaitable, Callable, MutableMapping
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
+
+from fast.flows.server.gate import App, Receive, Scope, Send, add_gate
 
 OUTPUTS = "/outputs"
 WORKER_PACES = {"minimum_check_interval": 5.0, "scheduling_resolution": 5.0}
 QUEUE_PACES = {"heartbeat_interval": 30.0}
 
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
+LOGIN_VARIABLE = "FAST_SERVER_LOGIN"  # what the parent tells this process, which other users cannot read
 
 
-def add_outputs(pages: App, folder: Path, login: str | None) -> App:
-    """Prefect's application with reports and recordings of the lake under `/outputs/`, behind the same password."""
+def add_outputs(pages: App, folder: Path) -> App:
+    """Prefect's application with reports and recordings of the lake under `/outputs/`."""
     from starlette.applications import Starlette
-    from starlette.responses import PlainTextResponse
     from starlette.routing import Mount
     from starlette.staticfiles import StaticFiles
 
     folder.mkdir(parents=True, exist_ok=True)
     # It does not follow links, nor leave the folder.
     files = Starlette(routes=[Mount(OUTPUTS, StaticFiles(directory=folder, html=True))])
-    refusal = PlainTextResponse("Password needed.", 401, {"WWW-Authenticate": 'Basic realm="FAST"'})
 
     async def app(scope: Scope, receive: Receive, send: Send) -> None:
         is_output = scope["type"] == "http" and scope["path"].startswith(f"{OUTPUTS}/")
-        if not is_output:
-            await pages(scope, receive, send)
-        elif login is not None and not _knows(scope, login):
-            await refusal(scope, receive, send)
-        else:
-            await files(scope, receive, send)
+        await (files if is_output else pages)(scope, receive, send)
 
     return app
-
-
-def _knows(scope: Scope, login: str) -> bool:
-    """Whether the request carries the login."""
-    sent = dict(scope["headers"]).get(b"authorization", b"").decode("latin-1")
-    kind, _, code = sent.partition(" ")
-    try:
-        return kind == "Basic" and hmac.compare_digest(base64.b64decode(code, validate=True), login.encode())
-    except (binascii.Error, ValueError):
-        return False
 
 
 def slow_queue() -> None:
@@ -84,8 +61,10 @@ def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
 
     follow_parent(parent_pid)
     slow_queue()
-    login = os.environ.get("PREFECT_SERVER_API_AUTH_STRING")
-    config = uvicorn.Config(add_outputs(create_app(), folder, login), log_level="warning")
+    login = os.environ.pop(LOGIN_VARIABLE)
+    app = add_gate(add_outputs(create_app(), folder), login, listener.getsockname()[0])
+    # Of a proxy's word about who asks, nothing is believed.
+    config = uvicorn.Config(app, log_level="warning", proxy_headers=False)
     uvicorn.Server(config).run(sockets=[listener])
 
 

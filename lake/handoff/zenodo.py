@@ -1,6 +1,6 @@
 """Upload of a deposit to Zenodo, or to another archive that runs its software (InvenioRDM's deposit interface).
 
-Source: developers.zenodo.org, "Depositions". A draft is made; a person looks at it and publishes it on the page, because
+Source: developers.zenodo.org, "Depositions". A draft is made. A person looks at it and publishes it on the page, since
 what is published there cannot be taken back.
 """
 
@@ -34,8 +34,8 @@ def read_access() -> tuple[str, str]:
     token = os.environ.get(TOKEN_VARIABLE, "").strip()
     if not token:
         raise UsageError(
-            f"{TOKEN_VARIABLE} is not set; make a token with the scope `deposit:write` on {address}, under Applications "
-            "of your account, and set it."
+            f"{TOKEN_VARIABLE} is not set; make a token with the scope `deposit:write` on {address}, under "
+            "Applications of your account, and set it."
         )
     parts = urllib.parse.urlsplit(address)
     if parts.scheme != "https" and (parts.scheme, parts.hostname) != ("http", "127.0.0.1"):

@@ -1,4 +1,4 @@
-"""What a worker and a campaign do, in a process of its own, on the server of PREFECT_API_URL; made-up draws.
+"""What a worker and a campaign do, in a process of its own, on the server that is named; made-up draws.
 
 Arguments: a lake, then words. `pool` makes the work pool of prefect.yaml, `run` the flow, `measure` appends grasps of
 more tools, `announce` sends a campaign's event. Prints the messages of the flow's states.
@@ -10,6 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from fast.flows.server.access import Api
+from fast.flows.server.environment import named_server
 from fast.flows.server.server import configure_client
 from fast.lake.store import Lake
 from tests.tasks.calibration.calibration_lake import CONFIG, PROVENANCE, made_up_result, measured_rows
@@ -20,10 +22,11 @@ def made_up(problem, settings, progress=None):
     return made_up_result(problem, settings)
 
 
-def main(root: Path, words: list[str], api_url: str) -> None:
+def main(root: Path, words: list[str], api: Api | None) -> None:
     """Do what the words say, in order."""
     sys.modules["fast.models.calibration.means.calibrate"] = SimpleNamespace(calibrate=made_up)  # type: ignore[assignment]
-    configure_client(api_url, root)
+    assert api is not None
+    configure_client(api, root)
     for word in words:
         {"pool": make_pool, "run": run_flow, "measure": measure, "announce": announce}[word](root)
 
@@ -69,6 +72,4 @@ def announce(root: Path) -> None:
 
 
 if __name__ == "__main__":
-    import os
-
-    main(Path(sys.argv[1]), sys.argv[2:], os.environ["PREFECT_API_URL"])
+    main(Path(sys.argv[1]), sys.argv[2:], named_server())

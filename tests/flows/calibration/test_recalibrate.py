@@ -26,7 +26,7 @@ def lake(tmp_path_factory):
 @pytest.fixture(scope="module")
 def url(lake):
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("PREFECT_API_URL", raising=False)
+        patch.delenv("FAST_PREFECT_API_URL", raising=False)
         with server(lake.root) as found:
             yield found
 

@@ -8,6 +8,7 @@ from fast.flows.campaign.forms import close_forms, open_form
 from fast.flows.campaign.notify import SILENT
 from fast.flows.campaign.operator_prompts import PrintPrompts, make_print_form
 from fast.flows.progress import ProgressReporter
+from fast.flows.server.access import Api
 from fast.flows.server.server import address_for_others, ask_server
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
@@ -48,8 +49,8 @@ def lake(tmp_path_factory):
 def pages(monkeypatch):
     found = Pages()
     with local_server(found) as (address, seen):
-        monkeypatch.setenv("PREFECT_API_URL", f"{address}/api")
-        monkeypatch.setenv("FAST_PASSWORD", "open sesame")
+        monkeypatch.setenv("FAST_PREFECT_API_URL", f"{address}/api")
+        monkeypatch.setenv("FAST_PREFECT_API_AUTH_STRING", "fast:open sesame")
         found.seen = seen
         yield found
 
@@ -87,7 +88,7 @@ def test_a_form_that_was_answered_is_not_followed_by_another(tmp_path, pages):
 def test_without_deployment_or_server_there_is_no_form(lake, pages, monkeypatch):
     pages.deployed = False
     assert open_form(lake, make_print_form(lake, "quick", 1)) is None
-    monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
+    monkeypatch.setenv("FAST_PREFECT_API_URL", "http://127.0.0.1:9/api")
     assert open_form(lake, make_print_form(lake, "quick", 1)) is None
     close_forms(lake, make_print_form(lake, "quick", 1), "nobody hears it")
 
@@ -96,9 +97,9 @@ def test_a_server_whose_database_is_busy_is_asked_again(monkeypatch):
     monkeypatch.setattr("fast.flows.server.server.time.sleep", lambda s: None)
     answers = [(503, {}), (503, {}), (200, "well"), *[(503, {})] * 5]
     with local_server(lambda request: answers.pop(0)) as (address, seen):
-        assert ask_server(address, "/x") == "well"
+        assert ask_server(Api(address), "/x") == "well"
         with pytest.raises(HTTPError, match="503"):
-            ask_server(address, "/x")
+            ask_server(Api(address), "/x")
     assert len(seen) == 8
 
 

@@ -15,7 +15,7 @@ def noted(url):
 
 @pytest.fixture(autouse=True)
 def _no_server_named(monkeypatch):
-    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.delenv("FAST_PREFECT_API_URL", raising=False)
 
 
 def test_a_package_of_another_version_fails_with_its_fix(monkeypatch, tmp_path):
@@ -32,7 +32,9 @@ def test_the_server_of_a_lake_is_found(monkeypatch, tmp_path):
     state_folder(tmp_path).mkdir(parents=True)
     (tmp_path / ".state" / "server.json").write_text(noted("http://127.0.0.1:4999/api"))
     monkeypatch.setattr("fast.flows.server.server.is_healthy", lambda url: True)
-    assert doctor._running(tmp_path) == "of this lake: http://127.0.0.1:4999"
+    key = tmp_path / ".state" / "key"
+    assert doctor._running(tmp_path) == f"of this lake: http://127.0.0.1:4999/?key={key.read_text().strip()}"
+    assert key.stat().st_mode & 0o777 == 0o600
     # Only a server of this machine is believed: the file may come from elsewhere with a copied lake.
     (tmp_path / ".state" / "server.json").write_text(noted("http://elsewhere:80/api"))
     assert "none of this lake" in doctor._running(tmp_path)

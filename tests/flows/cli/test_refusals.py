@@ -245,7 +245,7 @@ def test_a_missing_viewer_is_named_before_the_recording(fast, lake, monkeypatch)
 
 
 def test_a_taken_port_is_refused(fast, tmp_path, monkeypatch):
-    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.delenv("FAST_PREFECT_API_URL", raising=False)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         said = fast.refused("serve", "--port", taken.getsockname()[1], "--lake", tmp_path / "lake")
     assert "cannot be used on 127.0.0.1 (Address already in use); give another one" in said
@@ -253,6 +253,6 @@ def test_a_taken_port_is_refused(fast, tmp_path, monkeypatch):
 
 
 def test_a_named_server_that_does_not_answer_is_refused(fast, tmp_path, monkeypatch):
-    monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
+    monkeypatch.setenv("FAST_PREFECT_API_URL", "http://127.0.0.1:9/api")
     said = fast.refused("serve", "--lake", tmp_path / "lake", status=1)
-    assert "PREFECT_API_URL is http://127.0.0.1:9/api, which does not answer; start that server or unset it" in said
+    assert "FAST_PREFECT_API_URL is http://127.0.0.1:9/api, which does not answer or does not let us in" in said

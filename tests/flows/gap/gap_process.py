@@ -1,4 +1,4 @@
-"""What a worker and a recalibration do, in a process of its own, on the server of PREFECT_API_URL; no physics, no NUTS.
+"""What a worker and a recalibration do, in a process of its own, on the server that is named; no physics, no NUTS.
 
 Arguments: a lake, then words. `pool` makes the work pool of prefect.yaml, `deploy` the deployment, `run` runs the flow,
 `announce` sends the event of a new calibration; `search` searches without a server. Prints the messages of the flow's
@@ -17,15 +17,17 @@ from typing import Any
 
 import pytest
 
+from fast.flows.server.access import Api
+from fast.flows.server.environment import named_server
 from fast.flows.server.server import configure_client
 from fast.lake.store import Lake
 from fast.tasks.simulation.plan import SimulationPlan
 
 
-def main(root: Path, words: list[str], api_url: str) -> None:
+def main(root: Path, words: list[str], api: Api | None) -> None:
     """Do what the words say, in order."""
-    if api_url:
-        configure_client(api_url, root)
+    if api is not None:
+        configure_client(api, root)
     commands = {"pool": make_pool, "deploy": deploy, "run": run_flow, "announce": announce, "search": search}
     for word in words:
         commands[word](root)
@@ -120,4 +122,4 @@ def announce(root: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2:], os.environ.get("PREFECT_API_URL", ""))
+    main(Path(sys.argv[1]), sys.argv[2:], named_server())

@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.study, pytest.mark.timeout(1200)]
 def search(root: Path, dies_at: str = "") -> int:
     """Exit status of a search in a process of its own."""
     environment = {**os.environ, "DIE_AT": dies_at}
-    environment.pop("PREFECT_API_URL", None)
+    environment.pop("FAST_PREFECT_API_URL", None)
     command = [sys.executable, "-m", "tests.flows.gap.gap_process", str(root), "search"]
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, timeout=300).returncode
 

@@ -1,19 +1,17 @@
 """A Prefect server of a test: Python run on it, questions to it, waiting for what it does."""
 
-import json
-import os
 import subprocess
 import sys
 import time
-import urllib.request
 
-from fast.flows.server.server import state_folder
+from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, make_environment
+from fast.flows.server.server import ask_server, state_folder
 from tests.flows.cli.cli_lakes import ROOT
 
 
-def python(url, root, *words, **settings):
+def python(api, root, *words, **settings):
     """Run Python on a server, with these variables of the environment; returns what it printed."""
-    environment = {**os.environ, "PREFECT_API_URL": url, "PREFECT_HOME": str(state_folder(root))}
+    environment = make_environment(api, state_folder(root)) | {SERVER_VARIABLE: api.url, LOGIN_VARIABLE: api.login}
     environment |= {"FAST_CHECKOUT": str(ROOT), "FAST_LAKE": "lake-data", **settings}
     done = subprocess.run(
         [sys.executable, *map(str, words)], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300
@@ -22,11 +20,9 @@ def python(url, root, *words, **settings):
     return done.stdout
 
 
-def asked(url, path, **body):
+def asked(api, path, **body):
     """Answer of a POST to the server."""
-    data, headers = json.dumps(body).encode(), {"Content-Type": "application/json"}
-    with urllib.request.urlopen(urllib.request.Request(f"{url}{path}", data, headers), timeout=30) as answer:
-        return json.load(answer)
+    return ask_server(api, path, body, timeout_s=30)
 
 
 def wait_for(condition, limit_s=120.0):

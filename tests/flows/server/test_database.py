@@ -7,12 +7,13 @@ from pathlib import Path
 import pytest
 
 from fast.flows.server import database
-from fast.flows.server.database import NAME, OTHER_DATABASE, keep_empty_database, take_empty_database
+from fast.flows.server.database import NAME, keep_empty_database, take_empty_database
+from fast.flows.server.environment import DATABASE_VARIABLE
 
 
 @pytest.fixture
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.delenv(OTHER_DATABASE, raising=False)
+    monkeypatch.delenv(DATABASE_VARIABLE, raising=False)
     monkeypatch.setattr(database, "_kept", lambda: tmp_path / "cache" / "prefect-1.db")
     return tmp_path / "cache" / "prefect-1.db"
 
@@ -46,7 +47,7 @@ def test_no_database_is_replaced(kept: Path, tmp_path: Path, monkeypatch: pytest
     used = home_of(tmp_path / "used", "flow_run", "log")
     assert not take_empty_database(used)
     assert tables_of(used) == ["flow_run", "log"]
-    monkeypatch.setenv(OTHER_DATABASE, "postgresql+asyncpg://fast@127.0.0.1/prefect")
+    monkeypatch.setenv(DATABASE_VARIABLE, "postgresql+asyncpg://fast@127.0.0.1/prefect")
     other = home_of(tmp_path / "other")
     assert not take_empty_database(other)
     assert not (other / NAME).exists()

@@ -12,7 +12,7 @@ from fast.lake.store import Lake
 from tests.flows.campaign.test_campaign import CONFIG, ROOT, assert_complete
 from tests.flows.server import postgres_server
 
-VARIABLE = "PREFECT_API_DATABASE_CONNECTION_URL"
+VARIABLE = "FAST_PREFECT_API_DATABASE_CONNECTION_URL"
 pytestmark = [
     pytest.mark.skipif(bool(postgres_server.WHY_NOT), reason=postgres_server.WHY_NOT),
     pytest.mark.timeout(3600),
@@ -22,7 +22,7 @@ pytestmark = [
 
 @pytest.fixture
 def database(monkeypatch):
-    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.delenv("FAST_PREFECT_API_URL", raising=False)
     with postgres_server.postgres() as url:
         monkeypatch.setenv(VARIABLE, url)
         yield url

@@ -22,7 +22,10 @@ def test_only_a_server_with_a_living_owner_is_taken(tmp_path, monkeypatch, owner
 
 def test_a_dead_server_is_started_again_and_its_address_written(tmp_path, monkeypatch):
     (tmp_path / ".state").mkdir()
-    is_over, url = threading.Event(), {"PREFECT_API_URL": "http://127.0.0.1:4200/api"}
+    is_over, url = (
+        threading.Event(),
+        {"PREFECT_API_URL": "http://127.0.0.1:4200/api", "PREFECT_API_AUTH_STRING": "fast:x"},
+    )
 
     def restart() -> bool:
         is_over.set()

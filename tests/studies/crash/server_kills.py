@@ -171,7 +171,7 @@ class _Study:
 
     def _is_our_flow(self, environment: dict[str, str] | None) -> bool:
         found = environment or {}
-        return found.get("PREFECT_API_URL") == self._lab.api_url and "PREFECT__FLOW_RUN_ID" in found
+        return found.get("PREFECT_API_URL") == self._lab.api.url and "PREFECT__FLOW_RUN_ID" in found
 
     def _tend_for(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
@@ -221,7 +221,7 @@ def ask_again(lab: Lab, path: str, body: dict[str, Any]) -> Any:
     deadline = time.monotonic() + CONTINUE_LIMIT_S
     while True:
         try:
-            return ask_server(lab.api_url, path, body, timeout_s=60.0)
+            return ask_server(lab.api, path, body, timeout_s=60.0)
         except OSError as error:
             if time.monotonic() > deadline:
                 raise FastError(f"the server of the study does not answer: {error}; run it again.") from error

@@ -14,7 +14,7 @@ from tests.studies.crash.server_kills import TARGETS, Kill, measure_server_kills
 @pytest.mark.parametrize("n", [1, 100])
 @pytest.mark.timeout(6 * 3600)
 def test_nothing_is_lost_or_made_twice_and_no_run_or_lock_is_stuck(n, monkeypatch):
-    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    monkeypatch.delenv("FAST_PREFECT_API_URL", raising=False)
     tables = measure_server_kills(Options(n=n))
     assert tables["problems"] == [{"problem": "none"}]
     total = tables["kills"][-1]

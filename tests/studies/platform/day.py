@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from fast.flows.benchmarks.base import Options, Tables
+from fast.flows.server.access import Api, own_login
 from fast.flows.server.lab import CHECKOUT
 from fast.flows.server.server import ask_server, find_server
 from fast.models.errors import FastError
@@ -69,7 +70,7 @@ class Day:
         self.steps: list[dict[str, Any]] = []
         self._folder, self._pictures, self._tell = folder, pictures, tell
         self._lake = folder / "lake"
-        self._api = ""
+        self._api = Api("")
         self._serve_pid = 0
         self._since_s = time.monotonic()
 
@@ -109,7 +110,7 @@ class Day:
             if not ready:
                 raise FastError("`fast serve` ended before it was ready; run it by hand to see why.")
             told = json.loads(ready)
-            self._api, self._serve_pid = told["api_url"], child.pid
+            self._api, self._serve_pid = Api(told["api_url"], own_login(self._lake)), child.pid
             self._step("server, worker and deployments ready", ", ".join(told["deployments"]))
             yield
         finally:
@@ -201,7 +202,7 @@ class Day:
         self._step("form accepted", self._state(form)["message"])
 
     def _open_form(self, browser: Browser, form: str) -> None:
-        browser.open(f"{self._api.removesuffix('/api')}/runs/flow-run/{form}")
+        browser.open(f"{self._api.page}/runs/flow-run/{form}")
         browser.click("Resume")
         browser.wait("document.querySelectorAll('.p-modal .p-label').length > 16")
 
@@ -248,7 +249,7 @@ class Day:
         self._look(browser, f"/runs/flow-run/{self._campaign_run()}", "Completed", "campaign-run")
 
     def _look_at_report(self, browser: Browser) -> None:
-        browser.open(f"{self._api.removesuffix('/api')}/outputs/{CAMPAIGN}/report/index.html")
+        browser.open(f"{self._api.page}/outputs/{CAMPAIGN}/report/index.html")
         title = browser.wait("document.readyState === 'complete' && document.querySelector('h1')?.innerText")
         self._picture(browser, "report")
         self._step("report opens", str(title))
@@ -278,7 +279,7 @@ class Day:
         return found
 
     def _look(self, browser: Browser, path: str, words: str, name: str) -> None:
-        browser.open(f"{self._api.removesuffix('/api')}{path}")
+        browser.open(f"{self._api.page}{path}")
         browser.wait_for_words(words)
         self._picture(browser, name)
 

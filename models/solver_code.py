@@ -5,12 +5,17 @@ cache kept beside the sources could therefore run kernels of an older version af
 sources makes every state compile its own.
 """
 
+import atexit
 import hashlib
+import logging
 import os
+import shutil
+import tempfile
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
+logger = logging.getLogger(__name__)
 VARIABLE = "NUMBA_CACHE_DIR"
 _SOLVER_SOURCES = ("design", "objects", "records.py", "simulation")
 
@@ -38,14 +43,49 @@ def _python_files(path: Path) -> list[Path]:
 
 
 def use_cache_of(package: Path) -> None:
-    """Point numba, not yet imported, to the cache of the present sources of `package`; a set variable is respected."""
-    if VARIABLE not in os.environ:
-        os.environ[VARIABLE] = str(cache_folder(package) / f"kernels-{source_stamp(package)}")
+    """Point numba, not yet imported, to the cache of the present sources of `package`.
+
+    A set variable is respected where it can be written; else every process would compile, for half a minute each.
+    """
+    given = os.environ.get(VARIABLE)
+    if given and _can_write(Path(given)):
+        return
+    os.environ[VARIABLE] = str(cache_folder(package) / f"kernels-{source_stamp(package)}")
+    if given:
+        logger.warning("%s is %s, which cannot be written; %s is used.", VARIABLE, given, os.environ[VARIABLE])
 
 
 def cache_folder(package: Path) -> Path:
-    """Where what is costly to make is kept for the next process: beside the package, or in the home folder."""
-    return package / "__pycache__" if os.access(package, os.W_OK) else Path.home() / ".cache" / "fast"
+    """Where what is costly to make is kept for the next process: beside the package, or in the home folder.
+
+    Where neither can be written it is a temporary folder, which goes with this process.
+    """
+    for folder in (package / "__pycache__", Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "fast"):
+        if _can_write(folder):
+            return folder
+    return _temporary_folder()
+
+
+@cache
+def _temporary_folder() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="fast-cache-"))
+    atexit.register(_remove, folder, os.getpid())
+    logger.warning("no folder for compiled code can be written; they are compiled anew, for half a minute.")
+    return folder
+
+
+def _remove(folder: Path, owner_pid: int) -> None:
+    """Remove a folder of this process; its children, which use it too, leave it."""
+    if os.getpid() == owner_pid:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _can_write(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
 
 
 def source_stamp(package: Path) -> str:

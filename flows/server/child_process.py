@@ -1,5 +1,6 @@
 """Child processes that work as long as the one that started them: server and worker, restarted when they die."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
+CHECKOUT = Path(__file__).resolve().parents[2]
 STOP_LIMIT_S = 15.0
 LEAST_LIFE_S = 5.0  # one that dies sooner is not started again at once
 
@@ -23,11 +25,15 @@ class ChildProcess:
         log_path: Path,
         listener: socket.socket | None = None,
     ) -> None:
-        """`listener`: handed on to every start of the process and kept open in between, closed by `stop`."""
-        self.log_path = log_path
+        """`listener`: handed on to every start of the process and kept open in between, closed by `stop`.
+
+        The process works in an empty folder beside its log, since Prefect reads settings from the working folder.
+        """
+        self.log_path = log_path.resolve()
         self._listener = listener
         self._command = [sys.executable, "-m", module, *arguments]
-        self.environment = dict(environment)
+        found = filter(None, [str(CHECKOUT), environment.get("PYTHONPATH")])
+        self.environment = {**environment, "PYTHONPATH": os.pathsep.join(found)}
         self._child: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
         self.since = datetime.now(UTC)
@@ -39,10 +45,12 @@ class ChildProcess:
 
     def start(self) -> None:
         """Start the process; what it prints goes to its log."""
-        self.log_path.parent.mkdir(parents=True, exist_ok=True)
+        folder = self.log_path.parent / "empty"
+        folder.mkdir(parents=True, exist_ok=True)
         with self.log_path.open("ab") as log:
             self._child = subprocess.Popen(
                 self._command,
+                cwd=folder,
                 env=self.environment,
                 stdin=subprocess.DEVNULL,
                 stdout=log,

@@ -7,9 +7,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
-from fast.flows.server.child_process import ChildProcess
+from fast.flows.server.child_process import CHECKOUT, ChildProcess
 from fast.flows.server.crashed_runs import end_crashed_runs
 from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, make_environment
 from fast.flows.server.server import (
@@ -28,7 +27,6 @@ from fast.flows.server.worker_process import POOL
 from fast.lake.store import Lake
 from fast.models.errors import FastError
 
-CHECKOUT = Path(__file__).resolve().parents[2]
 POOL_LIMIT_S = 300.0
 DEPLOY_LIMIT_S = 600.0
 SWEEP_S = 5.0  # between looks for flow runs whose process is gone
@@ -60,7 +58,6 @@ class Lab:
             **make_environment(self.api, state_folder(lake.root)),
             # What the worker starts uses this server, also while it is started again.
             SERVER_VARIABLE: self.api.url,
-            "PYTHONPATH": os.pathsep.join(filter(None, [str(CHECKOUT), os.environ.get("PYTHONPATH")])),
             "FAST_CHECKOUT": str(CHECKOUT),
             "FAST_LAKE": address_for_others(lake),
         }

@@ -232,12 +232,19 @@ def get_api(process: ChildProcess) -> Api:
 def _wait_until_healthy(api: Api, process: ChildProcess) -> None:
     deadline = time.monotonic() + START_LIMIT_S
     while not is_healthy(api):
-        if not process.is_alive() or time.monotonic() > deadline:
+        if not process.is_alive():
+            raise FastError(f"the Prefect server ended while it started: {_last_words(process)}; run `fast doctor`.")
+        if time.monotonic() > deadline:
             raise FastError(
                 f"the Prefect server did not start within {START_LIMIT_S:.0f} s; its log is {process.log_path}; "
                 "run `fast doctor`, then try again."
             )
         time.sleep(0.2)
+
+
+def _last_words(process: ChildProcess) -> str:
+    lines = process.log_path.read_text(errors="replace").strip().splitlines()
+    return f"{lines[-1].strip()[:200] if lines else 'it said nothing'} (its log is {process.log_path})"
 
 
 def _address_file(lake_root: Path) -> Path:

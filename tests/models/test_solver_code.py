@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fast.models.solver_code import VARIABLE, source_stamp, use_cache_of
+from fast.models.solver_code import VARIABLE, cache_folder, source_stamp, use_cache_of
 
 
 @pytest.fixture
@@ -25,9 +25,28 @@ def test_stamp_changes_with_any_module(package: Path) -> None:
 
 
 def test_a_chosen_cache_is_respected(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, "chosen")
+    chosen = str(package / "chosen")
+    monkeypatch.setenv(VARIABLE, chosen)
     use_cache_of(package)
-    assert os.environ[VARIABLE] == "chosen"
+    assert os.environ[VARIABLE] == chosen
     monkeypatch.delenv(VARIABLE)
     use_cache_of(package)
     assert source_stamp(package) in os.environ[VARIABLE]
+
+
+def test_a_cache_that_cannot_be_written_is_replaced_and_said(package: Path, monkeypatch, caplog) -> None:
+    monkeypatch.setenv(VARIABLE, "/proc/nothing")
+    use_cache_of(package)
+    assert os.environ[VARIABLE].startswith(str(package))
+    assert "NUMBA_CACHE_DIR is /proc/nothing, which cannot be written" in caplog.text
+
+
+def test_a_package_that_cannot_be_written_has_its_cache_in_the_home_folder(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert cache_folder(Path("/proc/package")) == tmp_path / "cache" / "fast"
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/cache")
+    monkeypatch.setenv("HOME", "/proc/home")
+    found = cache_folder(Path("/proc/package"))
+    assert found.name.startswith("fast-cache-")
+    assert found.stat().st_mode & 0o777 == 0o700
+    assert cache_folder(Path("/proc/package")) == found

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from queue import Queue
@@ -21,10 +21,12 @@ from fast.lake.tables.campaign import BatchRow, CampaignRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.records import Design, GraspRequest
 from fast.tasks.bench.folder import is_told, plan_batch
-from fast.tasks.bench.machine_csv import read_format, read_pull
+from fast.tasks.bench.machine_files.format import read_format
+from fast.tasks.bench.machine_files.pulls import read_pulls
 from fast.tasks.bench.reference_tools import ask_references
 from fast.tasks.bench.told import Taken, take_told
 from fast.tasks.bench.told_files import read_rows_of, read_told
+from fast.tasks.bench.told_questions import ask_about
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
@@ -88,14 +90,16 @@ def tell(
     operator: str = "unknown",
     is_dry: bool = False,
     may_replace: bool = False,
+    is_sure: bool = False,
 ) -> Taken:
     """Take measured grasps: tables of peaks, hand-off folders, files of a testing machine, or rows as mappings.
 
     A mapping has `tool_id`, `object_id`, `repeat`, and `peak_force_n`, `trace` (a `models.records.Trace`) or `reason`.
     format_path: how a testing machine writes its files. is_dry: only check. may_replace: correct what was told before.
+    is_sure: strange numbers are so; without it they are a question.
 
     Raises:
-        UsageError: something cannot be used; nothing was written.
+        UsageError: something cannot be used or is strange; nothing was written.
     """
     campaign = _open(Path(config_path), lake, create=False)
     if not campaign.lake.ids(CampaignRow, campaign_id=campaign.campaign_id):
@@ -105,14 +109,18 @@ def tell(
     if not is_dry:
         enter(campaign, Path(config_path))
     given: list[Any] = list(told)
+    notes: list[str] = []
     if given and all(isinstance(one, Mapping) for one in given):
         grasps = read_rows_of(given)
     elif format_path is not None:
         machine = read_format(Path(format_path))
-        grasps = [read_pull(Path(path), machine) for path in given]
+        grasps, notes = read_pulls([Path(path) for path in given], machine)
     else:
-        grasps = read_told(campaign, [Path(path) for path in given])
-    return take_told(campaign, grasps, operator, is_dry=is_dry, may_replace=may_replace)
+        grasps = read_told(campaign, [Path(path) for path in given], notes)
+    taken = take_told(
+        campaign, grasps, operator, is_dry=is_dry, may_replace=may_replace, ask=ask_about, is_sure=is_sure
+    )
+    return replace(taken, notes=tuple(notes))
 
 
 def find_told_campaign(lake: Lake, tool_ids: Sequence[str]) -> Campaign | None:

@@ -57,9 +57,13 @@ def tell(
         Parameter(help="Tables of peaks (results.csv), folders with traces, or with --format files of a machine."),
     ],
     *,
-    format: Annotated[Path | None, Parameter(help="TOML file that says how a testing machine writes a pull.")] = None,
+    format: Annotated[
+        Path | None,
+        Parameter(help="TOML file that says how a testing machine writes; guessed and written if it is not there."),
+    ] = None,
     operator: Annotated[str, Parameter(help="Who measured.")] = "unknown",
     replace: Annotated[bool, Parameter(negative="", help="Correct what was told before with other numbers.")] = False,
+    sure: Annotated[bool, Parameter(negative="", help="Strange numbers are so; they are marked in the lake.")] = False,
     dry_run: Annotated[bool, Parameter(negative="", help="Only check, write nothing.")] = False,
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
@@ -72,6 +76,28 @@ def tell(
 
     from fast.flows.campaign.ask_tell import tell as tell_all
 
-    taken = tell_all(config, lake, results, format_path=format, operator=operator, is_dry=dry_run, may_replace=replace)
-    words = f"nothing was written (--dry-run); it would be: {taken.sentence}" if dry_run else taken.sentence
-    show(asdict(taken) | {"is_dry": dry_run}, f"{words}.", json)
+    is_guessed = format is not None and not format.exists()
+    if format is not None and is_guessed:
+        _guess(format, results)
+    is_dry = dry_run or is_guessed
+    taken = tell_all(
+        config, lake, results, format_path=format, operator=operator, is_dry=is_dry, may_replace=replace, is_sure=sure
+    )
+    for note in taken.notes:
+        say_progress(note)
+    why = "--dry-run" if dry_run else f"look at {format}, then give the same command again"
+    words = f"nothing was written ({why}); it would be: {taken.sentence}" if is_dry else taken.sentence
+    show(asdict(taken) | {"is_dry": is_dry}, f"{words}.", json)
+
+
+def _guess(path: Path, results: list[Path]) -> None:
+    """Write a format file from the first file of a machine, and show it."""
+    from fast.models.errors import UsageError
+    from fast.tasks.bench.machine_files.guess import guess_format
+
+    files = [file for file in results if file.is_file() and file.name != "files.csv"]
+    if not files:
+        raise UsageError(f"{path} is not there, and no file to guess it from; write it, or give a file of the machine.")
+    text = guess_format(files[0])
+    path.write_text(text, encoding="utf-8")
+    say_progress(f"{path} was not there, so it was guessed and written:\n\n{text}")

@@ -3,7 +3,7 @@
 Nothing is written unless all of it can be. What is told twice with the same numbers is kept once.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, TraceRow
 from fast.lake.tables.requests import setup_columns
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
 from fast.models.records import GraspRequest, Trace, find_setup_id
 from fast.models.traces import initial_force_n, peak_force_n, work_j
+from fast.models.traces.questions import Question
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.measure import find_first_order
 from fast.tasks.bench.plan import order_cells
@@ -33,6 +33,7 @@ _SPEED_FACTOR = 4.0  # between lift speed as asked and as told: catches ms and m
 _LIFT_BACK_MM = 1.0  # more is no noise of an encoder
 _REMEDY = "nothing was written"
 Key = tuple[str, int, int]  # tool id, object id, repeat
+Ask = Callable[[Campaign, Mapping[str, ProposedTool], Sequence["ToldGrasp"]], list[Question]]
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class Taken:
     n_traces: int
     n_failed: int
     n_known: int
+    notes: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -87,11 +89,19 @@ class Taken:
 
 
 def take_told(
-    campaign: Campaign, told: Sequence[ToldGrasp], operator: str, *, is_dry: bool = False, may_replace: bool = False
+    campaign: Campaign,
+    told: Sequence[ToldGrasp],
+    operator: str,
+    *,
+    is_dry: bool = False,
+    may_replace: bool = False,
+    ask: Ask | None = None,
+    is_sure: bool = False,
 ) -> Taken:
     """Write what was told; tools of which a grasp is told count as printed, unless somebody has said otherwise.
 
-    is_dry: only check. may_replace: numbers may correct those that were told before.
+    is_dry: only check. may_replace: numbers may correct those that were told before. ask: what finds strange numbers;
+    is_sure: they are so, and are marked in the lake.
 
     Raises:
         UsageError: a grasp was not asked for, is told twice or with other numbers than before, or is implausible;
@@ -108,16 +118,43 @@ def take_told(
     if faults:
         raise UsageError(_say(faults))
     new = [one for one in told if not _is_known(one, before.get(one.key))]
+    questions = ask(campaign, tools, new) if ask is not None else []
+    if questions and not is_sure:
+        raise UsageError(_say_questions(questions))
     if new and not is_dry:
-        _write(campaign, state, new, before, asked, operator)
+        _write(campaign, state, new, before, asked, operator, _mark(questions, new))
     n_traces = sum(one.trace is not None for one in new)
     n_failed = sum(one.force_n is None for one in new)
     return Taken(len(new), n_traces, n_failed, len(told) - len(new))
 
 
 def _full_id(campaign: Campaign, tool_id: str) -> str:
-    """`quick/B01T3` of `B01T3`."""
-    return tool_id if "/" in tool_id else f"{campaign.campaign_id}/{tool_id}"
+    """`quick/B01T3` of `B01T3`, or of `b01t3`."""
+    name, found, short = tool_id.strip().rpartition("/")
+    return f"{name if found else campaign.campaign_id}/{short.upper()}"
+
+
+def _mark(questions: Sequence[Question], told: Sequence[ToldGrasp]) -> dict[Key, list[str]]:
+    """What was strange of each grasp that a person is sure of."""
+    measured = [one for one in told if one.force_n]
+    marks: dict[Key, list[str]] = {}
+    for question in questions:
+        for number in question.numbers:
+            marks.setdefault(measured[number].key, []).append(question.kind)
+    return marks
+
+
+def _say_questions(questions: Sequence[Question]) -> str:
+    shown = "\n".join(
+        f"  {question.sentence.rstrip('?.')}{'?' if question.sentence.endswith('?') else '.'}"
+        for question in questions[:_SHOWN]
+    )
+    more = f"\n  and {len(questions) - _SHOWN} more." if len(questions) > _SHOWN else ""
+    what = "number is" if len(questions) == 1 else "things are"
+    return (
+        f"{len(questions)} {what} strange, {_REMEDY}:\n{shown}{more}\n"
+        "Correct the file, or say with --sure that it is so."
+    )
 
 
 def _find_asked(campaign: Campaign, state: CampaignState) -> Mapping[Key, GraspRequest]:
@@ -286,6 +323,7 @@ def _write(
     before: Mapping[Key, GraspRow],
     asked: Mapping[Key, GraspRequest],
     operator: str,
+    marks: Mapping[Key, list[str]],
 ) -> None:
     """Tools, samples, grasps, in this order: a crash in between leaves nothing that telling again does not mend."""
     tools = {tool.tool_id: tool for tool in state.tools}
@@ -295,7 +333,8 @@ def _write(
     rows: list[Any] = []
     for place, one in enumerate(told):
         row = _grasp_row(campaign, tools[one.tool_id], one, before.get(one.key), asked[one.key])
-        row = row.model_copy(update={"order": order + place, "details_json": canonical_json({"told_by": operator})})
+        details = {"told_by": operator} | ({"sure": marks[one.key]} if one.key in marks else {})
+        row = row.model_copy(update={"order": order + place, "details_json": canonical_json(details)})
         rows += [TraceRow.of(row.grasp_id, one.trace), row] if one.trace is not None else [row]
     parents = sorted({tools[one.tool_id].design.design_id for one in told} | {one.tool_id for one in told})
     campaign.lake.append(rows, campaign.provenance(parents=parents))
@@ -330,9 +369,3 @@ def _grasp_row(
         lab=lab,
         **setup_columns(request.setup, request.placement),
     )
-
-
-def count_told_peaks(lake: Lake, campaign_id: str | None = None) -> int:
-    """Measured grasps that were told as peaks, without a trace."""
-    sql = "SELECT count(*) FROM grasps WHERE status = 'ok' AND work_j IS NULL AND ($id IS NULL OR campaign_id = $id)"
-    return int(lake.query(sql, {"id": campaign_id}).column(0)[0].as_py())

@@ -1,5 +1,6 @@
 """Files in which grasps are told: a table of peaks, or a hand-off folder with traces."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -10,7 +11,10 @@ from fast.lake.handoff.cells import time as read_time
 from fast.lake.handoff.files import read_handoff
 from fast.lake.tables.campaign import DesignRow
 from fast.models.errors import UsageError
+from fast.models.objects.catalogue import OBJECTS
 from fast.models.records import find_setup_id
+from fast.models.validation import closest
+from fast.tasks.bench.machine_files.words import scale_of
 from fast.tasks.bench.told import ToldGrasp
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.csv_file import CsvRow, read_rows
@@ -19,13 +23,22 @@ NEEDED = ("tool_id", "object_id", "repeat", "peak_force_n")
 OPTIONAL = ("object", "reason", "started_at")
 
 
-def read_peaks(path: Path) -> list[ToldGrasp]:
+_WITH_UNIT = re.compile(r"(?P<number>[^A-Za-z]+?)\s*(?P<unit>[A-Za-z]+)")
+
+
+def read_peaks(path: Path, notes: list[str] | None = None) -> list[ToldGrasp]:
     """Grasps of a table of peaks (`results.csv`); rows with neither peak nor reason are still to be made.
+
+    notes: a list that takes a sentence about columns that were left out.
 
     Raises:
         UsageError: the file cannot be read, or a cell cannot be used.
     """
-    told = [_read_row(row) for row in read_rows(path, NEEDED, OPTIONAL) if row["peak_force_n"] or row.get("reason")]
+    ignored: list[str] = []
+    rows = read_rows(path, NEEDED, OPTIONAL, ignored)
+    if ignored and notes is not None:
+        notes.append(f"{path.name}: columns that nobody knows were left out: {', '.join(ignored)}")
+    told = [_read_row(row) for row in rows if row["peak_force_n"] or row.get("reason")]
     if not told:
         raise UsageError(f"{path} has no peak_force_n and no reason; fill in the rows of the grasps that were made.")
     return told
@@ -35,12 +48,32 @@ def _read_row(row: CsvRow) -> ToldGrasp:
     return ToldGrasp(
         place=row.place,
         tool_id=row["tool_id"],
-        object_id=row.integer("object_id"),
+        object_id=_read_object(row),
         repeat=row.integer("repeat"),
-        peak_force_n=row.number("peak_force_n") if row["peak_force_n"] else None,
+        peak_force_n=_read_force_n(row) if row["peak_force_n"] else None,
         reason=row.get("reason", ""),
         started_at=_read_time(row),
     )
+
+
+def _read_object(row: CsvRow) -> int:
+    """Number of an object, which may be given by its name."""
+    text = row["object_id"].strip().casefold()
+    names = {obj.name.casefold(): obj.object_id for obj in OBJECTS}
+    if text in names:
+        return names[text]
+    if any(letter.isalpha() for letter in text):
+        raise row.wrong("object_id", f"it must be a number or a name; {closest(text, list(names))}".rstrip("."))
+    return row.integer("object_id")
+
+
+def _read_force_n(row: CsvRow) -> float:
+    """A force in N, or with its unit in the cell."""
+    match = _WITH_UNIT.fullmatch(row["peak_force_n"].strip())
+    scale = scale_of("force", match["unit"]) if match else None
+    if match is None or scale is None:
+        return row.number("peak_force_n")
+    return scale * CsvRow(row.place, row.decimal, {"peak_force_n": match["number"].strip()}).number("peak_force_n")
 
 
 def _read_time(row: CsvRow) -> datetime | None:
@@ -94,7 +127,7 @@ def read_folder(campaign: Campaign, folder: Path) -> list[ToldGrasp]:
     ]
 
 
-def read_told(campaign: Campaign, paths: Sequence[Path]) -> list[ToldGrasp]:
+def read_told(campaign: Campaign, paths: Sequence[Path], notes: list[str] | None = None) -> list[ToldGrasp]:
     """Grasps of tables of peaks and of hand-off folders.
 
     Raises:
@@ -102,5 +135,5 @@ def read_told(campaign: Campaign, paths: Sequence[Path]) -> list[ToldGrasp]:
     """
     told: list[ToldGrasp] = []
     for path in paths:
-        told += read_folder(campaign, path) if path.is_dir() else read_peaks(path)
+        told += read_folder(campaign, path) if path.is_dir() else read_peaks(path, notes)
     return told

@@ -1,6 +1,7 @@
 """A CSV file that a person wrote: rows as text, with one sentence for what a spreadsheet did to it."""
 
 import csv
+import difflib
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,7 +18,7 @@ class CsvRow(dict[str, str]):
     def __init__(self, place: str, decimal: str, cells: dict[str, str]) -> None:
         super().__init__(cells)
         self.place = place
-        self._decimal = decimal
+        self.decimal = decimal
 
     def number(self, column: str) -> float:
         """The finite number of a cell.
@@ -27,7 +28,7 @@ class CsvRow(dict[str, str]):
         """
         text = self.get(column, "")
         try:
-            value = float(text.replace(self._decimal, ".") if self._decimal != "." else text)
+            value = float(text.replace(self.decimal, ".") if self.decimal != "." else text)
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
@@ -52,8 +53,12 @@ class CsvRow(dict[str, str]):
         )
 
 
-def read_rows(path: Path, needed: Sequence[str], optional: Sequence[str]) -> list[CsvRow]:
+def read_rows(
+    path: Path, needed: Sequence[str], optional: Sequence[str], ignored: list[str] | None = None
+) -> list[CsvRow]:
     """Rows of a CSV file, separated by commas, or by semicolons with commas or points in the numbers.
+
+    ignored: a list that takes the names of columns that nobody knows; None refuses them.
 
     Raises:
         UsageError: the file cannot be read, lacks a column, has another, or a row has more or fewer cells.
@@ -68,15 +73,20 @@ def read_rows(path: Path, needed: Sequence[str], optional: Sequence[str]) -> lis
         raise UsageError(f"{path} is not a text file in UTF-8; save it as CSV in UTF-8.")
     lines = text.splitlines()
     separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
-    return list(_rows(path, csv.reader(lines, delimiter=separator, strict=True), separator, needed, optional))
+    return list(_rows(path, csv.reader(lines, delimiter=separator, strict=True), separator, needed, optional, ignored))
 
 
 def _rows(
-    path: Path, reader: "Iterator[list[str]]", separator: str, needed: Sequence[str], optional: Sequence[str]
+    path: Path,
+    reader: "Iterator[list[str]]",
+    separator: str,
+    needed: Sequence[str],
+    optional: Sequence[str],
+    ignored: list[str] | None,
 ) -> Iterator[CsvRow]:
     try:
         header = [cell.strip() for cell in next(reader, [])]
-        _check_header(path, header, needed, optional)
+        _check_header(path, header, needed, optional, ignored)
         for number, cells in enumerate(reader, start=2):
             if not any(cell.strip() for cell in cells):
                 continue
@@ -94,10 +104,14 @@ def _rows(
         raise UsageError(f"{path} is not a readable CSV file ({error}); nothing was written: correct it.") from error
 
 
-def _check_header(path: Path, header: Sequence[str], needed: Sequence[str], optional: Sequence[str]) -> None:
+def _check_header(
+    path: Path, header: Sequence[str], needed: Sequence[str], optional: Sequence[str], ignored: list[str] | None
+) -> None:
     known = [*needed, *optional]
     for name in header:
-        if name not in known:
+        if name not in known and ignored is not None and not difflib.get_close_matches(name, known, cutoff=0.75):
+            ignored.append(name or "without a name")
+        elif name not in known:
             raise UsageError(
                 f"{path}: unknown column `{name[:60]}`; {closest(name, known)} Nothing was written: correct it."
             )

@@ -212,6 +212,9 @@ SELECT 'simulation', coalesce(nullif(reason, ''), 'no reason given'), count(*) F
 WHERE status = 'failed' AND design_id IN {_ASKED}
 GROUP BY ALL
 UNION ALL
+SELECT 'grasp, told with --sure', json_extract_string(details_json, '$.sure'), count(*) FROM grasps
+WHERE campaign_id = {{campaign}} AND json_extract(details_json, '$.sure') IS NOT NULL GROUP BY ALL
+UNION ALL
 SELECT 'tool', coalesce(nullif(reason, ''), 'no reason given'), count(*) FROM tools
 WHERE campaign_id = {{campaign}} AND status = 'rejected' GROUP BY ALL
 ORDER BY what, n DESC, reason"""

@@ -10,11 +10,13 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ToolRow, TraceRow
 from fast.models.errors import UsageError
 from fast.models.records import Trace
+from fast.models.traces.questions import Question
 from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.told import ToldGrasp, take_told
 from fast.tasks.bench.told_files import read_peaks, read_rows_of
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.scientist.propose import propose_initial
+from tests.flows.cli.cli_lakes import ROOT
 from tests.tasks.campaign.small_campaign import small_campaign
 
 N_ASKED = 8  # two tools, two objects, two repeats
@@ -157,7 +159,7 @@ def test_all_faults_are_named_at_once(campaign: Campaign) -> None:
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,\n", "no peak_force_n and no reason"),
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,ten\n", "peak_force_n is `ten`, it must be a finite number"),
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4.5,0,1\n", "object_id is `4.5`, it must be a whole number"),
-        ("tool_id,object_id,repeat,peak_force_n,force\nB01T0,4,0,1,1\n", "force"),
+        ("tool_id,object_id,repeat,peak_force_n,reasn\nB01T0,4,0,1,1\n", "reasn"),
         ("", "results.csv"),
     ],
 )
@@ -187,3 +189,51 @@ def test_other_campaigns_of_the_lake_are_left_alone(campaign: Campaign) -> None:
     assert Lake.open(Path(campaign.lake.address)).query("SELECT DISTINCT campaign_id FROM grasps").to_pylist() == [
         {"campaign_id": "small"}
     ]
+
+
+def test_a_strange_number_is_asked_about_and_marked_where_a_person_is_sure(tmp_path: Path) -> None:
+    campaign = small_campaign(tmp_path, bench={"kind": "folder", "name": "pull-tester", "max_force_n": 200.0})
+    propose_initial(campaign)
+    every = told(campaign)
+    tenfold = [ToldGrasp(**{**vars(one), "peak_force_n": 10.0 if n else 100.0}) for n, one in enumerate(every)]
+
+    def ask(_campaign: Campaign, _tools: Any, new: Any) -> list[Question]:
+        return [Question("decimal point", "row 0: a decimal point?", (0,))] if new[0].peak_force_n == 100.0 else []
+
+    with pytest.raises(UsageError, match=r"1 number is strange, nothing was written:\n  row 0: a decimal point\?\n"):
+        take_told(campaign, tenfold, "ada", ask=ask)
+    assert campaign.lake.records(GraspRow) == []
+    assert take_told(campaign, tenfold, "ada", ask=ask, is_sure=True).n_written == N_ASKED
+    assert [row.details_json for row in campaign.lake.records(GraspRow) if "sure" in row.details_json] == [
+        '{"sure":["decimal point"],"told_by":"ada"}'
+    ]
+
+
+def test_objects_by_name_units_in_cells_and_unknown_columns_are_read(tmp_path: Path) -> None:
+    (tmp_path / "results.csv").write_text(
+        "tool_id,object_id,repeat,peak_force_n,remark\nb01t0,Tube,0,12.3 N,x\nB01T0,14,1,1.5 kgf,\nB01T0,2,0,0.5 kN,\n"
+    )
+    notes: list[str] = []
+    one, two, three = read_peaks(tmp_path / "results.csv", notes)
+    assert (one.object_id, one.peak_force_n, two.peak_force_n, three.peak_force_n) == (14, 12.3, 14.709975, 500.0)
+    assert notes == ["results.csv: columns that nobody knows were left out: remark"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("B01T0,tubbe,0,5", "object_id is `tubbe`, it must be a number or a name"),
+        ("B01T0,14,0,5 mm", "peak_force_n is `5 mm`, it must be a finite number"),
+    ],
+)
+def test_a_name_or_unit_that_is_none_is_named(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "results.csv").write_text(f"tool_id,object_id,repeat,peak_force_n\n{text}\n")
+    with pytest.raises(UsageError, match=words):
+        read_peaks(tmp_path / "results.csv")
+
+
+@pytest.mark.parametrize("name", ["good", "object-names", "short-ids", "unit-in-cell", "extra-column"])
+def test_files_of_people_are_read(name: str) -> None:
+    grasps = read_peaks(ROOT / "tests" / "data" / "cases" / "people" / f"{name}.csv")
+    assert len(grasps) == 48
+    assert {one.object_id for one in grasps} == {2, 5, 14, 20}

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from fast.models.errors import FastError, UsageError
-from fast.tasks.bench.machine_csv import read_format, read_pull
+from fast.tasks.bench.machine_files.format import MachineFormat, read_format
+from fast.tasks.bench.machine_files.pulls import read_pulls
+from fast.tasks.bench.told import ToldGrasp
 
 FORMAT = """
 file_name = "{tool}_{object}_{repeat}.csv"
@@ -36,6 +38,11 @@ def write(folder: Path, text: str = PULL, name: str = "B02T3_14_1.csv", machine:
     return folder / name, folder / "utm.toml"
 
 
+def read_pull(path: Path, machine: MachineFormat) -> ToldGrasp:
+    (grasp,) = read_pulls([path], machine).grasps
+    return grasp
+
+
 def test_units_sign_zero_and_name_are_those_of_the_format(tmp_path: Path) -> None:
     path, machine = write(tmp_path)
     told = read_pull(path, read_format(machine))
@@ -63,9 +70,9 @@ def test_a_campaign_may_stand_in_the_name(tmp_path: Path) -> None:
     ("machine", "words"),
     [
         (FORMAT.replace('"kgf"', '"stone"'), "force.unit is `stone`; change it to one of N, mN"),
-        (FORMAT.replace('","', '";"'), "separator and decimal|decimal"),
         (FORMAT.replace("{object}", ""), "{object} must stand in it once"),
         ("lift_speed_mm_per_s = 5\n" + FORMAT, "one of the two"),
+        (FORMAT.replace('name = "Weg"', 'name = "Weg"\nnumber = 2'), "one of the two"),
         (FORMAT.replace("skip_lines", "skiplines"), "skip_lines"),
         ("separator = ", "utm.toml"),
     ],
@@ -81,9 +88,9 @@ def test_a_wrong_format_is_named(tmp_path: Path, machine: str, words: str) -> No
     [
         (PULL, "pull7.csv", "the name is not like"),
         (PULL.replace("Kraft", "Last"), "B02T3_14_1.csv", "has no column `Kraft`"),
-        (PULL.replace("-0,5", "-0.5"), "B02T3_14_1.csv", "not written as the format file says"),
-        (PULL.replace(";z", ""), "B02T3_14_1.csv", "not written as the format file says"),
-        ("", "B02T3_14_1.csv", "not written as the format file says"),
+        (PULL.replace("500;1,1;-0,5", "500;1,1;weg"), "B02T3_14_1.csv", "has no samples"),
+        (PULL.replace("kgf;-", "lbf;-"), "B02T3_14_1.csv", "the force is in lbf, the format file says kgf"),
+        ("", "B02T3_14_1.csv", "has no samples"),
     ],
 )
 def test_a_wrong_file_is_named(tmp_path: Path, text: str, name: str, words: str) -> None:

@@ -1,0 +1,181 @@
+"""What is strange in forces that a person tells, and what it would be: asked about before anything is written.
+
+Each check holds two explanations against each other, sound numbers and one usual slip, by their likelihood; a question
+is asked where the slip is far more likely. Forces are compared as logarithms, in which a slip is a shift: ln 10 for a
+decimal point, ln 9.81 for kilogram-force.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations, groupby
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+Kind = Literal["decimal point", "outlier", "copied", "unit", "exchanged tools", "exchanged objects", "told twice"]
+
+UNITS_N = {"kgf": 9.80665, "lbf": 4.4482216152605, "gf": 9.80665e-3, "kN": 1000.0, "mN": 1e-3}
+_LEAST_REPEAT_SD = 0.03  # of ln force: no gauge and no hand repeats a pull-off better than 3 %
+_LEAST_CELL_SD = 0.15  # of a tool on an object about tool and object: a simulator is no better than that
+_COMMON_SD = 0.5  # of the whole file about the simulator, whose modulus is not known to better than half
+_LEAST_OUTLIER = np.log(3.0)  # a finger that slips early, or snaps, gives half or twice of what its repeats do
+_LIMIT_NATS = 6.0  # evidence that asks: 400 to 1, since a hundred cells are looked at
+_CHANCE = 1e-3  # of equal numbers in a row by chance
+_LEAST_RUN = 4
+
+
+class Told(NamedTuple):
+    """One number of a file: where it stands, the cell, the force, and the force that is expected (None: not known)."""
+
+    place: str
+    tool: str
+    object_id: int
+    repeat: int
+    force_n: float
+    expected_n: float | None = None
+
+
+class Question(NamedTuple):
+    """What is strange and what it would be, in a sentence; `numbers`: which of the told numbers, by position."""
+
+    kind: Kind
+    sentence: str
+    numbers: tuple[int, ...]
+
+
+def find_questions(told: Sequence[Told]) -> list[Question]:
+    """Questions about positive forces of one file, in the order of the file."""
+    if not told:
+        return []
+    log_n = np.log([max(one.force_n, 1e-9) for one in told])
+    cells = _group(told, lambda one: (one.tool, one.object_id))
+    found = [*_find_slips(told, log_n, cells), *_find_copies(told), *_find_doubles(told)]
+    odd = {number for question in found for number in question.numbers}
+    found += _find_unit(told, log_n, odd)
+    found += _find_exchanges(told, log_n, odd)
+    return sorted(found, key=lambda question: question.numbers[0])
+
+
+def _group(told: Sequence[Told], key: "object") -> list[list[int]]:
+    found: dict[object, list[int]] = {}
+    for number, one in enumerate(told):
+        found.setdefault(key(one), []).append(number)  # type: ignore[operator]
+    return list(found.values())
+
+
+def _find_slips(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> Iterator[Question]:
+    """A number that is not like the other repeats of its cell: a slip of the decimal point, or something else."""
+    sd = _scatter_of_repeats(log_n, cells)
+    for cell in cells:
+        if len(cell) < 3:
+            continue
+        for number in cell:
+            others = [log_n[other] for other in cell if other != number]
+            middle, spread = float(np.median(others)), float(np.ptp(others))
+            departure = log_n[number] - middle
+            if spread > 8 * sd or abs(departure) < max(8 * sd, _LEAST_OUTLIER):
+                continue
+            one, usual_n = told[number], float(np.exp(middle))
+            where = f"{one.place}: {one.force_n:g} N beside {_list_forces(told, cell, number)}"
+            shift = round(departure / np.log(10))
+            if shift and abs(departure - shift * np.log(10)) < max(6 * sd, 0.25):
+                right_n = one.force_n / 10.0**shift
+                yield Question("decimal point", f"{where}, a decimal point? It would be {right_n:g} N", (number,))
+            else:
+                yield Question("outlier", f"{where}; its repeats say about {usual_n:.3g} N", (number,))
+
+
+def _scatter_of_repeats(log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> float:
+    """Standard deviation of ln force among repeats, from the middle of all cells: slips do not move it."""
+    spreads = [abs(log_n[a] - log_n[b]) for cell in cells for a, b in combinations(cell, 2)]
+    # The median of |a - b| of two normal numbers is 0.954 standard deviations of one.
+    return max(float(np.median(spreads)) / 0.954, _LEAST_REPEAT_SD) if spreads else _LEAST_REPEAT_SD
+
+
+def _list_forces(told: Sequence[Told], cell: Sequence[int], number: int) -> str:
+    return " and ".join(f"{told[other].force_n:g} N" for other in cell if other != number)
+
+
+def _find_copies(told: Sequence[Told]) -> Iterator[Question]:
+    """Equal numbers in a row over several cells: copied downwards, or a gauge that stuck."""
+    forces = [one.force_n for one in told]
+    start = 0
+    for _, group in groupby(forces):
+        n = len(list(group))
+        run = range(start, start + n)
+        start += n
+        if n < _LEAST_RUN or len({(told[i].tool, told[i].object_id) for i in run}) < 2:
+            continue
+        outside = [
+            a == b for i, (a, b) in enumerate(zip(forces, forces[1:], strict=False)) if i + 1 < run[0] or i > run[-1]
+        ]
+        p_equal = (sum(outside) + 1) / (len(outside) + 2)
+        if len(forces) * p_equal ** (n - 1) < _CHANCE:
+            first, last = told[run[0]].place, told[run[-1]].place
+            sentence = f"{first} to {last}: {n} times {forces[run[0]]:g} N, copied, or a gauge that stuck?"
+            yield Question("copied", sentence, tuple(run))
+
+
+def _find_doubles(told: Sequence[Told]) -> Iterator[Question]:
+    """Two tools with the same numbers: told twice under two names."""
+    tools: dict[str, dict[tuple[int, int], int]] = {}
+    for number, one in enumerate(told):
+        tools.setdefault(one.tool, {})[one.object_id, one.repeat] = number
+    for first, second in combinations(tools, 2):
+        shared = sorted(set(tools[first]) & set(tools[second]))
+        pairs = [(tools[first][key], tools[second][key]) for key in shared]
+        equal = [told[a].force_n == told[b].force_n for a, b in pairs]
+        if len(pairs) >= _LEAST_RUN and all(equal) and len({told[a].force_n for a, _ in pairs}) > 1:
+            numbers = tuple(b for _, b in pairs)
+            yield Question("told twice", f"{second} has the numbers of {first}, one told twice?", numbers)
+
+
+def _find_unit(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> Iterator[Question]:
+    """All forces in another unit than N, by what is expected of them."""
+    known = [number for number, one in enumerate(told) if one.expected_n and number not in odd]
+    if len(known) < 3:
+        return
+    residual = np.array([log_n[number] - np.log(told[number].expected_n or 1.0) for number in known])
+    middle = float(np.median(residual))
+    spread = max(1.4826 * float(np.median(np.abs(residual - middle))), _LEAST_CELL_SD)
+    n_cells = len({(told[number].tool, told[number].object_id) for number in known})
+    variance = _COMMON_SD**2 + spread**2 / n_cells
+    best = max(UNITS_N, key=lambda unit: -((middle + np.log(UNITS_N[unit])) ** 2))
+    gain = (middle**2 - (middle + np.log(UNITS_N[best])) ** 2) / (2 * variance)
+    if gain > _LIMIT_NATS:
+        factor = float(np.exp(abs(middle)))
+        how = "smaller" if middle < 0 else "larger"
+        sentence = f"all forces are {factor:.3g} times {how} than expected, {best}? 1 {best} is {UNITS_N[best]:.4g} N"
+        yield Question("unit", sentence, tuple(range(len(told))))
+
+
+def _find_exchanges(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> Iterator[Question]:
+    """Two tools, or two objects, whose forces fit what is expected of the other."""
+    known = [number for number, one in enumerate(told) if one.expected_n and number not in odd]
+    if len(known) < 4:
+        return
+    expected = {number: float(np.log(told[number].expected_n or 1.0)) for number in known}
+    residual = {number: float(log_n[number]) - expected[number] for number in known}
+    middle = float(np.median(list(residual.values())))
+    for kind, name_of in (
+        ("exchanged tools", lambda one: one.tool),
+        ("exchanged objects", lambda one: f"object {one.object_id}"),
+    ):
+        groups: dict[str, list[int]] = {}
+        for number in known:
+            groups.setdefault(name_of(told[number]), []).append(number)
+        means = {name: float(np.mean([residual[i] for i in numbers])) - middle for name, numbers in groups.items()}
+        levels = {name: float(np.mean([expected[i] for i in numbers])) for name, numbers in groups.items()}
+        if len(groups) < 2:
+            continue
+        sd = max(1.4826 * float(np.median(np.abs(list(means.values())))), _LEAST_CELL_SD)
+        best, gain = None, _LIMIT_NATS
+        for a, b in combinations(groups, 2):
+            step = levels[a] - levels[b]
+            now = means[a] ** 2 + means[b] ** 2
+            then = (means[a] + step) ** 2 + (means[b] - step) ** 2
+            if (now - then) / (2 * sd**2) > gain:
+                best, gain = (a, b), (now - then) / (2 * sd**2)
+        if best is not None:
+            a, b = best
+            sentence = f"{a} has the forces that are expected of {b}, and {b} those of {a}; exchanged?"
+            yield Question(kind, sentence, tuple(groups[a] + groups[b]))  # type: ignore[arg-type]

@@ -1,0 +1,59 @@
+"""Usual slips of a pen, told to a campaign on a bench of one's own: asked about, and nothing is written."""
+
+from pathlib import Path
+
+import pytest
+
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import GraspRow
+from tests.flows.cli.cli_lakes import ROOT, Fast
+
+PEOPLE = ROOT / "tests" / "data" / "cases" / "people"
+
+
+@pytest.fixture
+def fast(capsys: pytest.CaptureFixture[str]) -> Fast:
+    return Fast(capsys)
+
+
+def done(fast: Fast, *words: object) -> str:
+    answer = fast(*words)
+    assert answer.status == 0, answer
+    return str(answer.out)
+
+
+def asked(fast: Fast, *words: object) -> str:
+    answer = fast(*words)
+    assert (answer.status, answer.out) == (2, ""), answer
+    return str(answer.err)
+
+
+def test_slips_are_questions_and_good_numbers_are_told(fast: Fast, tmp_path: Path) -> None:
+    lake = tmp_path / "lake"
+    fast("ask", PEOPLE / "pull.toml", "--lake", lake)
+
+    def tell(name: str, *words: str) -> tuple:
+        return ("tell", PEOPLE / "pull.toml", PEOPLE / f"{name}.csv", "--operator", "ada", "--lake", lake, *words)
+
+    assert "49.8 N beside 5.17 N and 4.98 N, a decimal point? It would be 4.98 N." in asked(fast, *tell("tenfold"))
+    assert "times smaller than expected, kgf? 1 kgf is 9.807 N." in asked(fast, *tell("kgf"))
+    assert "12 times 8 N, copied, or a gauge that stuck?" in asked(fast, *tell("copied"))
+    assert "say with --sure that it is so" in asked(fast, *tell("copied"))
+    assert Lake.open(lake).rows(GraspRow) == []
+    assert "48 grasps written" in done(fast, *tell("good"))
+    assert "1 grasps written" in done(fast, *tell("tenfold", "--replace", "--sure"))
+    assert sum("decimal point" in row["details_json"] for row in Lake.open(lake).rows(GraspRow)) == 1
+
+
+def test_a_format_that_is_not_there_is_guessed_shown_and_written_first(fast: Fast, tmp_path: Path) -> None:
+    lake, config = tmp_path / "lake", tmp_path / "pull.toml"
+    config.write_text((PEOPLE / "pull.toml").read_text())
+    fast("ask", config, "--lake", lake)
+    pull = PEOPLE.parent / "machine-summary" / "B01T0_2_0.csv"
+    words = ("tell", config, pull, "--format", tmp_path / "utm.toml", "--lake", lake)
+    assert "give the same command again" in done(fast, *words)
+    assert 'name = "Load"\nunit = "N"' in (tmp_path / "utm.toml").read_text()
+    assert Lake.open(lake).rows(GraspRow) == []
+    assert "1 grasps written (1 with a trace" in done(fast, *words)
+    (row,) = Lake.open(lake).rows(GraspRow)
+    assert row["peak_force_n"] == pytest.approx(6.0, abs=0.01)

@@ -1,6 +1,7 @@
 import os
 import signal
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import settings
 
 from fast.flows.cli.main import leave
+from tests.peers import list_peers
 
 _STATUS: list[int] = []
 settings.register_profile("quick", max_examples=40)  # a test that needs more says so
@@ -32,6 +34,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests come first: a worker that begins one last would work alone for minutes."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Say which programs of others were there, and how many tests were left out for want of what."""
+    peers = list_peers()
+    here = [f"{name} ({version})" for name, version in peers.items() if version]
+    gone = [name for name, version in peers.items() if not version]
+    terminalreporter.write_line(f"peers: {', '.join(here) or 'none'}; missing: {', '.join(gone) or 'none'}")
+    skipped = terminalreporter.stats.get("skipped", [])
+    reasons = Counter(str(report.longrepr[2]).removeprefix("Skipped: ") for report in skipped)
+    for reason, n in reasons.most_common():
+        terminalreporter.write_line(f"skipped {n}: {reason}")
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:

@@ -112,18 +112,31 @@ def test_forces_are_read_from_what_calculix_prints() -> None:
     assert read_base_forces(2 * printed) == pytest.approx(np.tile([-0.3561367, 0.04499392, -0.1805061], (2, 1)))
 
 
+# One quadratic layer over the half width is too few for CalculiX's contact: it is 8 % off there, ours is not.
+TWO_LAYERS = SimulatorVersion(mesh=MeshSettings(layers=2))
+CLOSINGS = [
+    pytest.param(1, 34, TWO_LAYERS, id="sphere"),
+    pytest.param(1, 34, TETRAHEDRA, id="sphere, tetrahedra", marks=pytest.mark.study),
+    pytest.param(5, 38, TWO_LAYERS, id="wide cylinder", marks=pytest.mark.study),
+    pytest.param(30, 34, TWO_LAYERS, id="cube", marks=pytest.mark.study),
+]
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
-@pytest.mark.parametrize("version", [TETRAHEDRA, SimulatorVersion()], ids=["tetrahedra", "production"])
-def test_calculix_finds_the_same_forces(version: SimulatorVersion, tmp_path: Path) -> None:
-    write_calculix(tmp_path, BEST_PUBLISHED, SPHERE, version, SHORT)
+@pytest.mark.parametrize(("object_id", "closed_gap_mm", "version"), CLOSINGS)
+def test_calculix_finds_the_same_forces(
+    object_id: int, closed_gap_mm: float, version: SimulatorVersion, tmp_path: Path
+) -> None:
+    setup = GraspSetup(closed_gap_mm=closed_gap_mm)
+    write_calculix(tmp_path, BEST_PUBLISHED, get_object(object_id), version, setup)
     subprocess.run(["ccx", "closing"], cwd=tmp_path, check=True, capture_output=True, timeout=800)
     found = read_base_forces((tmp_path / "closing.dat").read_text())
     expected = np.array([level["force_n"] for level in _levels(tmp_path)])
     # The smooth onset of our pressure (half of 0.05 mm) delays the force by a constant, 1 to 3 % of the first level.
     assert found[:, 0] == pytest.approx(expected[:, 0], rel=0.03)
-    assert found[-1, [0, 2]] == pytest.approx(expected[-1, [0, 2]], rel=0.015)
+    assert found[-1, [0, 2]] == pytest.approx(expected[-1, [0, 2]], rel=0.01)
 
 
 def _levels(folder: Path) -> list[dict[str, object]]:

@@ -25,7 +25,7 @@ endef
 # Many tests wait for devices and servers: one process more than there are cores.
 TEST_WORKERS ?= $(shell expr $$(nproc) + 1)
 
-.PHONY: help setup kernels campaign test studies check docs audit-online format lock clean
+.PHONY: help setup kernels campaign test studies check docs dist audit-online format lock clean
 
 help:           ## list the commands
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -69,6 +69,9 @@ check: setup    ## format, lint, types, import layers, packages as locked
 
 docs: setup     ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+dist: setup     ## wheel and sdist in dist/, each tried in an environment of its own
+	bash .ci/dist
 
 audit-online: setup  ## known vulnerabilities of the locked packages; asks a public service
 	$(PYTHON) -m venv $(VENV)-audit

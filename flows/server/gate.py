@@ -48,7 +48,7 @@ def add_gate(app: App, login: str, host: str) -> App:
             await app(scope, receive, send)
             return
         headers = _read_headers(scope)
-        if sentence := _find_fault(headers, names):
+        if sentence := find_fault(headers, names):
             await _refuse(scope, receive, send, 403, sentence)
         elif _knows(headers, login, cookie_name(scope)):
             await app(scope, receive, _adding(send, _extras(scope, headers, login)))
@@ -98,7 +98,7 @@ def _read_headers(scope: Scope) -> dict[str, str]:
     return {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
 
 
-def _find_fault(headers: dict[str, str], names: frozenset[str]) -> str | None:
+def find_fault(headers: dict[str, str], names: frozenset[str]) -> str | None:
     """What makes a request a stranger's, in a sentence."""
     host = headers.get("host", "")
     if not _is_own(host, names):

@@ -25,6 +25,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import IO
 
+from fast.flows.server.gate import find_fault
+from fast.flows.server.loopback import LOOPBACK_NAMES
 from fast.models.errors import FastError, MissingDependencyError, UsageError
 
 LOOPBACK = "127.0.0.1"
@@ -137,6 +139,10 @@ def _hand_on(web_port: int, data_port: int) -> Iterator[str]:
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
+            asked = {name.lower(): value for name, value in self.headers.items()}
+            if sentence := find_fault(asked, frozenset(LOOPBACK_NAMES)):
+                self.send_error(403, sentence)
+                return
             try:
                 with urllib.request.urlopen(f"{source}{self.path}", timeout=START_LIMIT_S) as answer:
                     self.send_response(answer.status)

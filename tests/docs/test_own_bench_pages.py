@@ -48,11 +48,11 @@ def write_pulls(results: Path, folder: Path) -> list[Path]:
     """What a testing machine would write, in the words and units of the page's utm.toml."""
     folder.mkdir()
     written = []
-    for row in csv.DictReader(results.read_text().splitlines()):
+    for number, row in enumerate(csv.DictReader(results.read_text().splitlines())):
         lines = ["Prüfung;1", "", "", "Zeit;Weg;Kraft", "s;mm;kN"]
         for sample in range(120):
             lift_mm = 0.25 * sample
-            force_kn = -0.014 * math.sin(math.pi * lift_mm / 30.0)
+            force_kn = -(0.014 + 0.0001 * number) * math.sin(math.pi * lift_mm / 30.0)
             lines.append(f"{lift_mm / 5:.4f};{lift_mm + 2:.4f};{force_kn:.7f}".replace(".", ","))
         path = folder / f"{row['tool_id'].split('/')[1]}_{row['object_id']}_{row['repeat']}.csv"
         path.write_text("\n".join(lines), encoding="latin-1")
@@ -62,12 +62,15 @@ def write_pulls(results: Path, folder: Path) -> list[Path]:
 
 @pytest.mark.slow
 def test_a_campaign_is_asked_told_and_finished_as_the_page_says(fast: Fast) -> None:
-    ask, tell, ask_more, tell_pulls, ask_last, report = commands_of(BENCH)[:6]
+    ask, tell, guess, ask_more, tell_pulls, ask_last, report = commands_of(BENCH)[:7]
     assert fast(*ask).status == 0
     measure(Path("B01/results.csv"))
     assert "16 grasps written" in fast(*tell).out
     assert fast(*ask_more).status == 0
     pulls = write_pulls(Path("B02/results.csv"), Path("pulls"))
+    guessed = [*(word for word in guess if "*" not in word and word != "utm.toml"), "guessed.toml", *pulls]
+    assert "it would be: 16 grasps written (16 with a trace" in fast(*guessed).out
+    assert 'name = "Kraft"\nunit = "kN"\nsign = -1' in Path("guessed.toml").read_text()
     words = [word for word in tell_pulls if "*" not in word]
     at = words.index("--operator")
     told = fast(*words[:at], *pulls, *words[at:])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from fast.models.errors import UsageError
 from fast.tasks.bench.machine_files.cells import Grid, read_grid
-from fast.tasks.bench.machine_files.head import Block, choose_columns, find_block
+from fast.tasks.bench.machine_files.head import Block, choose_columns, find_block, read_column
 from fast.tasks.bench.machine_files.words import Quantity, quantity_of_name
 
 _TOOL = re.compile(r"(?:[A-Za-z0-9-]+_)?[Bb]\d{2,6}[Tt]\d")
@@ -50,6 +50,8 @@ def _write(path: Path, grid: Grid, block: Block, columns: dict[Quantity, int]) -
                 lines.append(f"unit = {_quote(usual)}  # the file does not say it")
             if quantity == "lift":
                 lines.append('zero = "first sample"')
+            if quantity == "force" and _points_down(block, place):
+                lines.append("sign = -1  # the file counts the pull as negative")
     if cycle is not None and quantity_of_name(block.names[cycle]) is None and _counts(block, cycle):
         lines += ["", "[cycle]", _say_column(block, cycle)]
     return "\n".join(lines) + "\n"
@@ -57,6 +59,12 @@ def _write(path: Path, grid: Grid, block: Block, columns: dict[Quantity, int]) -
 
 def _say_column(block: Block, place: int) -> str:
     return f"name = {_quote(block.names[place])}" if block.names else f"number = {place + 1}"
+
+
+def _points_down(block: Block, place: int) -> bool:
+    """Whether the largest force of the file is negative."""
+    values = [value for value in read_column(block, place) if value is not None]
+    return -min(values) > 2 * max(*values, 0.0)
 
 
 def _is_in_ms(block: Block, place: int) -> bool:

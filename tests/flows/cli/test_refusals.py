@@ -232,7 +232,7 @@ def test_a_missing_package_is_named_before_anything_is_written(fast, tmp_path, m
     monkeypatch.setitem(sys.modules, "prefect", None)
     assert importlib.util.find_spec("prefect") is None
     said = fast.refused("campaign", "run", config, "--lake", tmp_path / "lake")
-    assert re.search(r"the packages `prefect`, `pyserial` are not installed; run `make setup`", said)
+    assert re.search(r"the packages `pyserial`, `prefect` are not installed; run `make setup`", said)
     assert "the package `prefect` is not installed" in fast.refused("serve", "--lake", tmp_path / "lake")
     assert not (tmp_path / "lake").exists()
 

@@ -17,6 +17,12 @@ class Request(NamedTuple):
     headers: dict[str, str]
 
 
+def _read(content: bytes, headers: Any) -> Any:
+    if headers.get("Content-Type") == "application/octet-stream":
+        return content
+    return json.loads(content) if content else None
+
+
 @contextmanager
 def local_server(answer: Callable[[Request], tuple[int, Any]]) -> Iterator[tuple[str, list[Request]]]:
     """Address of a server whose answers (status, JSON) come from `answer`, and the list of what it was sent."""
@@ -29,12 +35,18 @@ def local_server(answer: Callable[[Request], tuple[int, Any]]) -> Iterator[tuple
         def do_POST(self) -> None:
             self._answer()
 
+        def do_PUT(self) -> None:
+            self._answer()
+
+        def do_DELETE(self) -> None:
+            self._answer()
+
         def log_message(self, *words: object) -> None:
             pass
 
         def _answer(self) -> None:
             content = self.rfile.read(int(self.headers.get("Content-Length") or 0))
-            request = Request(self.command, self.path, json.loads(content) if content else None, dict(self.headers))
+            request = Request(self.command, self.path, _read(content, self.headers), dict(self.headers))
             seen.append(request)
             status, body = answer(request)
             self.send_response(status)

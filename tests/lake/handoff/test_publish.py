@@ -2,16 +2,20 @@
 
 import hashlib
 import json
+import zipfile
 from pathlib import Path
 
 import pytest
 
+from fast.lake.handoff.eln import check_eln_path, write_eln
 from fast.lake.handoff.import_folder import import_handoff
 from fast.lake.handoff.publish import publish
+from fast.lake.handoff.zenodo import read_access, upload_deposit
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
-from fast.models.errors import UsageError
+from fast.models.errors import FastError, UsageError
 from tests.flows.cli.cli_lakes import Fast
+from tests.flows.server.local_server import Request, local_server
 from tests.lake.handoff.handoff_folder import PROVENANCE
 
 frictionless = pytest.importorskip("frictionless")
@@ -100,3 +104,105 @@ def test_from_the_command_line_and_never_over_another(deposit: Path, lake: Lake,
     done = Fast(capsys)(*words[:2], deposit.parent / "two", *words[3:], "--licence", "CC0-1.0")
     assert done.out.startswith("wrote 1 designs, 2 measured grasps, 1 simulated grasps")
     assert "publicdomain/zero" in (deposit.parent / "two" / "ro-crate-metadata.json").read_text()
+
+
+def test_a_notebook_file_is_one_folder_with_a_data_set_of_every_file(deposit: Path, tmp_path: Path) -> None:
+    """What the ELN Consortium's checks ask: one root folder named like the file, a data set in the root's parts."""
+    from rocrate.rocrate import ROCrate
+
+    write_eln(deposit, tmp_path / "fingers.eln")
+    with zipfile.ZipFile(tmp_path / "fingers.eln") as archive:
+        assert {name.split("/")[0] for name in archive.namelist()} == {"fingers"}
+        archive.extractall(tmp_path / "unpacked")
+    assert ROCrate(str(tmp_path / "unpacked" / "fingers")).name == ABOUT["title"]
+    said = json.loads((tmp_path / "unpacked" / "fingers" / "ro-crate-metadata.json").read_text())
+    graph = {node["@id"]: node for node in said["@graph"]}
+    assert graph["./"]["hasPart"] == [{"@id": "./grasps/"}]
+    data = graph["./grasps/"]
+    assert {"name", "author", "text", "dateCreated", "dateModified", "keywords", "identifier"} <= set(data)
+    for part in data["hasPart"]:
+        node = graph[part["@id"]]
+        content = (tmp_path / "unpacked" / "fingers" / part["@id"]).read_bytes()
+        assert node["sha256"] == hashlib.sha256(content).hexdigest()
+        assert node["contentSize"] == str(len(content))
+        assert node["encodingFormat"]
+    here = {path.name for path in deposit.rglob("*") if path.is_file()} - {"ro-crate-metadata.json"}
+    assert {Path(part["@id"]).name for part in data["hasPart"]} == here
+
+
+def test_a_notebook_file_has_its_ending_and_overwrites_nothing(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="ends with .eln"):
+        check_eln_path(tmp_path / "fingers.zip")
+    (tmp_path / "fingers.eln").touch()
+    with pytest.raises(UsageError, match="is there already"):
+        check_eln_path(tmp_path / "fingers.eln")
+
+
+class Archive:
+    """Zenodo's deposit interface as far as it is used: drafts with files and metadata."""
+
+    def __init__(self) -> None:
+        self.address = ""
+        self.files: dict[str, int] = {}
+        self.metadata: dict[str, object] = {}
+        self.is_deleted = False
+        self.breaks_at = ""
+
+    def __call__(self, request: Request) -> tuple[int, object]:
+        if request.headers.get("Authorization") != "Bearer token":
+            return 401, {}
+        if self.breaks_at and self.breaks_at in request.path and request.method == "PUT":
+            return 500, {}
+        if request.method == "POST" and request.path == "/api/deposit/depositions":
+            own = f"{self.address}/api/deposit/depositions/7"
+            links = {"bucket": f"{self.address}/api/files/b", "self": own, "html": f"{self.address}/deposit/7"}
+            return 201, {"id": 7, "links": links}
+        if request.method == "PUT" and request.path.startswith("/api/files/b/"):
+            self.files[request.path.rpartition("/")[2]] = int(request.headers["Content-Length"])
+        elif request.method == "PUT":
+            self.metadata = request.body["metadata"]
+        elif request.method == "DELETE":
+            self.is_deleted = True
+        return 200, {}
+
+
+def test_a_deposit_is_uploaded_as_a_draft_that_a_person_publishes(deposit: Path, monkeypatch) -> None:
+    archive = Archive()
+    with local_server(archive) as (archive.address, _):
+        monkeypatch.setenv("FAST_ZENODO_URL", archive.address)
+        monkeypatch.setenv("FAST_ZENODO_TOKEN", "token")
+        assert upload_deposit(deposit, read_access()) == f"{archive.address}/deposit/7"
+        assert set(archive.files) == {"README.md", "deposit.zip"}
+        assert archive.metadata["title"] == ABOUT["title"]
+        assert archive.metadata["creators"] == [{"name": "Ada Example"}, {"name": "Bo Example"}]
+        assert archive.metadata["license"] == "cc-by-4.0"
+        archive.breaks_at = "deposit.zip"
+        with pytest.raises(FastError, match="did not take the deposit .500 .*nothing was published"):
+            upload_deposit(deposit, read_access())
+        assert archive.is_deleted
+        with pytest.raises(UsageError, match="refused the token .401"):
+            upload_deposit(deposit, (archive.address, "wrong"))
+    with pytest.raises(FastError, match="cannot be reached"):
+        upload_deposit(deposit, (archive.address, "token"))
+
+
+@pytest.mark.parametrize(
+    ("url", "token", "words"),
+    [
+        ("https://zenodo.org", "", "FAST_ZENODO_TOKEN is not set"),
+        ("http://zenodo.org", "t", "a token is only sent to https"),
+        ("http://127.0.0.1.evil.example", "t", "a token is only sent to https"),
+    ],
+)
+def test_a_token_is_needed_and_goes_nowhere_else(monkeypatch, url: str, token: str, words: str) -> None:
+    monkeypatch.setenv("FAST_ZENODO_URL", url)
+    monkeypatch.setenv("FAST_ZENODO_TOKEN", token)
+    with pytest.raises(UsageError, match=words):
+        read_access()
+
+
+def test_an_object_without_a_floor_is_published_alone(lake: Lake, tmp_path: Path, small_rows, make_grasp) -> None:
+    lake.append([*small_rows, *make_grasp(object_id=14)], PROVENANCE)
+    publish(lake, tmp_path / "deposit", **ABOUT)
+    assert (tmp_path / "deposit" / "shapes" / "object_14_alone.stl").exists()
+    assert "object 14 alone: it has no floor for a mount" in (tmp_path / "deposit" / "datapackage.json").read_text()

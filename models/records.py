@@ -289,7 +289,7 @@ class GraspRequest(Record):
     """
 
     tool_id: str
-    object_id: int = Field(ge=0, le=35)
+    object_id: int = Field(ge=0, description="0 to 35, or the number of an own object")
     repeat: int = Field(default=0, ge=0)
     setup: GraspSetup = GraspSetup()
     placement: Placement = Placement()

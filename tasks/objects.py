@@ -5,8 +5,10 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import trimesh
 from pydantic import Field, model_validator
+from scipy.spatial import cKDTree
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import ObjectRow
@@ -17,16 +19,20 @@ from fast.models.objects.parts import Part, Turn
 from fast.models.records import Record
 from fast.models.validation import closest, load_record, parse_toml
 
-MESH_FORMATS = (".stl", ".obj", ".3mf")
+MESH_FORMATS = (".stl", ".obj", ".3mf", ".ply")
+_SOLID_FORMATS = (".step", ".stp", ".iges", ".igs")  # of CAD programs, which export meshes as well
+_TOUCH_MM = 0.5  # bodies whose surfaces are this near are one
 SUFFIXES = (*MESH_FORMATS, ".toml")
 _MOST_BYTES = 50_000_000
+_MOST_BODIES = 30
+_N_POINTS = 4000  # of a body's surface
 
 
 class ObjectFile(Record):
     """A TOML file of an own object: `mesh` with how it stands, or `parts`."""
 
     name: str | None = Field(default=None, description="default: the name of the file")
-    mesh: str | None = Field(default=None, description="path of an .stl, .obj or .3mf file, relative to this one")
+    mesh: str | None = Field(default=None, description="path of an .stl, .obj, .3mf or .ply file, relative to this one")
     scale: float = Field(default=1.0, gt=0, le=1e6, description="of the mesh, whose numbers are mm")
     turn_deg: Turn = Field(default=(0.0, 0.0, 0.0), description="of the mesh about x, then y, then z")
     parts: tuple[Part, ...] = Field(default=(), max_length=50)
@@ -46,10 +52,12 @@ def read_object(path: Path) -> RigidObject:
     Raises:
         ConfigError: the file is missing, cannot be read, or is no object that the bench can hold.
     """
+    if path.suffix.lower() in _SOLID_FORMATS:
+        raise ConfigError(f"object file `{path}` is a solid of a CAD program; export it there as STL, in mm.")
     if path.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"object file `{path}` is of no known kind; give one that ends in {', '.join(SUFFIXES)}.")
     if path.suffix.lower() in MESH_FORMATS:
-        obj = object_of_mesh(path.stem, _read_mesh(path), str(path))
+        obj = object_of_mesh(_name_of(path), _read_mesh(path), str(path))
     else:
         obj = _read_description(path)
     register(obj)
@@ -91,7 +99,7 @@ def _read_description(path: Path) -> RigidObject:
     except UnicodeDecodeError as error:
         raise ConfigError(f"object file `{path}` is not a text file; give a TOML file.") from error
     told = load_record(ObjectFile, parse_toml(text, f"object file `{path}`"), str(path))
-    name = path.stem if told.name is None else told.name
+    name = _name_of(path) if told.name is None else told.name
     if told.mesh is None:
         return object_of_parts(name, told.parts, str(path))
     mesh_path = path.parent / told.mesh
@@ -112,7 +120,48 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
     except Exception as error:
         raise ConfigError(f"mesh `{path}` cannot be read as {kind.upper()} ({error}); export it again.") from error
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    _check_one_piece(mesh, path)
     return mesh
+
+
+def _name_of(path: Path) -> str:
+    """Name of an object after its file; names begin with a letter."""
+    return path.stem if path.stem[:1].isalpha() else f"object {path.stem}"
+
+
+def _check_one_piece(mesh: trimesh.Trimesh, path: Path) -> None:
+    """Refuse bodies that do not touch: one of them would float when the object is printed.
+
+    Raises:
+        ConfigError: how many there are, and how far apart the nearest two are.
+    """
+    bodies = list(mesh.split(only_watertight=False))
+    # A soup of triangles falls into hundreds of patches, of which nothing can be said.
+    together, apart = (bodies[:1], bodies[1:]) if len(bodies) <= _MOST_BODIES else ([], [])
+    while apart:
+        gaps = [min(_find_gap_mm(body, other) for other in together) for body in apart]
+        nearest = int(np.argmin(gaps))
+        if gaps[nearest] > _TOUCH_MM:
+            raise ConfigError(
+                f"mesh `{path}` has bodies that do not touch, {gaps[nearest]:.2g} mm apart at the nearest, so one of "
+                "them would float; join them in the CAD program, or give one object for each."
+            )
+        together.append(apart.pop(nearest))
+
+
+def _find_gap_mm(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
+    """Distance of the surfaces of two bodies, from their corners and points in between; 0 where boxes are nested."""
+    inside = (one.bounds[0] >= other.bounds[0]).all() and (one.bounds[1] <= other.bounds[1]).all()
+    around = (one.bounds[0] <= other.bounds[0]).all() and (one.bounds[1] >= other.bounds[1]).all()
+    if inside or around:
+        return 0.0
+    apart = np.maximum(np.maximum(one.bounds[0] - other.bounds[1], other.bounds[0] - one.bounds[1]), 0.0)
+    if apart.any():
+        return float(np.linalg.norm(apart))
+    points = [np.vstack([body.vertices, body.sample(_N_POINTS, seed=0)]) for body in (one, other)]
+    near = cKDTree(points[0]).query(points[1])[0].min()
+    spacing_mm = float(np.sqrt(max(one.area, other.area) / _N_POINTS))
+    return max(float(near) - spacing_mm, 0.0)
 
 
 def _read_bytes(path: Path) -> bytes:

@@ -40,7 +40,7 @@ class DiagnosticRun(Record):
     """
 
     kind: DiagnosticKind
-    object_id: int = Field(default=NO_OBJECT, ge=NO_OBJECT, le=35)
+    object_id: int = Field(default=NO_OBJECT, ge=NO_OBJECT)
     repeat: int = Field(default=0, ge=0)
     dwell_s: _Dwell | None = None
     lift_speed_mm_per_s: _LiftSpeed | None = None
@@ -95,7 +95,7 @@ class DiagnosticPlan(Record):
     where `reference_every` and `protocol_slot` ask for it.
     """
 
-    objects: tuple[Annotated[int, Field(ge=0, le=35)], ...] = Field(
+    objects: tuple[Annotated[int, Field(ge=0)], ...] = Field(
         default=(2, 14, 24), description="objects of dwell, lift speed and pressure runs"
     )
     repeats: int = Field(default=2, ge=1, le=20, description="runs of each setting")
@@ -105,7 +105,7 @@ class DiagnosticPlan(Record):
     closed_empty: int = Field(default=3, ge=0, le=50, description="runs without an object")
     dead_weights_kg: tuple[_Mass, ...] = Field(default=(), description="masses that a person hangs on the gripper")
     reference_every: int = Field(default=0, ge=0, description="ordinary grasps between reference grasps; 0 is none")
-    reference_object: int = Field(default=14, ge=0, le=35)
+    reference_object: int = Field(default=14, ge=0)
     reference_tool: ReferenceTool | None = Field(
         default=None, description="makes the reference grasps; none: each tool makes them itself"
     )

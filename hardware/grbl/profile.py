@@ -85,12 +85,16 @@ class GrblProfile(Record):
         return [text for text, _ in self.corrections(found)]
 
     def corrections(self, found: Mapping[int, float]) -> list[tuple[str, str]]:
-        """The differences, each with the line that corrects it; empty where only another profile or build helps."""
+        """The differences, each with the line that corrects it; empty where only another profile or build helps.
+
+        A setting that GRBL does not have is no difference: successors of GRBL have dozens, for spindles, networks and
+        the like. All that decides where and how fast the machine moves is among GRBL's own, which are all compared.
+        """
         pairs = []
-        for number in sorted(self.settings.keys() | found.keys()):
-            want, have = self.settings.get(number), found.get(number)
-            if want is None or have is None:
-                pairs.append((f"${number} is {'absent' if have is None else 'not in the profile'}", ""))
+        for number, want in sorted(self.settings.items()):
+            have = found.get(number)
+            if have is None:
+                pairs.append((f"${number} is absent", ""))
             elif abs(want - have) > max(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * abs(want)):
                 pairs.append((f"${number} is {have:g}, profile {want:g}", f"${number}={want:g}"))
         return pairs

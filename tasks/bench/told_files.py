@@ -62,6 +62,8 @@ def _read_object(row: CsvRow) -> int:
     names = {obj.name.casefold(): obj.object_id for obj in OBJECTS}
     if text in names:
         return names[text]
+    if text.isdecimal():  # numbers of own objects have ten digits
+        return int(text)
     if any(letter.isalpha() for letter in text):
         raise row.wrong("object_id", f"it must be a number or a name; {closest(text, list(names))}".rstrip("."))
     return row.integer("object_id")

@@ -96,7 +96,7 @@ def test_objects_are_found_by_name_number_and_file(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("x.step", b"", "of no known kind; give one that ends in .stl"),
+        ("x.blend", b"", "of no known kind; give one that ends in .stl"),
         ("x.stl", b"", "x.stl"),
         ("x.stl", b"\x00" * 100, "x.stl"),
         ("x.obj", b"v 1 2\nf 1 2 3\n", "x.obj"),
@@ -151,3 +151,27 @@ def test_two_files_with_one_object_or_one_name_are_refused(folder: Path) -> None
 def test_a_plan_without_room_is_refused(values: dict[str, object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         ObjectPlan(**values)  # type: ignore[arg-type]
+
+
+def write_bodies(path: Path, gap_mm: float) -> Path:
+    lower, upper = trimesh.creation.box((20, 20, 20)), trimesh.creation.box((10, 10, 10))
+    upper.apply_translation((0, 0, 15 + gap_mm))
+    trimesh.util.concatenate([lower, upper]).export(path)
+    return path
+
+
+def test_a_body_that_floats_is_refused_and_bodies_that_touch_are_one_object(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="has bodies that do not touch, 2 mm apart at the nearest"):
+        read_object(write_bodies(tmp_path / "two.stl", 2.0))
+    assert read_object(write_bodies(tmp_path / "touching.stl", 0.0)).name == "touching"
+    assert read_object(write_bodies(tmp_path / "overlapping.stl", -1.0)).name == "overlapping"
+
+
+def test_a_name_that_begins_with_a_digit_is_made_usable_and_ply_is_read(tmp_path: Path) -> None:
+    trimesh.creation.box((40, 40, 40)).export(tmp_path / "7up.ply")
+    assert read_object(tmp_path / "7up.ply").name == "object 7up"
+
+
+def test_a_solid_of_a_cad_program_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is a solid of a CAD program; export it there as STL, in mm"):
+        read_object(tmp_path / "cup.STEP")

@@ -1,8 +1,10 @@
 """Usual slips of a pen, told to a campaign on a bench of one's own: asked about, and nothing is written."""
 
+import csv
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
@@ -57,3 +59,43 @@ def test_a_format_that_is_not_there_is_guessed_shown_and_written_first(fast: Fas
     assert "1 grasps written (1 with a trace" in done(fast, *words)
     (row,) = Lake.open(lake).rows(GraspRow)
     assert row["peak_force_n"] == pytest.approx(6.0, abs=0.01)
+
+
+OWN = """
+name = "own"
+[schedule]
+initial_tools = 3
+tools_per_batch = 1
+guided_batches = 1
+initial_simulations = 0
+simulations_per_batch = 0
+reference_tools = 1
+[objects]
+files = ["7box.ply"]
+places = [7]
+ids = [2]
+repeats = 1
+[simulator]
+simulate_tools = false
+[bench]
+kind = "folder"
+name = "pull-tester"
+max_force_n = 150
+"""
+
+
+def test_own_objects_are_pulled_on_a_bench_of_ones_own_with_reference_tools(fast: Fast, tmp_path: Path) -> None:
+    """A mesh whose name begins with a digit, its ten-digit number in results.csv, and the best tool measured again."""
+    trimesh.creation.box((40, 40, 40)).export(tmp_path / "7box.ply")
+    (tmp_path / "own.toml").write_text(OWN)
+    lake = tmp_path / "lake"
+    for batch in range(1, 5):
+        done(fast, "ask", tmp_path / "own.toml", "--out", tmp_path / f"B0{batch}", "--lake", lake)
+        table = tmp_path / f"B0{batch}" / "results.csv"
+        rows = list(csv.DictReader(table.read_text().splitlines()))
+        assert {row["object"] for row in rows} == {"object 7box", "large sphere"}
+        lines = [f"{r['tool_id']},{r['object_id']},{r['repeat']},{5 + n + batch}" for n, r in enumerate(rows)]
+        table.write_text("\n".join(["tool_id,object_id,repeat,peak_force_n", *lines]))
+        assert f"{len(rows)} grasps written" in done(fast, "tell", tmp_path / "own.toml", table, "--lake", lake)
+    assert "the schedule is complete" in done(fast, "ask", tmp_path / "own.toml", "--lake", lake)
+    assert len({row["object_id"] for row in Lake.open(lake).rows(GraspRow)}) == 2

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 app = App(name="objects", help="List, check, draw and print test objects, and add own ones.")
 
-Files = Annotated[list[Path], Parameter(help="Mesh (.stl, .obj, .3mf, in mm) or .toml file of an own object.")]
+Files = Annotated[list[Path], Parameter(help="Mesh (.stl, .obj, .3mf, .ply, in mm) or .toml file of an own object.")]
 Named = Annotated[list[str], Parameter(help=OBJECT_HELP)]
 
 

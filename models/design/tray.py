@@ -8,11 +8,17 @@ import numpy as np
 import trimesh
 
 from fast.models.design.finger import FingerBodies, finger_bodies
+from fast.models.design.three_mf import BaseMaterial, add_materials
 from fast.models.errors import UsageError
 from fast.models.records import Design
 
 FINGERS_PER_TOOL = 2
 BED_MM = (490.0, 390.0)  # build plate of the paper's printer, Stratasys J850
+# Of the bodies of a finger, by the end of their names; colours as the paper printed them, black on white.
+MATERIALS = {
+    "compliant": BaseMaterial("compliant (soft fingers)", "#303030FF"),
+    "rigid": BaseMaterial("rigid (mounting bases)", "#F0F0F0FF"),
+}
 GAP_MM = 6.0  # between fingers, for support removal
 
 
@@ -71,7 +77,8 @@ def tray_files(items: Sequence[PrintItem], bed_mm: tuple[float, float] = BED_MM)
     for label, finger in bodies.items():
         files[f"{label}_compliant.stl"] = _stl(finger.compliant)
         files[f"{label}_rigid.stl"] = _stl(finger.rigid)
-    files["tray.3mf"] = cast(bytes, _tray_scene(layout, bodies).export(file_type="3mf"))
+    packed = cast(bytes, _tray_scene(layout, bodies).export(file_type="3mf"))
+    files["tray.3mf"] = add_materials(packed, MATERIALS)
     return files
 
 

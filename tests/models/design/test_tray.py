@@ -46,6 +46,30 @@ def test_files_hold_every_body_and_the_tray_lies_on_the_plate():
     assert high[2] == pytest.approx(BEST_PUBLISHED.width_mm, abs=1e-3)
 
 
+def test_the_tray_says_of_what_each_body_is_made_and_an_independent_reader_takes_it_strictly(tmp_path):
+    lib3mf = pytest.importorskip("lib3mf")
+    files = tray_files([PrintItem("B01T0", BEST_PUBLISHED)])
+    (tmp_path / "tray.3mf").write_bytes(files["tray.3mf"])
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromFile(str(tmp_path / "tray.3mf"))
+    assert reader.GetWarningCount() == 0
+    groups = model.GetBaseMaterialGroups()
+    assert groups.MoveNext()
+    group = groups.GetCurrentBaseMaterialGroup()
+    found, bodies = {}, model.GetMeshObjects()
+    while bodies.MoveNext():
+        body = bodies.GetCurrentMeshObject()
+        _, place, has_material = body.GetObjectLevelProperty()
+        assert has_material
+        assert body.IsManifoldAndOriented()
+        found[body.GetName()] = group.GetName(place)
+    soft, base = "compliant (soft fingers)", "rigid (mounting bases)"
+    assert found == {"B01T0a_compliant": soft, "B01T0a_rigid": base, "B01T0b_compliant": soft, "B01T0b_rigid": base}
+    assert tray_files([PrintItem("B01T0", BEST_PUBLISHED)])["tray.3mf"] == files["tray.3mf"]
+
+
 def test_sheet_names_every_tool_and_needs_no_network(batch):
     html = batch_sheet_html("quick/B03", batch, ["fast print confirm quick/B03 --operator NAME"])
     assert all(f"<h3>{item.label}</h3>" in html for item in batch)

@@ -32,6 +32,7 @@ class FolderStorage:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.address = str(root)
+        self._absolute = root.absolute()  # of leases, which a thread renews while others may change the working folder
 
     def marker(self) -> str | None:
         """See `Storage`."""
@@ -103,7 +104,7 @@ class FolderStorage:
 
     def claim(self, folder: str, stem: str, text: str) -> str | None:
         """See `Storage`: a link is made for one, also on a file server."""
-        place = self.root / folder
+        place = self._absolute / folder
         staged = place / f"{TEMPORARY_PREFIX}{os.getpid()}-{uuid.uuid4().hex}"
         try:
             make_folder(place)
@@ -120,39 +121,39 @@ class FolderStorage:
     def read(self, name: str) -> str | None:
         """See `Storage`."""
         try:
-            return (self.root / name).read_text(errors="replace")
+            return (self._absolute / name).read_text(errors="replace")
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise _unread(self.root / name, error) from error
+            raise _unread(self._absolute / name, error) from error
 
     def overwrite(self, name: str, text: str) -> bool:
         """See `Storage`: in place, which needs no room."""
         try:
-            with (self.root / name).open("r+") as file:
+            with (self._absolute / name).open("r+") as file:
                 file.write(text)
         except FileNotFoundError:
             return False
         except OSError as error:
-            raise writing_failed(self.root / name, error) from error
+            raise writing_failed(self._absolute / name, error) from error
         return True
 
     def small_files(self, folder: str) -> list[str]:
         """See `Storage`."""
         try:
-            names = os.listdir(self.root / folder)
+            names = os.listdir(self._absolute / folder)
         except FileNotFoundError:
             return []
         except OSError as error:
-            raise _unread(self.root / folder, error) from error
+            raise _unread(self._absolute / folder, error) from error
         return [f"{folder}/{name}" for name in names if name.endswith(".json")]
 
     def drop(self, name: str) -> None:
         """See `Storage`."""
         try:
-            (self.root / name).unlink(missing_ok=True)
+            (self._absolute / name).unlink(missing_ok=True)
         except OSError as error:
-            raise writing_failed(self.root / name, error) from error
+            raise writing_failed(self._absolute / name, error) from error
 
     def place(self, table: str) -> Path:
         """See `Storage`."""

@@ -24,7 +24,7 @@ from fast.tasks.bench.folder import is_told, plan_batch
 from fast.tasks.bench.machine_files.format import read_format
 from fast.tasks.bench.machine_files.pulls import read_pulls
 from fast.tasks.bench.reference_tools import ask_references
-from fast.tasks.bench.told import Taken, take_told
+from fast.tasks.bench.told import Taken, take_back, take_told
 from fast.tasks.bench.told_files import read_rows_of, read_told
 from fast.tasks.bench.told_questions import ask_about
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
@@ -121,6 +121,15 @@ def tell(
         campaign, grasps, operator, is_dry=is_dry, may_replace=may_replace, ask=ask_about, is_sure=is_sure
     )
     return replace(taken, notes=tuple(notes))
+
+
+def untell(config_path: Path | str, lake: Path | str, operator: str) -> int:
+    """Take back the last telling of a campaign; returns how many grasps are to be told again.
+
+    Raises:
+        UsageError: there is none.
+    """
+    return take_back(_open(Path(config_path), lake, create=False), operator)
 
 
 def find_told_campaign(lake: Lake, tool_ids: Sequence[str]) -> Campaign | None:

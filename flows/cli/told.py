@@ -53,9 +53,9 @@ def ask(
 def tell(
     config: Config,
     results: Annotated[
-        list[Path],
+        list[Path] | None,
         Parameter(help="Tables of peaks (results.csv), folders with traces, or with --format files of a machine."),
-    ],
+    ] = None,
     *,
     format: Annotated[
         Path | None,
@@ -64,6 +64,7 @@ def tell(
     operator: Annotated[str, Parameter(help="Who measured.")] = "unknown",
     replace: Annotated[bool, Parameter(negative="", help="Correct what was told before with other numbers.")] = False,
     sure: Annotated[bool, Parameter(negative="", help="Strange numbers are so; they are marked in the lake.")] = False,
+    undo: Annotated[bool, Parameter(negative="", help="Take back the last telling, in place of telling.")] = False,
     dry_run: Annotated[bool, Parameter(negative="", help="Only check, write nothing.")] = False,
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
@@ -75,6 +76,16 @@ def tell(
     from dataclasses import asdict
 
     from fast.flows.campaign.ask_tell import tell as tell_all
+    from fast.flows.campaign.ask_tell import untell
+    from fast.models.errors import UsageError
+
+    if undo == bool(results):
+        raise UsageError("give files to tell, or --undo and no files; nothing was written.")
+    if undo:
+        n = untell(config, lake, operator)
+        show({"n_taken_back": n}, f"{n} grasps were taken back; tell them again when they are right.", json)
+        return
+    results = results or []
 
     is_guessed = format is not None and not format.exists()
     if format is not None and is_guessed:

@@ -3,6 +3,7 @@
 Nothing is written unless all of it can be. What is told twice with the same numbers is kept once.
 """
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -15,7 +16,7 @@ from fast.lake.tables.campaign import GraspRow, TraceRow
 from fast.lake.tables.requests import setup_columns
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
-from fast.models.records import GraspRequest, Trace, find_setup_id
+from fast.models.records import BENCH_FAULT, GraspRequest, Trace, find_setup_id
 from fast.models.traces import initial_force_n, peak_force_n, work_j
 from fast.models.traces.questions import Question
 from fast.tasks.bench.asked import read_open_requests
@@ -27,6 +28,7 @@ from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.state import CampaignState, ProposedTool
 
 TOLD = "told"  # kind of events
+TAKEN_BACK = "taken_back"
 _SHOWN = 10  # faults of one answer that are named
 _LEAST_SAMPLES = 10
 _SPEED_FACTOR = 4.0  # between lift speed as asked and as told: catches ms and minutes for s, m and inches for mm
@@ -126,6 +128,34 @@ def take_told(
     n_traces = sum(one.trace is not None for one in new)
     n_failed = sum(one.force_n is None for one in new)
     return Taken(len(new), n_traces, n_failed, len(told) - len(new))
+
+
+def take_back(campaign: Campaign, operator: str) -> int:
+    """Take back the last telling: its grasps count as not made, and are asked for again. Returns how many they are.
+
+    The rows stay in the lake, superseded by rows that say who took them back; numbers that `--replace` had corrected
+    do not come back.
+
+    Raises:
+        UsageError: nothing was told, or all of it was taken back.
+    """
+    told = [
+        row
+        for row in campaign.lake.records(GraspRow, campaign_id=campaign.campaign_id)
+        if "told_by" in json.loads(row.details_json)
+    ]
+    if not told:
+        raise UsageError(f"campaign `{campaign.campaign_id}` has no telling that could be taken back.")
+    last = max(row.order or 0 for row in told)
+    moment = next(json.loads(row.details_json)["telling"] for row in told if (row.order or 0) == last)
+    rows = [row for row in told if json.loads(row.details_json).get("telling") == moment]
+    details = canonical_json({"end": BENCH_FAULT, "taken_back_by": operator})
+    changes = {"status": "failed", "reason": f"taken back by {operator}", "peak_force_n": None, "work_j": None}
+    taken = [row.model_copy(update={**changes, "initial_force_n": None, "details_json": details}) for row in rows]
+    campaign.lake.append(taken, campaign.provenance(parents=sorted({row.tool_id for row in rows})))
+    text = f"{operator} took back {len(rows)} grasps"
+    append_event(campaign.lake, campaign.campaign_id, TAKEN_BACK, text, n=len(rows))
+    return len(rows)
 
 
 def _full_id(campaign: Campaign, tool_id: str) -> str:
@@ -330,10 +360,11 @@ def _write(
     unsaid = [tools[i] for i in dict.fromkeys(one.tool_id for one in told) if i not in state.confirmed]
     confirm_told(campaign.lake, campaign.campaign_id, unsaid, operator)
     order = find_first_order(campaign)
+    telling = order  # the number of its first grasp names a telling
     rows: list[Any] = []
     for place, one in enumerate(told):
         row = _grasp_row(campaign, tools[one.tool_id], one, before.get(one.key), asked[one.key])
-        details = {"told_by": operator} | ({"sure": marks[one.key]} if one.key in marks else {})
+        details = {"told_by": operator, "telling": telling} | ({"sure": marks[one.key]} if one.key in marks else {})
         row = row.model_copy(update={"order": order + place, "details_json": canonical_json(details)})
         rows += [TraceRow.of(row.grasp_id, one.trace), row] if one.trace is not None else [row]
     parents = sorted({tools[one.tool_id].design.design_id for one in told} | {one.tool_id for one in told})

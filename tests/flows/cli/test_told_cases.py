@@ -44,7 +44,10 @@ def test_slips_are_questions_and_good_numbers_are_told(fast: Fast, tmp_path: Pat
     assert Lake.open(lake).rows(GraspRow) == []
     assert "48 grasps written" in done(fast, *tell("good"))
     assert "1 grasps written" in done(fast, *tell("tenfold", "--replace", "--sure"))
+    assert "give files to tell, or --undo" in asked(fast, "tell", PEOPLE / "pull.toml", "--lake", lake)
     assert sum("decimal point" in row["details_json"] for row in Lake.open(lake).rows(GraspRow)) == 1
+    undo = ("tell", PEOPLE / "pull.toml", "--undo", "--operator", "ada", "--lake", lake)
+    assert "1 grasps were taken back" in done(fast, *undo)
 
 
 def test_a_format_that_is_not_there_is_guessed_shown_and_written_first(fast: Fast, tmp_path: Path) -> None:

@@ -12,9 +12,10 @@ from fast.models.errors import UsageError
 from fast.models.records import Trace
 from fast.models.traces.questions import Question
 from fast.tasks.bench.folder import plan_batch
-from fast.tasks.bench.told import ToldGrasp, take_told
+from fast.tasks.bench.told import ToldGrasp, take_back, take_told
 from fast.tasks.bench.told_files import read_peaks, read_rows_of
 from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import rank_tools
 from fast.tasks.scientist.propose import propose_initial
 from tests.flows.cli.cli_lakes import ROOT
 from tests.tasks.campaign.small_campaign import small_campaign
@@ -205,7 +206,7 @@ def test_a_strange_number_is_asked_about_and_marked_where_a_person_is_sure(tmp_p
     assert campaign.lake.records(GraspRow) == []
     assert take_told(campaign, tenfold, "ada", ask=ask, is_sure=True).n_written == N_ASKED
     assert [row.details_json for row in campaign.lake.records(GraspRow) if "sure" in row.details_json] == [
-        '{"sure":["decimal point"],"told_by":"ada"}'
+        '{"sure":["decimal point"],"telling":0,"told_by":"ada"}'
     ]
 
 
@@ -237,3 +238,23 @@ def test_files_of_people_are_read(name: str) -> None:
     grasps = read_peaks(ROOT / "tests" / "data" / "cases" / "people" / f"{name}.csv")
     assert len(grasps) == 48
     assert {one.object_id for one in grasps} == {2, 5, 14, 20}
+
+
+def test_the_last_telling_is_taken_back_and_can_be_told_again(campaign: Campaign) -> None:
+    every = told(campaign)
+    take_told(campaign, every[:3], "ada")
+    ranking = rank_tools(campaign.lake, campaign.campaign_id)
+    missing = plan_batch(campaign, campaign.state(), 1)
+    take_told(campaign, every[3:], "ada")
+    assert plan_batch(campaign, campaign.state(), 1) == ()
+    assert take_back(campaign, "bo") == N_ASKED - 3
+    assert plan_batch(campaign, campaign.state(), 1) == missing
+    assert rank_tools(campaign.lake, campaign.campaign_id) == ranking
+    reasons = {row.reason for row in campaign.lake.records(GraspRow) if row.status == "failed"}
+    assert reasons == {"taken back by bo"}
+    assert take_told(campaign, every, "ada").n_written == N_ASKED - 3
+    assert take_back(campaign, "bo") == N_ASKED - 3
+    assert take_back(campaign, "bo") == 3
+    with pytest.raises(UsageError, match="has no telling that could be taken back"):
+        take_back(campaign, "bo")
+    assert take_told(campaign, every, "ada").n_written == N_ASKED

@@ -22,9 +22,10 @@ from fast.models.errors import ConfigError, UsageError
 from fast.models.records import Design, GraspRequest
 from fast.tasks.bench.folder import is_told, plan_batch
 from fast.tasks.bench.machine_files.format import read_format
+from fast.tasks.bench.machine_files.guess import guess_format, parse_format
 from fast.tasks.bench.machine_files.pulls import read_pulls
 from fast.tasks.bench.reference_tools import ask_references
-from fast.tasks.bench.told import Taken, take_back, take_told
+from fast.tasks.bench.told import Taken, ToldGrasp, find_named_tools, take_back, take_told
 from fast.tasks.bench.told_files import read_rows_of, read_told
 from fast.tasks.bench.told_questions import ask_about
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
@@ -114,13 +115,33 @@ def tell(
         grasps = read_rows_of(given)
     elif format_path is not None:
         machine = read_format(Path(format_path))
-        grasps, notes = read_pulls([Path(path) for path in given], machine)
+        grasps, notes = read_pulls([Path(path) for path in given], machine, find_named_tools(campaign))
     else:
         grasps = read_told(campaign, [Path(path) for path in given], notes)
     taken = take_told(
         campaign, grasps, operator, is_dry=is_dry, may_replace=may_replace, ask=ask_about, is_sure=is_sure
     )
     return replace(taken, notes=tuple(notes))
+
+
+def guess(
+    config_path: Path | str, lake: Path | str, files: Sequence[Path], format_path: Path
+) -> tuple[str, list[ToldGrasp]]:
+    """Guess how a testing machine writes, and write it as a format file if all files can be read so.
+
+    Returns the text of the file, and the grasps that are read with it.
+
+    Raises:
+        UsageError: it cannot be told, or a file cannot be read so; nothing was written.
+    """
+    names = find_named_tools(_open(Path(config_path), lake, create=False))
+    text = guess_format(files, names)
+    grasps = read_pulls(files, parse_format(text, str(format_path)), names).grasps
+    try:
+        format_path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{format_path} cannot be written ({error.strerror}); give another path.") from error
+    return text, grasps
 
 
 def untell(config_path: Path | str, lake: Path | str, operator: str) -> int:

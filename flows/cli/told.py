@@ -8,6 +8,8 @@ from cyclopts import Parameter
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 from fast.flows.cli.common import tell as say_progress
 
+_SHOWN = 4  # samples of a guess
+_MOST_PULLS = 12
 Config = Annotated[Path, Parameter(help='TOML file of a campaign with bench.kind = "folder".')]
 
 
@@ -89,7 +91,7 @@ def tell(
 
     is_guessed = format is not None and not format.exists()
     if format is not None and is_guessed:
-        _guess(format, results)
+        _guess(config, lake, results, format)
     is_dry = dry_run or is_guessed
     taken = tell_all(
         config, lake, results, format_path=format, operator=operator, is_dry=is_dry, may_replace=replace, is_sure=sure
@@ -101,14 +103,30 @@ def tell(
     show(asdict(taken) | {"is_dry": is_dry}, f"{words}.", json)
 
 
-def _guess(path: Path, results: list[Path]) -> None:
-    """Write a format file from the first file of a machine, and show it."""
-    from fast.models.errors import UsageError
-    from fast.tasks.bench.machine_files.guess import guess_format
+def _guess(config: Path, lake: Path, results: list[Path], path: Path) -> None:
+    """Write a format file from the first file of a machine, and show what is read with it."""
+    from fast.flows.campaign.ask_tell import guess
 
-    files = [file for file in results if file.is_file() and file.name != "files.csv"]
-    if not files:
-        raise UsageError(f"{path} is not there, and no file to guess it from; write it, or give a file of the machine.")
-    text = guess_format(files[0])
-    path.write_text(text, encoding="utf-8")
+    text, grasps = guess(config, lake, results, path)
+    rows = [
+        {
+            "file": Path(one.place).name,
+            "tool": one.tool_id,
+            "object": one.object_id,
+            "repeat": one.repeat,
+            "samples": len(one.trace.time_s),
+            "time, s": f"{one.trace.time_s[0]:.4g} to {one.trace.time_s[-1]:.4g}",
+            "lift, mm": f"{one.trace.lift_mm.min():.4g} to {one.trace.lift_mm.max():.4g}",
+            "peak, N": float(one.trace.force_n.max()),
+            "at, mm": float(one.trace.lift_mm[one.trace.force_n.argmax()]),
+        }
+        for one in grasps
+        if one.trace is not None
+    ]
+    first = grasps[0].trace
+    samples = [] if first is None else list(zip(first.time_s, first.lift_mm, first.force_n, strict=True))[:_SHOWN]
+    shown = [dict(zip(("time_s", "lift_mm", "force_n"), map(float, sample), strict=True)) for sample in samples]
     say_progress(f"{path} was not there, so it was guessed and written:\n\n{text}")
+    say_progress(f"With it the first samples of {rows[0]['file']} are\n\n{table_text(shown)}\n\nand the pulls\n")
+    more = f"\nand {len(rows) - _MOST_PULLS} more" if len(rows) > _MOST_PULLS else ""
+    say_progress(table_text(rows[:_MOST_PULLS]) + more + "\n")

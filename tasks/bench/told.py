@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fast.lake.tables.campaign import GraspRow, TraceRow
+from fast.lake.tables.campaign import GraspRow, ProposalRow, TraceRow
 from fast.lake.tables.requests import setup_columns
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
@@ -110,7 +110,8 @@ def take_told(
             nothing was written.
     """
     state = campaign.state()
-    told = [replace(one, tool_id=_full_id(campaign, one.tool_id)) for one in told]
+    named = find_named_tools(campaign)
+    told = [replace(one, tool_id=_full_id(campaign, named, one)) for one in told]
     tools = {tool.tool_id: tool for tool in state.tools}
     before = {(row.tool_id, row.object_id, row.repeat): row for row in _known_rows(campaign, told)}
     asked = _find_asked(campaign, state)
@@ -158,9 +159,30 @@ def take_back(campaign: Campaign, operator: str) -> int:
     return len(rows)
 
 
-def _full_id(campaign: Campaign, tool_id: str) -> str:
-    """`quick/B01T3` of `B01T3`, or of `b01t3`."""
-    name, found, short = tool_id.strip().rpartition("/")
+def find_named_tools(campaign: Campaign) -> dict[str, list[str]]:
+    """Ids of the tools of each design of one's own, by its name as it is compared."""
+    found: dict[str, list[str]] = {}
+    for row in campaign.lake.rows(ProposalRow, campaign_id=campaign.campaign_id, fidelity="real"):
+        if row["name"]:
+            found.setdefault(_bare_name(row["name"]), []).append(row["tool_id"])
+    return found
+
+
+def _bare_name(name: str) -> str:
+    """File names have no blanks."""
+    return name.strip().replace(" ", "_").casefold()
+
+
+def _full_id(campaign: Campaign, named: Mapping[str, Sequence[str]], one: ToldGrasp) -> str:
+    """`quick/B01T3` of `B01T3`, of `b01t3`, or of the name that designs.csv gives to its design."""
+    tools = list(dict.fromkeys(named.get(_bare_name(one.tool_id), ())))
+    if len(tools) > 1:
+        raise UsageError(
+            f"{one.place}: `{one.tool_id}` was printed as {' and '.join(tools)}; nothing was written: name the tool."
+        )
+    if tools:
+        return tools[0]
+    name, found, short = one.tool_id.strip().rpartition("/")
     return f"{name if found else campaign.campaign_id}/{short.upper()}"
 
 

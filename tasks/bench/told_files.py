@@ -48,7 +48,7 @@ def _read_row(row: CsvRow) -> ToldGrasp:
     return ToldGrasp(
         place=row.place,
         tool_id=row["tool_id"],
-        object_id=_read_object(row),
+        object_id=read_object(row, "object_id"),
         repeat=row.integer("repeat"),
         peak_force_n=_read_force_n(row) if row["peak_force_n"] else None,
         reason=row.get("reason", ""),
@@ -56,17 +56,21 @@ def _read_row(row: CsvRow) -> ToldGrasp:
     )
 
 
-def _read_object(row: CsvRow) -> int:
-    """Number of an object, which may be given by its name."""
-    text = row["object_id"].strip().casefold()
+def read_object(row: CsvRow, column: str) -> int:
+    """Number of an object, which may be given by its name.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    text = row[column].strip().casefold()
     names = {obj.name.casefold(): obj.object_id for obj in OBJECTS}
     if text in names:
         return names[text]
     if text.isdecimal():  # numbers of own objects have ten digits
         return int(text)
     if any(letter.isalpha() for letter in text):
-        raise row.wrong("object_id", f"it must be a number or a name; {closest(text, list(names))}".rstrip("."))
-    return row.integer("object_id")
+        raise row.wrong(column, f"it must be a number or a name; {closest(text, list(names))}".rstrip("."))
+    return row.integer(column)
 
 
 def _read_force_n(row: CsvRow) -> float:

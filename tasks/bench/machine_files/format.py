@@ -1,8 +1,9 @@
 """The file in which a person says how a testing machine writes: which column is what, and what a file's name means."""
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -12,13 +13,14 @@ from fast.models.validation import load_record
 from fast.tasks.bench.machine_files.words import USUAL_UNITS, Quantity, scale_of
 from fast.tasks.campaign.config import read_toml
 
-_FIELDS = {
-    "tool": r"(?P<tool>(?:[A-Za-z0-9-]+_)?[Bb]\d{2,6}[Tt]\d)",
-    "object": r"(?P<object>\d{1,10})",
-    "repeat": r"(?P<repeat>\d{1,4})",
+_TOOL = r"(?:[A-Za-z0-9.-]+_)?[Bb]\d{2,6}[Tt]\d"
+_FIELDS = {"object": r"(?P<object>\d{1,10})", "repeat": r"(?P<repeat>\d{1,4})"}
+_DEFAULT_NAME = "{tool}_{object}_{repeat}.*"
+# Names of files that programs give by themselves; the public pages that say so are in docs/reference/machine-files.md.
+PROGRAMS = {
+    "bluehill": "{tool}_{object}_{repeat}.is_*_RawData/Specimen_RawData_*.csv",
+    "mts-793": "{tool}_{object}_{repeat}/specimen.dat",
 }
-# File names that programs give by default, from the public manuals of the programs.
-PROGRAMS = {"bluehill": "{tool}_{object}_{repeat}.is_tens_RawData/Specimen_RawData_1.csv"}
 
 
 class Column(Record):
@@ -26,7 +28,7 @@ class Column(Record):
 
     name: str | None = Field(default=None, min_length=1)
     number: int | None = Field(default=None, ge=1, le=1000, description="from the left, where columns have no names")
-    unit: str | None = Field(default=None, description="empty: as the file says")
+    unit: str | None = Field(default=None, description="none: as the file says")
     sign: Literal[1, -1] = 1
     zero: Literal["as given", "first sample"] = "as given"
 
@@ -40,26 +42,27 @@ class Column(Record):
 class MachineFormat(Record):
     """How a testing machine writes pulls; what is not said is found in each file."""
 
-    program: Literal["bluehill"] | None = Field(default=None, description="whose usual names of files are meant")
+    program: Literal["bluehill", "mts-793"] | None = Field(default=None, description="whose usual file names are meant")
     file_name: str = Field(
-        default="{tool}_{object}_{repeat}.csv",
-        description="end of the path, with {tool}, {object}, and {repeat} unless a file has several pulls",
+        default=_DEFAULT_NAME,
+        description="end of the path, with {tool}, {object}, and {repeat} unless a file has several pulls; * is any text",
     )
-    separator: Literal[",", ";", "\t", "|"] | None = None
+    first_repeat: int = Field(default=0, ge=0, le=1000, description="number of the first repeat in file names")
+    separator: Literal[",", ";", "\t", "|", " "] | None = None
     decimal: Literal[".", ","] | None = None
     encoding: str | None = None
     skip_lines: int = Field(default=0, ge=0, le=1000, description="not needed: the names of the columns are looked for")
     skip_after_header: int = Field(default=0, ge=0, le=100, description="not needed: units are known as such")
-    time: Column | None = Field(default=None, description="none: from the lift and its speed")
-    lift: Column
-    force: Column
+    time: Column | None = Field(default=None, description="none: found, or from the lift and its speed")
+    lift: Column | None = Field(default=None, description="none: found by its name or unit")
+    force: Column | None = Field(default=None, description="none: found by its name or unit")
     cycle: Column | None = Field(default=None, description="counts the pulls of a file; none: where the lift goes back")
     lift_speed_mm_per_s: float | None = Field(default=None, gt=0, le=100, description="where there is no time")
 
     @field_validator("file_name")
     @classmethod
     def _check_name(cls, name: str) -> str:
-        for field in _FIELDS:
+        for field in ("tool", *_FIELDS):
             n = name.count(f"{{{field}}}")
             if n > 1 or (n == 0 and field != "repeat"):
                 raise ValueError(f"{{{field}}} must stand in it once; change it")
@@ -68,20 +71,20 @@ class MachineFormat(Record):
     @property
     def wanted_name(self) -> str:
         """What the end of a path must look like."""
-        is_usual = self.file_name == MachineFormat.model_fields["file_name"].default
-        return PROGRAMS[self.program] if self.program and is_usual else self.file_name
+        return PROGRAMS[self.program] if self.program and self.file_name == _DEFAULT_NAME else self.file_name
 
-    @property
-    def pattern(self) -> re.Pattern[str]:
-        """What the end of a path must match."""
-        parts = re.split(r"\{(tool|object|repeat)\}", self.wanted_name)
-        found = "".join(_FIELDS[part] if place % 2 else re.escape(part) for place, part in enumerate(parts))
-        return re.compile(f"(?:.*/)?{found}")
+    def pattern(self, tool_names: Iterable[str] = ()) -> re.Pattern[str]:
+        """What the end of a path must match; `tool_names`: how tools may be called beside `B01T0`."""
+        tools = "|".join([_TOOL, *(re.escape(name).replace(r"\ ", "[ _]") for name in tool_names)])
+        fields = {"{tool}": f"(?P<tool>{tools})", "*": "[^/]*"}
+        fields |= {f"{{{name}}}": found for name, found in _FIELDS.items()}
+        parts = re.split(r"(\{tool\}|\{object\}|\{repeat\}|\*)", self.wanted_name)
+        return re.compile("(?:.*/)?" + "".join(fields.get(part) or re.escape(part) for part in parts), re.IGNORECASE)
 
     def columns(self) -> dict[Quantity, Column]:
-        """Columns of the samples by quantity."""
-        given: dict[Quantity, Column] = {"lift": self.lift, "force": self.force}
-        return given if self.time is None else {"time": self.time, **given}
+        """Columns that are said, by quantity."""
+        given = {"time": self.time, "lift": self.lift, "force": self.force}
+        return {name: column for name, column in given.items() if column is not None}  # type: ignore[misc]
 
 
 def read_format(path: Path) -> MachineFormat:
@@ -90,10 +93,19 @@ def read_format(path: Path) -> MachineFormat:
     Raises:
         ConfigError: it is missing, or has a wrong value, key or unit.
     """
-    found = load_record(MachineFormat, read_toml(path, "format file"), str(path))
+    return make_format(read_toml(path, "format file"), str(path))
+
+
+def make_format(data: dict[str, Any], where: str) -> MachineFormat:
+    """Check what a format file says; `where`: its name, for messages.
+
+    Raises:
+        ConfigError: it has a wrong value, key or unit.
+    """
+    found = load_record(MachineFormat, data, where)
     for name, column in found.columns().items():
         if column.unit is not None and scale_of(name, column.unit) is None:
-            raise ConfigError(f"{path}: {name}.unit is `{column.unit}`; change it to one of {USUAL_UNITS[name]}.")
+            raise ConfigError(f"{where}: {name}.unit is `{column.unit}`; change it to one of {USUAL_UNITS[name]}.")
     if found.time is not None and found.lift_speed_mm_per_s is not None:
-        raise ConfigError(f"{path}: give [time], or lift_speed_mm_per_s where the files have no time; one of the two.")
+        raise ConfigError(f"{where}: give [time], or lift_speed_mm_per_s where the files have no time; one of the two.")
     return found

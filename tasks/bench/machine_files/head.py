@@ -1,72 +1,174 @@
 """Where the samples of a file are: the columns by name or number, their units, the first and the last row."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from fast.tasks.bench.machine_files.numbers import Marks, find_marks, read_number
+from fast.tasks.bench.machine_files.numbers import Marks, find_marks, is_like_number, read_number
 from fast.tasks.bench.machine_files.words import Quantity, quantity_of_name, quantity_of_unit, scale_of, split_unit
 
 _LEAST_ROWS = 3  # of numbers in a row: fewer are results above or below the samples
 _MOST_EMPTY = 3  # samples in a row that may lack a cell
+_HEAD_ROWS = 6  # above the samples in which names and units are looked for
+_OTHER_UNITS = frozenset({"%", "mpa", "pa", "kpa", "psi", "°c", "v", "mv", "a", "hz", "j", "mj", "1", "mm/mm", "mm/min",
+                          "mm/s", "n/mm", "n/mm2", "n/mm²", "cycle", "count", "-"})  # fmt: skip
+_SAID_UNIT = re.compile(
+    r"\b(?:units?|einheit|unité|unidad|unidade|unità)\b[^:;=,\t]*[:;=,\s]\s*[\[(]?([^\W\d_]+)", re.IGNORECASE
+)
+
+
+class BrokenRow(ValueError):
+    """A cell between the samples that is no number."""
 
 
 class Block(NamedTuple):
-    """The samples of a file. names: of the columns, empty where the file has none; units: below or in the names."""
+    """The samples of a file: all of its tables that have the same columns, one below the other.
+
+    names: of the columns, empty where the file has none. units: below them or in them. numbers: of the rows in the
+    file, which begins with 1. starts: places of rows below a head of their own. n_left_out: filled rows between and
+    below the samples. said_units: in lines above.
+    """
 
     names: list[str]
     units: list[str | None]
     rows: list[list[str]]
-    first_row: int  # of the samples, the first row of the file is 1
-    n_after: int  # filled rows below them
+    numbers: list[int]
+    starts: list[int]
+    n_left_out: int
     marks: Marks
+    said_units: dict[Quantity, str]
 
 
-def find_block(grid: Sequence[Sequence[str]], marks: Marks | None = None) -> Block | None:
-    """The longest run of rows of numbers, with the names and units above it; None where there are no numbers."""
-    first, last, found = _find_run(grid, marks)
-    if last - first < _LEAST_ROWS:
+class _Run(NamedTuple):
+    """Rows of numbers one below the other, and the names above them."""
+
+    first: int
+    last: int
+    names: list[str]
+    units: list[str | None]
+
+
+def find_block(grid: Sequence[Sequence[str]], decimal: str | None = None, wanted: Sequence[str] = ()) -> Block | None:
+    """The longest run of rows of numbers with the names and units above it, and further runs of the same columns.
+
+    wanted: names of columns that a person has given. None where there are no numbers.
+
+    Raises:
+        BrokenRow: a cell between the samples is no number.
+    """
+    loose = _find_runs([_looks_like_samples(row) for row in grid])
+    if not loose:
         return None
-    rows = [list(row) for row in grid[first:last]]
-    width = max(len(row) for row in rows)
-    names, units = _read_head(grid, first, width)
-    n_after = sum(any(cell for cell in row) for row in grid[last:])
-    return Block(names, units, rows, first + 1, n_after, found)
+    first, last = max(loose, key=lambda run: run[1] - run[0])
+    marks = find_marks((cell for row in grid[first:last] for cell in row), decimal)
+    columns = _find_number_columns(grid[first:last], marks)
+    if len(columns) < 2:
+        return None
+    width = max(max(columns) + 1, len(grid[first]))
+    runs = [
+        _Run(*run, *_read_head(grid, run[0], width, wanted))
+        for run in _find_runs([_is_sample(row, columns, marks) for row in grid])
+    ]
+    longest = max(runs, key=lambda run: run.last - run.first, default=None)
+    if longest is None or longest.last - longest.first < _LEAST_ROWS:
+        return None
+    chosen = _choose_runs(grid, runs, longest, columns, marks)
+    places = [place for run in chosen for place in range(run.first, run.last)]
+    heads = sum(2 if any(run.units) else 1 for run in chosen[1:] if run.names)
+    n_filled = sum(any(row) for row in grid[chosen[0].first :])
+    said = _find_said_units(grid[: chosen[0].first])
+    return Block(
+        longest.names,
+        longest.units,
+        [list(grid[place]) for place in places],
+        [place + 1 for place in places],
+        [places.index(run.first) for run in chosen if run.names],
+        max(n_filled - len(places) - heads, 0),
+        marks,
+        said,
+    )
 
 
-def _find_run(grid: Sequence[Sequence[str]], marks: Marks | None) -> tuple[int, int, Marks]:
-    found = marks or find_marks(cell for row in grid for cell in row)
-    is_sample = [_is_sample(row, found) for row in grid]
-    best, start = (0, 0), None
-    for place, good in enumerate([*is_sample, False]):
-        if good and start is None:
-            start = place
-        elif not good and start is not None:
-            if place - start > best[1] - best[0]:
-                best = (start, place)
-            start = None
-    return *best, found
+def _find_runs(is_in: Sequence[bool]) -> list[tuple[int, int]]:
+    """First place and the one after the last of each run of `True`."""
+    edges = [place for place, (a, b) in enumerate(zip([False, *is_in], [*is_in, False], strict=True)) if a != b]
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-def _is_sample(row: Sequence[str], marks: Marks) -> bool:
-    """Two numbers at least, and nothing that is neither number nor empty but at most one word."""
+def _looks_like_samples(row: Sequence[str]) -> bool:
+    """Two numbers at least, and no more words than numbers: gauges write the unit beside each."""
     filled = [cell for cell in row if cell]
-    n_numbers = sum(read_number(cell, marks) is not None for cell in filled)
-    return n_numbers >= 2 and len(filled) - n_numbers <= 1
+    n_numbers = sum(is_like_number(cell) for cell in filled)
+    return n_numbers >= 2 and len(filled) <= 2 * n_numbers
 
 
-def _read_head(grid: Sequence[Sequence[str]], first: int, width: int) -> tuple[list[str], list[str | None]]:
-    """Names and units from the rows above the samples: a row of units, a row of names, or one row with both."""
-    above = [list(row) + [""] * (width - len(row)) for row in grid[max(0, first - 4) : first] if any(row)]
+def _find_number_columns(rows: Sequence[Sequence[str]], marks: Marks) -> list[int]:
+    """Places of the columns that hold numbers in nine rows of ten."""
+    width = max(len(row) for row in rows)
+    columns = []
+    for place in range(width):
+        cells = [row[place] for row in rows if place < len(row) and row[place]]
+        if cells and sum(read_number(cell, marks) is not None for cell in cells) >= 0.9 * len(cells):
+            columns.append(place)
+    return columns
+
+
+def _is_sample(row: Sequence[str], columns: Sequence[int], marks: Marks) -> bool:
+    """Numbers, or nothing, in every column of numbers, and two numbers at least."""
+    cells = [row[place] for place in columns if place < len(row) and row[place]]
+    return len(cells) >= 2 and all(read_number(cell, marks) is not None for cell in cells)
+
+
+def _choose_runs(
+    grid: Sequence[Sequence[str]], runs: Sequence[_Run], longest: _Run, columns: Sequence[int], marks: Marks
+) -> list[_Run]:
+    """The runs that have the columns of the longest one: their names again above them, or nothing in between."""
+    chosen: list[_Run] = []
+    for run in runs:
+        gap = [] if not chosen else grid[chosen[-1].last : run.first]
+        is_next = chosen != [] and not any(any(row) for row in gap)
+        if run is longest or (longest.names and run.names == longest.names) or is_next:
+            chosen.append(run)
+        elif chosen and (broken := _find_broken(gap, columns, marks)) is not None:
+            number = chosen[-1].last + 1 + broken[0]
+            raise BrokenRow(f"row {number} has `{broken[1][:40]}`, which is no number")
+    return chosen
+
+
+def _find_broken(
+    gap: Sequence[Sequence[str]], columns: Sequence[int], marks: Marks
+) -> tuple[int, str] | None:  # place in the gap, and the cell
+    """The first of a few rows between samples that are as wide as these, and have a number beside what is none."""
+    found = []
+    for place, row in enumerate(gap):
+        cells = [row[column] for column in columns if column < len(row) and row[column]]
+        wrong = [cell for cell in cells if read_number(cell, marks) is None]
+        if wrong and len(cells) == len(columns) and len(wrong) < len(cells):
+            found.append((place, wrong[0]))
+    n_filled = sum(any(row) for row in gap)
+    return found[0] if found and len(found) == n_filled <= _MOST_EMPTY else None
+
+
+def _read_head(
+    grid: Sequence[Sequence[str]], first: int, width: int, wanted: Sequence[str]
+) -> tuple[list[str], list[str | None]]:
+    """Names and units from the rows above samples: a row of units, a row of names, or one row with both."""
+    above = [[*row, *[""] * width][:width] for row in grid[max(0, first - _HEAD_ROWS) : first]]
+    above = [row for row in above if sum(bool(cell) for cell in row) >= 2 and not _looks_like_samples(row)]
     units: list[str | None] = [None] * width
-    if above and _is_units(above[-1]):
-        units = [cell.strip("()[]<> ") or None for cell in above.pop()[:width]]
-    if not above or sum(bool(cell) for cell in above[-1][:width]) < 2:
+    place = next((place for place in reversed(range(len(above))) if _is_units(above[place])), None)
+    if place is not None:
+        units = [cell.strip("()[]<> ") or None for cell in above.pop(place)]
+    if not above:
         return [], units
+    bare = {name.strip().casefold() for name in wanted}
+    known = [sum(cell.casefold() in bare or quantity_of_name(cell) is not None for cell in row) for row in above]
+    best = max(range(len(above)), key=lambda row: (known[row], row))
     names = []
-    for place, cell in enumerate(above[-1][:width]):
+    for column, cell in enumerate(above[best]):
         name, unit = split_unit(cell)
         names.append(name)
-        units[place] = units[place] or unit
+        units[column] = units[column] or unit
     return names, units
 
 
@@ -77,8 +179,21 @@ def _is_units(row: Sequence[str]) -> bool:
     return len(known) >= 2 and len(known) == len(filled)
 
 
-_OTHER_UNITS = frozenset({"%", "mpa", "pa", "kpa", "psi", "°c", "v", "mv", "a", "hz", "j", "mj", "1", "mm/mm", "mm/min",
-                          "mm/s", "cycle", "count", "-"})  # fmt: skip
+def _find_said_units(rows: Sequence[Sequence[str]]) -> dict[Quantity, str]:
+    """Units in lines above the names: `Units: lbF`, `Travel Unit: mm`."""
+    found: dict[Quantity, str] = {}
+    for row in rows:
+        match = _SAID_UNIT.search("\t".join(cell for cell in row if cell))
+        quantity = quantity_of_unit(match[1]) if match else None
+        if match and quantity:
+            found.setdefault(quantity, match[1])
+    return found
+
+
+def unit_of(block: Block, place: int, quantity: Quantity) -> str | None:
+    """The unit that the file says for a column: below its name, in it, or in a line above."""
+    unit = block.units[place] if place < len(block.units) else None
+    return unit if unit and scale_of(quantity, unit) is not None else block.said_units.get(quantity)
 
 
 def choose_columns(block: Block) -> Mapping[Quantity, int]:
@@ -93,9 +208,7 @@ def choose_columns(block: Block) -> Mapping[Quantity, int]:
         quantity = quantity_of_unit(unit) if unit else None
         if quantity and quantity not in chosen and place not in chosen.values():
             chosen[quantity] = place
-    if not block.names and not any(block.units):
-        chosen = dict(_choose_by_numbers(block))
-    return chosen
+    return chosen if block.names or any(block.units) else _choose_by_numbers(block)
 
 
 def _choose_by_numbers(block: Block) -> Mapping[Quantity, int]:
@@ -128,20 +241,20 @@ def _unevenness(values: Sequence[float]) -> float:
 
 
 def read_column(block: Block, place: int) -> list[float | None]:
-    """Numbers of a column; None for an empty cell.
+    """Numbers of a column; None for an empty cell, without those below the last number.
 
     Raises:
-        ValueError: a cell is neither a number nor empty, with its row.
+        BrokenRow: a cell is neither a number nor empty, or several in a row are empty.
     """
     found: list[float | None] = []
     n_empty = 0
-    for number, row in enumerate(block.rows, start=block.first_row):
+    for number, row in zip(block.numbers, block.rows, strict=True):
         cell = row[place] if place < len(row) else ""
         value = read_number(cell, block.marks)
         if value is None and cell:
-            raise ValueError(f"row {number} has `{cell[:40]}`, which is no number")
+            raise BrokenRow(f"row {number} has `{cell[:40]}`, which is no number")
+        if value is not None and n_empty > _MOST_EMPTY and len(found) > n_empty:
+            raise BrokenRow(f"row {number - 1} and the {n_empty - 1} before it have no number")
         n_empty = n_empty + 1 if value is None else 0
-        if n_empty > _MOST_EMPTY:
-            raise ValueError(f"row {number} and the {_MOST_EMPTY} before it have no number")
         found.append(value)
     return found

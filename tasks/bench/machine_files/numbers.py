@@ -3,52 +3,80 @@
 import math
 import re
 from collections.abc import Iterable
-from typing import Literal, NamedTuple
+from functools import cache
+from typing import NamedTuple
 
-Decimal = Literal[".", ","]
-_CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
-_PLAIN = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
-_SPACES = "\u00a0\u202f '’"  # between groups of three digits, in some countries
+_DATE = r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]+)?"
+_CLOCK = re.compile(_DATE + r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
+_SPACES = "\u00a0\u202f\u2009 '’"  # between groups of three digits, in some countries
 
 
 class Marks(NamedTuple):
-    """The mark before decimals, and the one between thousands if there is one."""
+    """The mark before decimals (`.` or `,`), and the one between thousands if there is one."""
 
-    decimal: Decimal = "."
+    decimal: str = "."
     thousands: str = ""
+
+
+_USUAL = [Marks("."), Marks(","), Marks(".", ","), Marks(",", ".")]
+_USUAL += [Marks(decimal, space) for space in _SPACES for decimal in ".,"]
 
 
 def read_number(text: str, marks: Marks) -> float | None:
     """The finite number of a cell (a time of `h:mm:ss.fff` in seconds), or None."""
     plain = text.strip().strip('"').strip()
-    if match := _CLOCK.fullmatch(plain):
-        hours, minutes, seconds = match.groups()
-        return int(hours or 0) * 3600.0 + int(minutes) * 60.0 + float(seconds.replace(",", "."))
-    if marks.thousands:
+    if ":" in plain:
+        return _read_clock(plain)
+    if marks.thousands and marks.thousands in plain:
+        if not _grouped(marks).fullmatch(plain):
+            return None
         plain = plain.replace(marks.thousands, "")
-    if not _PLAIN.fullmatch(plain) or (marks.decimal == "," and "." in plain):
+    if marks.decimal == ",":
+        if "." in plain:
+            return None
+        plain = plain.replace(",", ".")
+    try:
+        value = float(plain.replace("\u2212", "-"))
+    except ValueError:
         return None
-    value = float(plain.replace(marks.decimal, ".")) if marks.decimal in plain or "," not in plain else math.nan
-    return value if math.isfinite(value) else None
+    return value if math.isfinite(value) and "_" not in plain else None
 
 
-def find_marks(cells: Iterable[str]) -> Marks:
-    """The marks in which most of the cells are numbers.
-
-    A comma with three digits after it everywhere is a mark of thousands only beside a point, or where it stands twice.
-    """
-    texts = [cell.strip().strip('"') for cell in cells if any(sign.isdigit() for sign in cell)]
-    for decimal, thousands in ((".", ","), (",", "."), *((mark, space) for mark in ".," for space in _SPACES)):
-        if any(_is_grouped(text, decimal, thousands) for text in texts):
-            return Marks(decimal, thousands)  # type: ignore[arg-type]  # one of the two
-    n_points = sum("." in text for text in texts)
-    n_commas = sum("," in text for text in texts)
-    return Marks("," if n_commas > n_points else ".")
+def _read_clock(text: str) -> float | None:
+    match = _CLOCK.fullmatch(text)
+    if match is None:
+        return None
+    hours, minutes, seconds = match.groups()
+    return int(hours or 0) * 3600.0 + int(minutes) * 60.0 + float(seconds.replace(",", "."))
 
 
-def _is_grouped(text: str, decimal: str, thousands: str) -> bool:
-    """`1,009.3` and `12 345 678,9`: groups of three before the decimals, or two marks and more."""
-    group, point = re.escape(thousands), re.escape(decimal)
-    with_decimals = rf"[+-]?\d{{1,3}}(?:{group}\d{{3}})+{point}\d*"
-    several = rf"[+-]?\d{{1,3}}(?:{group}\d{{3}}){{2,}}"
-    return re.fullmatch(with_decimals, text) is not None or re.fullmatch(several, text) is not None
+@cache
+def _grouped(marks: Marks) -> re.Pattern[str]:
+    """`1,009.3` and `12 345 678`: a first group that does not begin with 0, groups of three, then the decimals."""
+    group, point = re.escape(marks.thousands), re.escape(marks.decimal)
+    return re.compile(rf"[+\-\u2212]?[1-9]\d{{0,2}}(?:{group}\d{{3}})+(?:{point}\d*)?")
+
+
+def is_like_number(text: str) -> bool:
+    """Whether a cell is a number with any marks."""
+    return any(read_number(text, marks) is not None for marks in (_USUAL if _has_marks(text) else _USUAL[:1]))
+
+
+def _has_marks(text: str) -> bool:
+    return any(mark in text for mark in (",", *_SPACES)) or text.count(".") > 1
+
+
+def find_marks(cells: Iterable[str], decimal: str | None = None) -> Marks:
+    """The marks with which most of these cells are numbers; `decimal`: if a person says so."""
+    usual = [marks for marks in _USUAL if decimal in (None, marks.decimal)]
+    texts = {text for cell in cells if (text := cell.strip().strip('"')) and (_has_marks(text) or "." in text)}
+    if not any(_has_marks(text) for text in texts):
+        return usual[0]
+    n_read = [sum(read_number(text, marks) is not None for text in texts) for marks in usual]
+    best = usual[n_read.index(max(n_read))]
+    return Marks(".", ",") if best == Marks(",") and decimal is None and _are_thousands(texts) else best
+
+
+def _are_thousands(texts: Iterable[str]) -> bool:
+    """Whether the comma of every number stands before three digits, and never after a leading 0."""
+    return all(_grouped(Marks(".", ",")).fullmatch(text) for text in texts)

@@ -1,7 +1,8 @@
 """The grasps of a testing machine's files: each pull a trace, whatever else the file holds left out and counted."""
 
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,21 +10,22 @@ import numpy as np
 
 from fast.models.errors import UsageError
 from fast.models.records import Trace
-from fast.models.validation import closest
-from fast.tasks.bench.machine_files.cells import read_grid
-from fast.tasks.bench.machine_files.format import Column, MachineFormat
-from fast.tasks.bench.machine_files.head import Block, find_block, read_column
-from fast.tasks.bench.machine_files.numbers import Marks, find_marks, read_number
-from fast.tasks.bench.machine_files.words import Quantity, scale_of
+from fast.tasks.bench.machine_files.cells import Grid, read_grids
+from fast.tasks.bench.machine_files.channels import Channels, find_columns, read_channels
+from fast.tasks.bench.machine_files.format import MachineFormat
+from fast.tasks.bench.machine_files.head import Block, BrokenRow, find_block
+from fast.tasks.bench.machine_files.numbers import Marks, read_number
+from fast.tasks.bench.machine_files.split import split_pulls
+from fast.tasks.bench.machine_files.words import Quantity
 from fast.tasks.bench.told import ToldGrasp
+from fast.tasks.bench.told_files import read_object
 from fast.tasks.campaign.csv_file import read_rows
 
 LIST_NAME = "files.csv"
-_BACK_SHARE = 0.2  # of the whole lift: a way back this long ends a pull
-_LEAST_BACK_MM = 1.0
-_LOST_MARKS = 0.2  # share of neighbours that differ tenfold in whole numbers
-_SPEED = re.compile(r"speed|geschwindigkeit|vitesse|velocit|速度", re.IGNORECASE)
+_SPEED = re.compile(r"speed|geschwindigkeit|vitesse|velocit|velocidad|速度", re.IGNORECASE)
 _PER_S = {"mm/s": 1.0, "mm/min": 1 / 60.0, "in/min": 25.4 / 60.0, "m/s": 1000.0, "cm/min": 10.0 / 60.0}
+_UNIT = "(" + "|".join(_PER_S) + ")"
+_SAID_SPEED = re.compile(rf"(?P<a>[\d.,]+)\s*[(\[]?{_UNIT}|{_UNIT}[)\]]?\D*?(?P<b>[\d.,]+)")
 
 
 class Pulls(NamedTuple):
@@ -42,32 +44,68 @@ class Named(NamedTuple):
     repeat: int | None
 
 
-def read_pulls(paths: Sequence[Path], machine: MachineFormat) -> Pulls:
-    """The grasps of files of a machine; a `files.csv` among them says which file is which grasp.
+def read_pulls(paths: Sequence[Path], machine: MachineFormat, tool_names: Iterable[str] = ()) -> Pulls:
+    """The grasps of files of a machine, or of folders with them; a `files.csv` says which file is which grasp.
+
+    tool_names: how tools may be called beside `B01T0`.
 
     Raises:
         UsageError: a name says no grasp, or a file cannot be read or lacks a column; nothing was written.
     """
-    found = Pulls([], [])
+    grasps: list[ToldGrasp] = []
+    notes: list[str] = []
+    for named in find_files(paths, machine, tool_names):
+        more, said = _read_file(named, machine)
+        grasps += more
+        notes += [f"{named.path.name}: {text}" for text in said]
+    return Pulls(grasps, _join(notes))
+
+
+def find_files(paths: Sequence[Path], machine: MachineFormat, tool_names: Iterable[str] = ()) -> list[Named]:
+    """Files of a machine with the grasps that they are of.
+
+    Raises:
+        UsageError: a name says no grasp, or a folder has no file of a grasp.
+    """
+    pattern = machine.pattern(tool_names)
+    found: list[Named] = []
     for path in paths:
-        for named in _read_list(path) if path.name == LIST_NAME else [_find_name(path, machine)]:
-            grasps, notes = _read_file(named, machine)
-            found.grasps.extend(grasps)
-            found.notes.extend(notes)
+        if path.is_dir() and not (path / LIST_NAME).exists():
+            inside = [file for file in sorted(path.rglob("*")) if file.is_file() and pattern.fullmatch(_posix(file))]
+            if not inside:
+                raise UsageError(f"{path} has no file like `{machine.wanted_name}`; {_how_named(machine)}.")
+            found += [_find_name(file, machine, pattern) for file in inside]
+        elif path.is_dir() or path.name == LIST_NAME:
+            found += _read_list(path / LIST_NAME if path.is_dir() else path)
+        else:
+            found.append(_find_name(path, machine, pattern))
     return found
 
 
-def _find_name(path: Path, machine: MachineFormat) -> Named:
-    match = machine.pattern.fullmatch(path.as_posix()) or machine.pattern.fullmatch(path.absolute().as_posix())
+def _posix(path: Path) -> str:
+    return path.absolute().as_posix()
+
+
+def _find_name(path: Path, machine: MachineFormat, pattern: re.Pattern[str]) -> Named:
+    match = pattern.fullmatch(_posix(path))
     if match is None:
-        example = machine.wanted_name.format(tool="B01T0", object=14, repeat=0)
-        raise UsageError(
-            f"{path}: the name is not like `{machine.wanted_name}`, e.g. {example}; rename it, change file_name, or "
-            f"give a {LIST_NAME} with the columns file, tool, object, repeat."
-        )
+        raise UsageError(f"{path}: the name is not like `{machine.wanted_name}`, {_how_named(machine)}.")
     given = match.groupdict()
-    repeat = int(given["repeat"]) if "repeat" in given else None
-    return Named(path, given["tool"].replace("_", "/"), int(given["object"]), repeat)
+    repeat = int(given["repeat"]) - machine.first_repeat if "repeat" in given else None
+    if repeat is not None and repeat < 0:
+        raise UsageError(
+            f"{path}: the repeat is {given['repeat']}, the first one is {machine.first_repeat}; nothing was written: "
+            "correct first_repeat of the format file."
+        )
+    is_id = re.search(r"[Bb]\d{2,6}[Tt]\d$", given["tool"]) is not None
+    return Named(path, given["tool"].replace("_", "/") if is_id else given["tool"], int(given["object"]), repeat)
+
+
+def _how_named(machine: MachineFormat) -> str:
+    example = re.sub(r"\.\*$", ".csv", machine.wanted_name).format(tool="B01T0", object=14, repeat=machine.first_repeat)
+    return (
+        f"e.g. {example}; rename it, change file_name, or give a {LIST_NAME} with the columns file, tool, object, repeat"
+    )
 
 
 def _read_list(path: Path) -> list[Named]:
@@ -76,7 +114,7 @@ def _read_list(path: Path) -> list[Named]:
         Named(
             path.parent / row["file"],
             row["tool"],
-            row.integer("object"),
+            read_object(row, "object"),
             row.integer("repeat") if row.get("repeat") else None,
         )
         for row in read_rows(path, ("file", "tool", "object"), ("repeat",))
@@ -85,157 +123,93 @@ def _read_list(path: Path) -> list[Named]:
 
 def _read_file(named: Named, machine: MachineFormat) -> tuple[list[ToldGrasp], list[str]]:
     path = named.path
-    grid = read_grid(path, machine.separator, machine.encoding)
-    marks = Marks(machine.decimal, find_marks(c for r in grid.rows for c in r).thousands) if machine.decimal else None
-    block = find_block(grid.rows, _agreed(marks))
-    if block is None:
+    notes: list[str] = []
+    traces: list[Trace] = []
+    for grid, block, columns in _find_tables(path, machine):
+        for places in columns:
+            channels = read_channels(path, block, places, machine)
+            parts, n_back = split_pulls(channels.lift_mm, channels.cycle, channels.starts)
+            traces += _make_traces(path, grid, block, channels, parts, machine)
+            notes += [f"{channels.n_empty} samples lack a number and were left out"] if channels.n_empty else []
+            notes += [f"{n_back} samples of the way back were left out"] if n_back else []
+        notes += [f"{block.n_left_out} rows below the samples were left out"] if block.n_left_out else []
+    if named.repeat is not None and len(traces) > 1:
         raise UsageError(
-            f"{path} has no samples, which are rows of numbers; nothing was written: export the samples of the "
-            "pull, or correct separator, decimal and encoding of the format file."
+            f"{path} has {len(traces)} pulls, its name says that it is one; nothing was written: leave `{{repeat}}` out "
+            "of file_name, or give a file for each pull."
         )
-    channels = {
-        quantity: _read_channel(path, block, column, quantity) for quantity, column in machine.columns().items()
-    }
-    is_whole = np.all([np.isfinite(values) for values in channels.values()], axis=0)
-    channels = {quantity: values[is_whole] for quantity, values in channels.items()}
-    notes = [f"{path.name}: {n} samples lack a number and were left out" for n in [int((~is_whole).sum())] if n]
-    if block.n_after:
-        notes.append(f"{path.name}: {block.n_after} rows below the samples were left out")
-    if "time" not in channels:
-        speed = machine.lift_speed_mm_per_s or _find_speed(path, grid.rows[: block.first_row - 1], marks or block.marks)
-        channels["time"] = np.maximum.accumulate(channels["lift"] - channels["lift"][0]) / speed
-    cycle = None if machine.cycle is None else _read_channel(path, block, machine.cycle, None)[is_whole]
-    parts, n_back = _split(channels["lift"], cycle)
-    if n_back:
-        notes.append(f"{path.name}: {n_back} samples of the way back were left out")
-    return _make_grasps(named, machine, channels, parts), notes
+    return [
+        ToldGrasp(str(path), named.tool_id, named.object_id, number + (named.repeat or 0), trace=trace)
+        for number, trace in enumerate(traces)
+    ], notes
 
 
-def _agreed(marks: Marks | None) -> Marks | None:
-    """Marks whose two do not contradict each other: what is said of decimals stands."""
-    return Marks(marks.decimal) if marks is not None and marks.decimal == marks.thousands else marks
+def find_table(path: Path, machine: MachineFormat) -> tuple[Grid, Block, dict[Quantity, int]]:
+    """The first table of samples in a file, with the place of each quantity.
+
+    Raises:
+        UsageError: there is none, or a column cannot be found.
+    """
+    grid, block, columns = next(_find_tables(path, machine))
+    return grid, block, columns[0]
 
 
-def _make_grasps(
-    named: Named, machine: MachineFormat, channels: dict[Quantity, np.ndarray], parts: Sequence[slice]
-) -> list[ToldGrasp]:
-    if named.repeat is not None and len(parts) > 1:
+def _find_tables(path: Path, machine: MachineFormat) -> Iterator[tuple[Grid, Block, list[dict[Quantity, int]]]]:
+    """The longest table of samples, and those of other sheets that have its columns."""
+    wanted = [column.name for column in machine.columns().values() if column.name]
+    found: list[tuple[Grid, Block]] = []
+    for grid in read_grids(path, machine.separator, machine.encoding):
+        try:
+            block = find_block(grid.rows, machine.decimal, wanted)
+        except BrokenRow as error:
+            raise UsageError(f"{path}: {error}; nothing was written: correct it.") from error
+        found += [] if block is None else [(grid, block)]
+    if not found:
         raise UsageError(
-            f"{named.path} has {len(parts)} pulls, its name says that it is one; nothing was written: leave "
-            "`{repeat}` out of file_name, or give a file for each pull."
+            f"{path} has no samples, which are rows of numbers; nothing was written: export the samples of the pull, "
+            "or correct separator, decimal and encoding of the format file."
         )
-    grasps = []
-    for number, part in enumerate(parts):
-        lift_mm, force_n = channels["lift"][part], channels["force"][part]
-        time_s = channels["time"][part]
-        lift_mm = lift_mm - lift_mm[0] if machine.lift.zero == "first sample" else lift_mm
-        force_n = force_n - force_n[0] if machine.force.zero == "first sample" else force_n
-        trace = Trace(time_s=time_s - time_s[0] if len(parts) > 1 else time_s, lift_mm=lift_mm, force_n=force_n)
-        repeat = number if named.repeat is None else named.repeat
-        grasps.append(ToldGrasp(str(named.path), named.tool_id, named.object_id, repeat, trace=trace))
-    return grasps
+    _, main = max(found, key=lambda table: len(table[1].rows))
+    for grid, block in found:
+        if block is main or (main.names and (block.names, block.units) == (main.names, main.units)):
+            yield grid, block, find_columns(path, block, machine)
 
 
-def _read_channel(path: Path, block: Block, column: Column, quantity: Quantity | None) -> np.ndarray:
-    """Values of a column in s, mm or N; NaN for an empty cell."""
-    place = _find_column(path, block, column)
-    try:
-        values = np.array([np.nan if value is None else value for value in read_column(block, place)])
-    except ValueError as error:
-        raise UsageError(
-            f"{path}: {error}; nothing was written: correct it, or `decimal` of the format file."
-        ) from error
-    if quantity is None:
-        return values
-    if quantity != "time" and _has_lost_marks([row[place] for row in block.rows if place < len(row)]):
-        raise UsageError(
-            f"{path}: the numbers of the {quantity} jump between whole numbers, as where a spreadsheet took decimal "
-            "marks for marks of thousands; nothing was written: export the file again, and do not open it in between."
-        )
-    given, said = column.unit, block.units[place] if place < len(block.units) else None
-    said = said if said and scale_of(quantity, said) is not None else None
-    if given and said and not np.isclose(scale_of(quantity, given) or 0.0, scale_of(quantity, said) or 0.0):
-        raise UsageError(
-            f"{path}: the {quantity} is in {said}, the format file says {given}; nothing was written: correct "
-            f"{quantity}.unit, or leave it out."
-        )
-    unit = given or said
-    if unit is None:
-        raise UsageError(f"{path} does not say the unit of the {quantity}; nothing was written: set {quantity}.unit.")
-    return column.sign * (scale_of(quantity, unit) or 1.0) * values
-
-
-def _find_column(path: Path, block: Block, column: Column) -> int:
-    width = max(len(row) for row in block.rows)
-    if column.number is not None:
-        if column.number > width:
-            raise UsageError(
-                f"{path} has {width} columns, the format file asks for number {column.number}; correct it."
-            )
-        return column.number - 1
-    wanted = (column.name or "").strip().casefold()
-    names = [name.casefold() for name in block.names]
-    bare = re.sub(r"\s*[\[(][^\])]*[\])]$", "", wanted)
-    for name in (wanted, bare):
-        if name in names:
-            return names.index(name)
-    if not names:
-        raise UsageError(f"{path} has no names of columns; give their numbers in the format file (`number = 1`).")
-    raise UsageError(f"{path} has no column `{column.name}`; {closest(column.name or '', block.names)}")
-
-
-def _split(lift_mm: np.ndarray, cycle: np.ndarray | None) -> tuple[list[slice], int]:
-    """Each pull from its lowest point to its top, and how many samples of ways back are in none."""
-    if cycle is not None:
-        edges = [0, *(np.flatnonzero(np.diff(cycle)) + 1), len(lift_mm)]
-        groups = [slice(int(a), int(b)) for a, b in zip(edges, edges[1:], strict=False)]
-        parts = [part for group in groups for part in _find_rises(lift_mm[group], group.start)[:1]]
-    else:
-        parts = _find_rises(lift_mm, 0)
-    kept = sum(part.stop - part.start for part in parts)
-    back = float(np.max(np.maximum.accumulate(lift_mm) - lift_mm)) if len(lift_mm) else 0.0
-    return (parts, len(lift_mm) - kept) if back > _LEAST_BACK_MM else ([slice(0, len(lift_mm))], 0)
-
-
-def _find_rises(lift_mm: np.ndarray, offset: int) -> list[slice]:
-    """Rises of the lift that are at least half as high as the highest, between long ways back."""
-    if not len(lift_mm):
-        return []
-    limit_mm = max(_LEAST_BACK_MM, _BACK_SHARE * float(np.ptp(lift_mm)))
-    rises, low, top = [], 0, 0
-    for place, value in enumerate(lift_mm):
-        if value > lift_mm[top]:
-            top = place
-        if lift_mm[top] - value > limit_mm and lift_mm[top] - lift_mm[low] > limit_mm:
-            rises.append((low, top))
-            low = top = place
-        elif value < lift_mm[low] and lift_mm[top] - lift_mm[low] <= limit_mm or value < lift_mm[low]:
-            low = top = place
-    rises.append((low, top))
-    height = max(lift_mm[top] - lift_mm[low] for low, top in rises)
-    high = [(low, top) for low, top in rises if lift_mm[top] - lift_mm[low] > 0.5 * height]
-    return [slice(offset + low, offset + top + 1) for low, top in high]
-
-
-def _has_lost_marks(cells: Sequence[str]) -> bool:
-    """Whether whole numbers of many digits stand beside such of few, again and again."""
-    numbers = [abs(int(cell)) for cell in cells if re.fullmatch(r"-?\d+", cell)]
-    if len(numbers) < 0.9 * len(cells) or len(numbers) < 10:
-        return False
-    pairs = [(a, b) for a, b in zip(numbers, numbers[1:], strict=False) if min(a, b) > 0]
-    return sum(max(a, b) > 5 * min(a, b) for a, b in pairs) > _LOST_MARKS * max(len(pairs), 1)
+def _make_traces(
+    path: Path, grid: Grid, block: Block, channels: Channels, parts: Sequence[slice], machine: MachineFormat
+) -> Iterator[Trace]:
+    speed = None
+    if channels.time_s is None:
+        speed = machine.lift_speed_mm_per_s or _find_speed(path, grid.rows[: block.numbers[0] - 1], block.marks)
+    for part in parts:
+        lift_mm, force_n = channels.lift_mm[part], channels.force_n[part]
+        if channels.time_s is None:
+            time_s = np.maximum.accumulate(lift_mm - lift_mm[0]) / speed
+        else:
+            time_s = channels.time_s[part] - (channels.time_s[part][0] if len(parts) > 1 else 0.0)
+        lift_mm = lift_mm - lift_mm[0] if machine.lift is None or machine.lift.zero == "first sample" else lift_mm
+        force_n = force_n - force_n[0] if machine.force and machine.force.zero == "first sample" else force_n
+        yield Trace(time_s=time_s, lift_mm=lift_mm, force_n=force_n)
 
 
 def _find_speed(path: Path, rows: Sequence[Sequence[str]], marks: Marks) -> float:
     """Speed of the lift from the lines above the samples, mm/s."""
     for row in rows:
         text = " ".join(row)
-        if _SPEED.search(text):
-            for number, unit in re.findall(r"([\d.,]+)\s*\(?(mm/s|mm/min|in/min|m/s|cm/min)", text):
-                value = read_number(number, marks)
-                if value:
-                    return value * _PER_S[unit]
+        for match in _SAID_SPEED.finditer(text) if _SPEED.search(text) else ():
+            value = read_number(match["a"] or match["b"], marks)
+            if value:
+                return value * _PER_S[match[2] or match[3]]
     raise UsageError(
         f"{path} says neither times nor the speed of the lift; nothing was written: give [time] or "
         "lift_speed_mm_per_s in the format file."
     )
+
+
+def _join(notes: Sequence[str]) -> list[str]:
+    """What was left out of many files, in a line for each kind."""
+    if len(notes) <= 6:
+        return list(notes)
+    kinds = Counter(re.sub(r"^.*?: \d+ ", "", note) for note in notes)
+    total = {kind: sum(int(note.rsplit(": ", 1)[1].split()[0]) for note in notes if note.endswith(kind)) for kind in kinds}
+    return [f"in {n} files: {total[kind]} {kind}" for kind, n in kinds.items()]

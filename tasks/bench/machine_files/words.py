@@ -1,21 +1,25 @@
 """What machines call their columns and units, in the languages of those who build and use them.
 
-Sources: column names in the public manuals and example exports of Instron Bluehill Universal, ZwickRoell testXpert,
-Shimadzu TRAPEZIUM X, MTS TestSuite and Mark-10 MESURgauge, and the plain words of each language.
+The words are the plain ones of each language. What stands in files of known programs was read in the public pages that
+`docs/reference/machine-files.md` names.
 """
 
+import re
+import unicodedata
 from typing import Literal
 
 Quantity = Literal["time", "lift", "force"]
 
 # Scale to s, mm and N, by a unit's usual spellings in lower case; spellings whose case matters are in _EXACT.
 UNITS: dict[Quantity, dict[str, float]] = {
-    "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "sek": 1.0, "ms": 1e-3, "msec": 1e-3,
-             "min": 60.0, "秒": 1.0},
+    "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "sek": 1.0, "sekunden": 1.0,
+             "secondes": 1.0, "secondi": 1.0, "segundos": 1.0, "秒": 1.0, "ms": 1e-3, "msec": 1e-3, "min": 60.0,
+             "minutes": 60.0, "分": 60.0, "h": 3600.0, "hh:mm:ss": 1.0},
     "lift": {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4,
-             "inches": 25.4, "毫米": 1.0},
-    "force": {"n": 1.0, "newton": 1.0, "newtons": 1.0, "cn": 1e-2, "dan": 10.0, "kn": 1000.0, "gf": 9.80665e-3,
-              "kgf": 9.80665, "kp": 9.80665, "lbf": 4.4482216152605, "lb": 4.4482216152605, "ozf": 0.27801385095378},
+             "inches": 25.4, '"': 25.4, "毫米": 1.0, "ミリ": 1.0},
+    "force": {"n": 1.0, "newton": 1.0, "newtons": 1.0, "牛": 1.0, "牛顿": 1.0, "cn": 1e-2, "dan": 10.0, "kn": 1000.0,
+              "g": 9.80665e-3, "gf": 9.80665e-3, "kg": 9.80665, "kgf": 9.80665, "kp": 9.80665,
+              "lbf": 4.4482216152605, "lb": 4.4482216152605, "lbs": 4.4482216152605, "ozf": 0.27801385095378},
 }  # fmt: skip
 USUAL_UNITS: dict[Quantity, str] = {
     "time": "s, ms, min",
@@ -24,19 +28,30 @@ USUAL_UNITS: dict[Quantity, str] = {
 }
 _EXACT = {"mN": 1e-3, "MN": 1e6}
 WORDS: dict[Quantity, tuple[str, ...]] = {
-    "time": ("time", "zeit", "prüfzeit", "temps", "tempo", "tiempo", "tijd", "время", "時間", "时间", "시간"),
-    "lift": ("extension", "displacement", "crosshead", "travel", "position", "stroke", "lift", "weg", "traversenweg",
-             "standardweg", "verformung", "déplacement", "deplacement", "course", "allongement", "spostamento", "corsa",
-             "desplazamiento", "carrera", "extensión", "extensao", "deslocamento", "verplaatsing", "перемещение",
-             "変位", "ストローク", "位移", "변위"),
-    "force": ("load", "force", "kraft", "standardkraft", "prüfkraft", "last", "charge", "effort", "forza", "carico",
-              "fuerza", "carga", "força", "forca", "kracht", "сила", "нагрузка", "試験力", "荷重", "力", "하중"),
+    "time": ("time", "elapsed", "zeit", "temps", "tempo", "tiempo", "tijd", "czas", "zaman", "время", "時間", "时间",
+             "시간"),
+    "lift": ("extension", "displacement", "crosshead", "travel", "position", "stroke", "lift", "deformation",
+             "deflection", "elongation", "weg", "verformung", "traverse", "déplacement", "deplacement", "course",
+             "allongement", "spostamento", "corsa", "allungamento", "desplazamiento", "carrera", "extensión",
+             "extensao", "extensão", "deslocamento", "verplaatsing", "uzama", "deplasman", "перемещение", "変位",
+             "ストローク", "伸び", "位移", "行程", "伸长", "변위"),
+    "force": ("load", "force", "kraft", "last", "charge", "effort", "forza", "carico", "fuerza", "carga", "força",
+              "forca", "kracht", "siła", "kuvvet", "сила", "нагрузка", "試験力", "荷重", "試驗力", "力", "负荷", "载荷",
+              "负载", "하중"),
 }  # fmt: skip
+# The last part of compound words: Standardkraft, Traversenweg, Prüfzeit.
+_ENDINGS: dict[str, Quantity] = {"kraft": "force", "weg": "lift", "zeit": "time"}
+# Words that say that a column holds something else, whatever else stands in its name.
+_OTHERS = re.compile(
+    r"strain|stress|rate|speed|modul|energy|dehnung|spannung|geschwindigkeit|contrainte|vitesse|rapport|"
+    r"応力|ひずみ|应力|应变|速度|cycle|count",
+    re.IGNORECASE,
+)
 
 
 def scale_of(quantity: Quantity, unit: str) -> float | None:
     """Factor to s, mm or N; None for what is no unit of this quantity."""
-    bare = unit.strip().strip("()[]<>").strip().rstrip(".")
+    bare = unicodedata.normalize("NFKC", unit).strip().strip("()[]<>{}").strip().rstrip(".")
     if quantity == "force" and bare in _EXACT:
         return _EXACT[bare]
     return UNITS[quantity].get(bare.lower())
@@ -49,24 +64,38 @@ def quantity_of_unit(unit: str) -> Quantity | None:
 
 def quantity_of_name(name: str) -> Quantity | None:
     """What a column's name says that it holds; `None` for names of other things, such as `Strain`."""
-    plain = name.strip().lower()
+    plain = unicodedata.normalize("NFKC", name).strip().lower()
+    if _OTHERS.search(plain):
+        return None
+    parts = [part for part in re.split(r"[\W\d_]+", plain) if part]
+    found: list[Quantity] = []
     for quantity, words in WORDS.items():
-        if any(plain == word or plain.startswith((f"{word} ", f"{word}_", f"{word}-")) for word in words):
-            return quantity
-    found = [quantity for quantity, words in WORDS.items() if any(word in plain for word in words if len(word) > 3)]
-    return found[0] if len(set(found)) == 1 else None
+        is_named = any(part in words or (_is_compact(part) and any(word in part for word in words)) for part in parts)
+        if is_named or any(part.endswith(end) and _ENDINGS[end] == quantity for part in parts for end in _ENDINGS):
+            found.append(quantity)
+    return found[0] if found else None
+
+
+def _is_compact(part: str) -> bool:
+    """Whether words stand side by side without spaces, as in Japanese and Chinese."""
+    return any(ord(letter) > 0x2E80 for letter in part)
+
+
+def holds_word(text: str) -> bool:
+    """Whether a word of Japanese, Chinese or Korean for a column stands in a text."""
+    return any(len(word) > 1 and _is_compact(word) and word in text for words in WORDS.values() for word in words)
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
     """`Load (N)`, `Kraft [N]`, `Force/N`, `Force_N` as name and unit; the unit is None where there is none."""
     plain = name.strip()
-    for opening, closing in (("(", ")"), ("[", "]"), ("<", ">")):
+    for opening, closing in (("(", ")"), ("[", "]"), ("<", ">"), ("{", "}")):
         if plain.endswith(closing) and opening in plain:
             before, _, unit = plain[: -len(closing)].rpartition(opening)
             if quantity_of_unit(unit):
                 return before.strip(), unit.strip()
-    for mark in ("/", ",", "_", " in ", " "):
+    for mark in ("/", ",", "_", " in ", ":", " "):
         before, found, unit = plain.rpartition(mark)
         if found and before and quantity_of_unit(unit) and quantity_of_name(before):
-            return before.strip(), unit.strip()
+            return before.strip(" ,:"), unit.strip()
     return plain, None

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fast.models.errors import FastError
-from fast.tasks.bench.machine_files.format import read_format
+from fast.tasks.bench.machine_files.format import MachineFormat, read_format
 from fast.tasks.bench.machine_files.guess import guess_format
 from fast.tasks.bench.machine_files.numbers import Marks, find_marks, read_number
 from fast.tasks.bench.machine_files.pulls import Pulls, read_pulls
@@ -22,7 +22,7 @@ CASES = ROOT / "tests" / "data" / "cases"
 
 def read_guessed(path: Path, folder: Path) -> Pulls:
     """The pulls of a file by the format that is guessed from it."""
-    (folder / "guessed.toml").write_text(guess_format(path))
+    (folder / "guessed.toml").write_text(guess_format([path]))
     return read_pulls([path], read_format(folder / "guessed.toml"))
 
 
@@ -52,7 +52,8 @@ def test_one_pull_by_its_name_with_several_in_the_file_is_refused(tmp_path):
     path = tmp_path / "B01T0_2_0.csv"
     path.write_bytes((CASES / "machine-cycles" / "B01T0_2.csv").read_bytes())
     with pytest.raises(FastError, match="has 3 pulls, its name says that it is one"):
-        read_guessed(path, tmp_path)
+        read_pulls([path], MachineFormat())
+    assert "file_name = \"{tool}_{object}_*.csv\"  # the file has 3 pulls" in guess_format([path])
 
 
 LIFT_MM = np.round(np.linspace(0.0, 30.0, 60), 3)

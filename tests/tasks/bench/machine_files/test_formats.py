@@ -88,7 +88,7 @@ def test_a_wrong_format_is_named(tmp_path: Path, machine: str, words: str) -> No
     [
         (PULL, "pull7.csv", "the name is not like"),
         (PULL.replace("Kraft", "Last"), "B02T3_14_1.csv", "has no column `Kraft`"),
-        (PULL.replace("500;1,1;-0,5", "500;1,1;weg"), "B02T3_14_1.csv", "has no samples"),
+        (PULL.replace("500;1,1;-0,5", "500;1,1;weg"), "B02T3_14_1.csv", "row 6 has `weg`, which is no number"),
         (PULL.replace("kgf;-", "lbf;-"), "B02T3_14_1.csv", "the force is in lbf, the format file says kgf"),
         ("", "B02T3_14_1.csv", "has no samples"),
     ],

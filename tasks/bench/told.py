@@ -4,6 +4,7 @@ Nothing is written unless all of it can be. What is told twice with the same num
 """
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fast.lake.tables.campaign import GraspRow, ProposalRow, TraceRow
+from fast.lake.tables.campaign import GraspRow, ProposalRow, ToolRow, TraceRow
 from fast.lake.tables.requests import setup_columns
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
@@ -163,8 +164,9 @@ def find_named_tools(campaign: Campaign) -> dict[str, list[str]]:
     """Ids of the tools of each design of one's own, by its name as it is compared."""
     found: dict[str, list[str]] = {}
     for row in campaign.lake.rows(ProposalRow, campaign_id=campaign.campaign_id, fidelity="real"):
-        if row["name"]:
-            found.setdefault(_bare_name(row["name"]), []).append(row["tool_id"])
+        if row["name"] and row["batch"] is not None and row["slot"] is not None:
+            tool_id = ToolRow.make_id(campaign.campaign_id, row["batch"], row["slot"])
+            found.setdefault(_bare_name(row["name"]), []).append(tool_id)
     return found
 
 
@@ -175,14 +177,15 @@ def _bare_name(name: str) -> str:
 
 def _full_id(campaign: Campaign, named: Mapping[str, Sequence[str]], one: ToldGrasp) -> str:
     """`quick/B01T3` of `B01T3`, of `b01t3`, or of the name that designs.csv gives to its design."""
-    tools = list(dict.fromkeys(named.get(_bare_name(one.tool_id), ())))
+    name, found, short = one.tool_id.strip().rpartition("/")
+    is_id = re.fullmatch(r"B\d+T\d", short.upper()) is not None
+    tools = () if is_id else tuple(dict.fromkeys(named.get(_bare_name(one.tool_id), ())))
     if len(tools) > 1:
         raise UsageError(
             f"{one.place}: `{one.tool_id}` was printed as {' and '.join(tools)}; nothing was written: name the tool."
         )
     if tools:
         return tools[0]
-    name, found, short = one.tool_id.strip().rpartition("/")
     return f"{name if found else campaign.campaign_id}/{short.upper()}"
 
 

@@ -14,7 +14,7 @@ from fast.models.errors import MissingDependencyError, UsageError
 from fast.tasks.bench.machine_files.numbers import is_like_number
 from fast.tasks.bench.machine_files.words import holds_word
 
-LARGEST_MB = 50
+LARGEST_MB = 25
 SPACES = " "  # as a separator: any number of blanks
 SEPARATORS = (";", "\t", "|", ",", SPACES)
 _SPREADSHEET = b"PK\x03\x04"
@@ -89,7 +89,11 @@ def _has_zeros(data: bytes) -> bool:
 def _split(lines: Sequence[str], mark: str) -> list[list[str]]:
     if mark == SPACES:
         return [_split_at_spaces(line) for line in lines]
-    return [[cell.strip() for cell in row] for row in csv.reader(io.StringIO("\n".join(lines)), delimiter=mark)]
+    return [[_clean(cell) for cell in row] for row in csv.reader(io.StringIO("\n".join(lines)), delimiter=mark)]
+
+
+def _clean(cell: str) -> str:
+    return " ".join(cell.split()) if "\n" in cell or "\t" in cell else cell.strip()
 
 
 def _split_at_spaces(line: str) -> list[str]:

@@ -103,8 +103,10 @@ def read_channels(path: Path, block: Block, places: Mapping[Quantity, int], mach
     given = machine.columns()
     found = {q: _read_channel(path, block, place, q, given.get(q)) for q, place in places.items()}
     has_any = np.any([np.isfinite(values) for q, values in found.items() if q != "time"], axis=0)
-    n = int(np.flatnonzero(has_any)[-1]) + 1 if has_any.any() else 0
+    n = int(np.flatnonzero(has_any)[-1]) + 1
     is_whole = np.all([np.isfinite(values[:n]) for values in found.values()], axis=0)
+    if not is_whole.any():
+        raise UsageError(f"{path}: no sample has {', '.join(found)} together; nothing was written: name other columns.")
     found = {q: values[:n][is_whole] for q, values in found.items()}
     cycle = None
     if machine.cycle is not None:
@@ -131,11 +133,14 @@ def _begins_again(start: int, lift_mm: np.ndarray, time_s: np.ndarray | None) ->
 
 def _read_numbers(path: Path, block: Block, place: int) -> np.ndarray:
     try:
-        return np.array([np.nan if value is None else value for value in read_column(block, place)])
+        values = np.array([np.nan if value is None else value for value in read_column(block, place)])
     except BrokenRow as error:
         raise UsageError(
             f"{path}: {error}; nothing was written: correct it, or `decimal` of the format file."
         ) from error
+    if not np.isfinite(values).any():
+        raise UsageError(f"{path}: column {place + 1} has no numbers; nothing was written: name another in the format.")
+    return values
 
 
 def _read_channel(path: Path, block: Block, place: int, quantity: Quantity, column: Column | None) -> np.ndarray:
@@ -146,7 +151,7 @@ def _read_channel(path: Path, block: Block, place: int, quantity: Quantity, colu
         return values + _DAY_S * np.cumsum(np.diff(values, prepend=values[:1]) < -_DAY_S / 2)  # past midnight
     scaled = _find_scale(path, block, place, quantity, column) * values
     if quantity != "time":
-        _check_marks(path, cells, quantity, float(np.ptp(scaled[np.isfinite(scaled)])) if len(scaled) else 0.0)
+        _check_marks(path, cells, quantity, float(np.nanmax(scaled) - np.nanmin(scaled)))
     return scaled
 
 

@@ -75,7 +75,7 @@ class MachineFormat(Record):
 
     def pattern(self, tool_names: Iterable[str] = ()) -> re.Pattern[str]:
         """What the end of a path must match; `tool_names`: how tools may be called beside `B01T0`."""
-        tools = "|".join([_TOOL, *(re.escape(name).replace(r"\ ", "[ _]") for name in tool_names)])
+        tools = "|".join([_TOOL, *(re.sub(r"\\ |_", "[ _]", re.escape(name)) for name in tool_names)])
         fields = {"{tool}": f"(?P<tool>{tools})", "*": "[^/]*"}
         fields |= {f"{{{name}}}": found for name, found in _FIELDS.items()}
         parts = re.split(r"(\{tool\}|\{object\}|\{repeat\}|\*)", self.wanted_name)

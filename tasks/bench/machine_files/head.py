@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from fast.tasks.bench.machine_files.numbers import Marks, find_marks, is_like_number, read_number
+from fast.tasks.bench.machine_files.numbers import Marks, find_marks, is_like_number, is_number, read_number
 from fast.tasks.bench.machine_files.words import Quantity, quantity_of_name, quantity_of_unit, scale_of, split_unit
 
 _LEAST_ROWS = 3  # of numbers in a row: fewer are results above or below the samples
@@ -39,13 +39,17 @@ class Block(NamedTuple):
     said_units: dict[Quantity, str]
 
 
-class _Run(NamedTuple):
-    """Rows of numbers one below the other, and the names above them."""
+class _Table(NamedTuple):
+    """Runs of rows of numbers (first row, and the one after the last) below one head, and what is wrong in between."""
 
-    first: int
-    last: int
     names: list[str]
     units: list[str | None]
+    runs: list[tuple[int, int]]
+    broken: list[str]
+
+    @property
+    def n_rows(self) -> int:
+        return sum(last - first for first, last in self.runs)
 
 
 def find_block(grid: Sequence[Sequence[str]], decimal: str | None = None, wanted: Sequence[str] = ()) -> Block | None:
@@ -65,28 +69,46 @@ def find_block(grid: Sequence[Sequence[str]], decimal: str | None = None, wanted
     if len(columns) < 2:
         return None
     width = max(max(columns) + 1, len(grid[first]))
-    runs = [
-        _Run(*run, *_read_head(grid, run[0], width, wanted))
-        for run in _find_runs([_is_sample(row, columns, marks) for row in grid])
-    ]
-    longest = max(runs, key=lambda run: run.last - run.first, default=None)
-    if longest is None or longest.last - longest.first < _LEAST_ROWS:
+    tables = _find_tables(grid, columns, marks, width, wanted)
+    longest = max(tables, key=lambda table: table.n_rows, default=None)
+    if longest is None or longest.n_rows < _LEAST_ROWS:
         return None
-    chosen = _choose_runs(grid, runs, longest, columns, marks)
-    places = [place for run in chosen for place in range(run.first, run.last)]
-    heads = sum(2 if any(run.units) else 1 for run in chosen[1:] if run.names)
-    n_filled = sum(any(row) for row in grid[chosen[0].first :])
-    said = _find_said_units(grid[: chosen[0].first])
+    chosen = [table for table in tables if table is longest or (table.names and table.names == longest.names)]
+    for table in chosen:
+        if table.broken:
+            raise BrokenRow(table.broken[0])
+    places = [place for table in chosen for run in table.runs for place in range(*run)]
+    n_heads = sum(2 if any(table.units) else 1 for table in chosen[1:])
     return Block(
         longest.names,
         longest.units,
         [list(grid[place]) for place in places],
         [place + 1 for place in places],
-        [places.index(run.first) for run in chosen if run.names],
-        max(n_filled - len(places) - heads, 0),
+        [places.index(table.runs[0][0]) for table in chosen],
+        max(sum(any(row) for row in grid[places[0] :]) - len(places) - n_heads, 0),
         marks,
-        said,
+        _find_said_units(grid[: places[0]]),
     )
+
+
+def _find_tables(
+    grid: Sequence[Sequence[str]], columns: Sequence[int], marks: Marks, width: int, wanted: Sequence[str]
+) -> list[_Table]:
+    """Rows of numbers below their heads; rows without a head of their own go on with those above."""
+    tables: list[_Table] = []
+    end = 0
+    for first, last in _find_runs([_is_sample(row, columns, marks) for row in grid]):
+        gap = grid[end:first]
+        names, units = _read_head(gap, width, wanted)
+        broken = _find_broken(gap, columns, marks) if tables else None
+        if broken is not None:
+            tables[-1].broken.append(f"row {end + 1 + broken[0]} has `{broken[1][:40]}`, which is no number")
+        if tables and (broken is not None or not (names or any(map(any, gap)))):
+            tables[-1].runs.append((first, last))
+        else:
+            tables.append(_Table(names, units, [(first, last)], []))
+        end = last
+    return tables
 
 
 def _find_runs(is_in: Sequence[bool]) -> list[tuple[int, int]]:
@@ -108,7 +130,7 @@ def _find_number_columns(rows: Sequence[Sequence[str]], marks: Marks) -> list[in
     columns = []
     for place in range(width):
         cells = [row[place] for row in rows if place < len(row) and row[place]]
-        if cells and sum(read_number(cell, marks) is not None for cell in cells) >= 0.9 * len(cells):
+        if cells and sum(is_number(cell, marks) for cell in cells) >= 0.9 * len(cells):
             columns.append(place)
     return columns
 
@@ -116,23 +138,7 @@ def _find_number_columns(rows: Sequence[Sequence[str]], marks: Marks) -> list[in
 def _is_sample(row: Sequence[str], columns: Sequence[int], marks: Marks) -> bool:
     """Numbers, or nothing, in every column of numbers, and two numbers at least."""
     cells = [row[place] for place in columns if place < len(row) and row[place]]
-    return len(cells) >= 2 and all(read_number(cell, marks) is not None for cell in cells)
-
-
-def _choose_runs(
-    grid: Sequence[Sequence[str]], runs: Sequence[_Run], longest: _Run, columns: Sequence[int], marks: Marks
-) -> list[_Run]:
-    """The runs that have the columns of the longest one: their names again above them, or nothing in between."""
-    chosen: list[_Run] = []
-    for run in runs:
-        gap = [] if not chosen else grid[chosen[-1].last : run.first]
-        is_next = chosen != [] and not any(any(row) for row in gap)
-        if run is longest or (longest.names and run.names == longest.names) or is_next:
-            chosen.append(run)
-        elif chosen and (broken := _find_broken(gap, columns, marks)) is not None:
-            number = chosen[-1].last + 1 + broken[0]
-            raise BrokenRow(f"row {number} has `{broken[1][:40]}`, which is no number")
-    return chosen
+    return len(cells) >= 2 and all(is_number(cell, marks) for cell in cells)
 
 
 def _find_broken(
@@ -142,7 +148,7 @@ def _find_broken(
     found = []
     for place, row in enumerate(gap):
         cells = [row[column] for column in columns if column < len(row) and row[column]]
-        wrong = [cell for cell in cells if read_number(cell, marks) is None]
+        wrong = [cell for cell in cells if not is_number(cell, marks)]
         if wrong and len(cells) == len(columns) and len(wrong) < len(cells):
             found.append((place, wrong[0]))
     n_filled = sum(any(row) for row in gap)
@@ -150,10 +156,10 @@ def _find_broken(
 
 
 def _read_head(
-    grid: Sequence[Sequence[str]], first: int, width: int, wanted: Sequence[str]
+    rows: Sequence[Sequence[str]], width: int, wanted: Sequence[str]
 ) -> tuple[list[str], list[str | None]]:
     """Names and units from the rows above samples: a row of units, a row of names, or one row with both."""
-    above = [[*row, *[""] * width][:width] for row in grid[max(0, first - _HEAD_ROWS) : first]]
+    above = [[*row, *[""] * width][:width] for row in rows[-_HEAD_ROWS:]]
     above = [row for row in above if sum(bool(cell) for cell in row) >= 2 and not _looks_like_samples(row)]
     units: list[str | None] = [None] * width
     place = next((place for place in reversed(range(len(above))) if _is_units(above[place])), None)

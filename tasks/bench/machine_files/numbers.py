@@ -2,12 +2,14 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 _DATE = r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]+)?"
 _CLOCK = re.compile(_DATE + r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
+_SHAPE = str.maketrans("23456789", "11111111")  # what is a number, and with which marks, does not depend on these
 _SPACES = "\u00a0\u202f\u2009 '’"  # between groups of three digits, in some countries
 
 
@@ -57,26 +59,36 @@ def _grouped(marks: Marks) -> re.Pattern[str]:
     return re.compile(rf"[+\-\u2212]?[1-9]\d{{0,2}}(?:{group}\d{{3}})+(?:{point}\d*)?")
 
 
+def is_number(text: str, marks: Marks) -> bool:
+    """Whether `read_number` reads a cell; quick, because files have millions of cells of a few shapes."""
+    return _is_number(text.translate(_SHAPE), marks)
+
+
 def is_like_number(text: str) -> bool:
     """Whether a cell is a number with any marks."""
-    return any(read_number(text, marks) is not None for marks in (_USUAL if _has_marks(text) else _USUAL[:1]))
+    return _is_like_number(text.translate(_SHAPE))
 
 
-def _has_marks(text: str) -> bool:
-    return any(mark in text for mark in (",", *_SPACES)) or text.count(".") > 1
+@lru_cache(maxsize=10_000)
+def _is_number(shape: str, marks: Marks) -> bool:
+    return read_number(shape, marks) is not None
+
+
+@lru_cache(maxsize=10_000)
+def _is_like_number(shape: str) -> bool:
+    return any(_is_number(shape, marks) for marks in _USUAL)
 
 
 def find_marks(cells: Iterable[str], decimal: str | None = None) -> Marks:
     """The marks with which most of these cells are numbers; `decimal`: if a person says so."""
     usual = [marks for marks in _USUAL if decimal in (None, marks.decimal)]
-    texts = {text for cell in cells if (text := cell.strip().strip('"')) and (_has_marks(text) or "." in text)}
-    if not any(_has_marks(text) for text in texts):
-        return usual[0]
-    n_read = [sum(read_number(text, marks) is not None for text in texts) for marks in usual]
+    shapes = Counter(cell.translate(_SHAPE).strip('" ') for cell in cells)
+    shapes = Counter({shape: n for shape, n in shapes.items() if any(mark in shape for mark in (".," + _SPACES))})
+    n_read = [sum(n for shape, n in shapes.items() if _is_number(shape, marks)) for marks in usual]
     best = usual[n_read.index(max(n_read))]
-    return Marks(".", ",") if best == Marks(",") and decimal is None and _are_thousands(texts) else best
+    return Marks(".", ",") if best == Marks(",") and decimal is None and _are_thousands(shapes) else best
 
 
 def _are_thousands(texts: Iterable[str]) -> bool:
     """Whether the comma of every number stands before three digits, and never after a leading 0."""
-    return all(_grouped(Marks(".", ",")).fullmatch(text) for text in texts)
+    return all(_grouped(Marks(".", ",")).fullmatch(text) for text in texts if "," in text)

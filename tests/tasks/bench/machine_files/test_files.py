@@ -56,8 +56,12 @@ def test_one_pull_by_its_name_with_several_in_the_file_is_refused(tmp_path):
     assert "file_name = \"{tool}_{object}_*.csv\"  # the file has 3 pulls" in guess_format([path])
 
 
-LIFT_MM = np.round(np.linspace(0.0, 30.0, 60), 3)
-FORCE_N = np.round(1200 * np.sin(np.pi * LIFT_MM / 30.0) ** 2, 2)
+def draw_pull(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lift in mm and force in N of a made-up pull, 60 samples each: uneven steps, some noise, up to 1,500 N."""
+    rng = np.random.default_rng(seed)
+    lift_mm = np.concatenate([[0.0], np.cumsum(rng.uniform(0.2, 0.8, 59))])
+    force_n = rng.uniform(5, 1500) * np.sin(np.pi * lift_mm / lift_mm[-1]) ** 2 + rng.normal(0, 0.5, 60)
+    return np.round(lift_mm, 3), np.round(force_n, 3)
 
 
 @given(
@@ -65,41 +69,50 @@ FORCE_N = np.round(1200 * np.sin(np.pi * LIFT_MM / 30.0) ** 2, 2)
     decimal=st.sampled_from([".", ","]),
     has_thousands=st.booleans(),
     names=st.sampled_from([("Time", "Extension", "Load"), ("Zeit", "Weg", "Kraft"), ("Temps", "Course", "Force"),
-                           ("時間", "変位", "試験力"), ("Tempo", "Spostamento", "Carico")]),
-    unit=st.sampled_from([("N", 1.0), ("kN", 1e-3), ("lbf", 1 / 4.4482216152605)]),
+                           ("時間", "変位", "試験力"), ("Tempo", "Spostamento", "Carico"),
+                           ("Tiempo", "Desplazamiento", "Fuerza"), ("时间", "位移", "负荷"), None]),
+    unit=st.sampled_from([("N", 1.0), ("kN", 1e-3), ("lbf", 1 / 4.4482216152605), ("kgf", 1 / 9.80665)]),
     units_in=st.sampled_from(["names", "row"]),
     n_above=st.integers(0, 7),
     n_below=st.integers(0, 3),
     order=st.permutations([0, 1, 2]),
-    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16"]),
+    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le"]),
     end=st.sampled_from(["\n", "\r\n", "\r"]),
+    seeds=st.lists(st.integers(0, 1000), min_size=1, max_size=3),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_whatever_the_dialect_the_numbers_are_those_that_were_written(
-    tmp_path_factory, separator, decimal, has_thousands, names, unit, units_in, n_above, n_below, order, encoding, end
-):
+    tmp_path_factory, separator, decimal, has_thousands, names, unit, units_in, n_above, n_below, order, encoding, end,
+    seeds,
+):  # fmt: skip
     other = "," if decimal == "." else "."
 
     def say(value: float) -> str:
-        text = f"{value:,.4f}" if has_thousands else f"{value:.4f}"
+        text = f"{value:,.6f}" if has_thousands else f"{value:.6f}"
         return text.translate(str.maketrans({",": other, ".": decimal}))
 
-    head = [
-        f"{name} ({u})" if units_in == "names" else name for name, u in zip(names, ("s", "mm", unit[0]), strict=True)
-    ]
-    rows = [[f"Setting {i}", "x"] for i in range(n_above)] + [[head[i] for i in order]]
-    rows += [[["(s)", "(mm)", f"({unit[0]})"][i] for i in order]] if units_in == "row" else []
-    columns = (LIFT_MM / 5.0, LIFT_MM, FORCE_N * unit[1])
-    rows += [[say(columns[i][n]) for i in order] for n in range(len(LIFT_MM))]
-    rows += [["Maximum", "6", ""][: len(order)] for _ in range(n_below)] if n_below else []
+    units = ("s", "mm", unit[0])
+    rows = [[f"Setting {i}", "x"] for i in range(n_above)]
+    if names is not None:
+        head = [f"{name} ({u})" if units_in == "names" else name for name, u in zip(names, units, strict=True)]
+        rows += [[head[i] for i in order]]
+    rows += [[f"({units[i]})" for i in order]] if units_in == "row" or names is None else []
+    pulls = [draw_pull(seed) for seed in seeds]
+    lift_mm = np.concatenate([part for lift, _ in pulls for part in (lift, lift[-2::-1])])
+    force_n = np.concatenate([part for _, force in pulls for part in (force, np.zeros(59))])
+    columns = (np.arange(len(lift_mm)) / 10.0, lift_mm, force_n * unit[1])
+    rows += [[say(columns[i][n]) for i in order] for n in range(len(lift_mm))]
+    rows += [["Maximum", "6", ""] for _ in range(n_below)]
     out = io.StringIO()
     csv.writer(out, delimiter=separator, lineterminator=end).writerows(rows)
     folder = tmp_path_factory.mktemp("dialect")
-    (folder / "B01T0_2_0.csv").write_bytes(out.getvalue().encode(encoding))
-    (grasp,) = read_guessed(folder / "B01T0_2_0.csv", folder).grasps
-    assert grasp.trace.lift_mm == pytest.approx(LIFT_MM, abs=1e-4)
-    assert grasp.trace.time_s == pytest.approx(LIFT_MM / 5.0, abs=1e-4)
-    assert grasp.trace.force_n == pytest.approx(FORCE_N, abs=0.06)
+    (folder / "B01T0_2.csv").write_bytes(out.getvalue().encode(encoding))
+    grasps = read_guessed(folder / "B01T0_2.csv", folder).grasps
+    assert [grasp.repeat for grasp in grasps] == list(range(len(pulls)))
+    for grasp, (lift, force) in zip(grasps, pulls, strict=True):
+        assert grasp.trace.lift_mm == pytest.approx(lift, abs=1e-6)
+        assert grasp.trace.time_s - grasp.trace.time_s[0] == pytest.approx(np.arange(60) / 10.0, abs=1e-6)
+        assert grasp.trace.force_n == pytest.approx(force, abs=1e-3)
 
 
 TABLE = "Time (s),Extension (mm),Load (N)\n" + "".join(f"{i / 10},{i / 2},{i * (20 - i) / 10}\n" for i in range(21))

@@ -195,3 +195,8 @@ def test_a_results_file_of_something_else_is_refused(capsys, tmp_path):
 def test_every_benchmark_says_what_it_measures_and_every_option_has_a_user():
     assert all(benchmark.about for benchmark in BENCHMARKS.values())
     assert {option for benchmark in BENCHMARKS.values() for option in benchmark.options} == set(vars(BenchChosen()))
+
+
+def test_a_folder_is_no_file_of_results(tmp_path):
+    with pytest.raises(UsageError, match="is no file of results that can be read; give another file"):
+        read_outcomes(tmp_path)

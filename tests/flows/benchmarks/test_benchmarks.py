@@ -21,6 +21,7 @@ from fast.flows.benchmarks.study import cases_of, run_study
 from fast.flows.benchmarks.summary import failures_by_reason
 from fast.flows.cli.benchmarks import BenchChosen
 from fast.models.design.space import numbered_design
+from fast.models.errors import UsageError
 from fast.models.records import TIERS, GraspSetup, MeshSettings, SimulatorVersion
 from fast.models.solver_code import solver_id
 from tests.flows.cli.cli_lakes import ROOT, Fast

@@ -108,11 +108,15 @@ def read_records(path: Path | None, record_type: type[R], what: str) -> Iterator
     """Records of a file that `RecordFile` wrote, in order; none without a file.
 
     Raises:
-        UsageError: a line is no `what`.
+        UsageError: it is no file of text, or a line is no `what`.
     """
     if path is None or not path.exists():
         return
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(keepends=True), start=1):
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path} is no file of results that can be read; give another file.") from error
+    for number, line in enumerate(lines, start=1):
         if not line.endswith("\n"):
             return  # written when the process was killed
         try:

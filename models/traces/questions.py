@@ -19,6 +19,7 @@ _LEAST_CELL_SD = 0.15  # of a tool on an object about tool and object: a simulat
 _COMMON_SD = 0.5  # of the whole file about the simulator, whose modulus is not known to better than half
 _LEAST_OUTLIER = np.log(3.0)  # a finger that slips early, or snaps, gives half or twice of what its repeats do
 _LIMIT_NATS = 6.0  # evidence that asks: 400 to 1, since a hundred cells are looked at
+_UNIT_NATS = 3.0  # of a whole file, of which one thing is asked: 20 to 1
 _CHANCE = 1e-3  # of equal numbers in a row by chance
 _LEAST_RUN = 4
 
@@ -141,7 +142,7 @@ def _find_unit(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> Iterat
     variance = _COMMON_SD**2 + spread**2 / n_cells
     best = max(UNITS_N, key=lambda unit: -((middle + np.log(UNITS_N[unit])) ** 2))
     gain = (middle**2 - (middle + np.log(UNITS_N[best])) ** 2) / (2 * variance)
-    if gain > _LIMIT_NATS:
+    if gain > _UNIT_NATS:
         factor = float(np.exp(abs(middle)))
         how = "smaller" if middle < 0 else "larger"
         sentence = f"all forces are {factor:.3g} times {how} than expected, {best}? 1 {best} is {UNITS_N[best]:.4g} N"

@@ -21,6 +21,7 @@ from fast.flows.benchmarks.study import cases_of, run_study
 from fast.flows.benchmarks.summary import failures_by_reason
 from fast.flows.cli.benchmarks import BenchChosen
 from fast.models.design.space import numbered_design
+from fast.models.errors import UsageError
 from fast.models.records import TIERS, GraspSetup, MeshSettings, SimulatorVersion
 from fast.models.solver_code import solver_id
 from tests.flows.cli.cli_lakes import ROOT, Fast
@@ -195,3 +196,8 @@ def test_a_results_file_of_something_else_is_refused(capsys, tmp_path):
 def test_every_benchmark_says_what_it_measures_and_every_option_has_a_user():
     assert all(benchmark.about for benchmark in BENCHMARKS.values())
     assert {option for benchmark in BENCHMARKS.values() for option in benchmark.options} == set(vars(BenchChosen()))
+
+
+def test_a_folder_is_no_file_of_results(tmp_path):
+    with pytest.raises(UsageError, match="is no file of results that can be read; give another file"):
+        read_outcomes(tmp_path)

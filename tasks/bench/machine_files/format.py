@@ -16,7 +16,7 @@ from fast.tasks.campaign.config import read_toml
 _TOOL = r"(?:[A-Za-z0-9.-]+_)?[Bb]\d{2,6}[Tt]\d"
 _FIELDS = {"object": r"(?P<object>\d{1,10})", "repeat": r"(?P<repeat>\d{1,4})"}
 _DEFAULT_NAME = "{tool}_{object}_{repeat}.*"
-# Names of files that programs give by themselves; the public pages that say so are in docs/reference/machine-files.md.
+# Names of files that programs give by themselves; the public pages that say so are in docs/reference/configuration.md.
 PROGRAMS = {
     "bluehill": "{tool}_{object}_{repeat}.is_*_RawData/Specimen_RawData_*.csv",
     "mts-793": "{tool}_{object}_{repeat}/specimen.dat",
@@ -45,7 +45,7 @@ class MachineFormat(Record):
     program: Literal["bluehill", "mts-793"] | None = Field(default=None, description="whose usual file names are meant")
     file_name: str = Field(
         default=_DEFAULT_NAME,
-        description="end of the path, with {tool}, {object}, and {repeat} unless a file has several pulls; * is any text",
+        description="end of the path: {tool}, {object}, {repeat} unless a file has several pulls; * is any text",
     )
     first_repeat: int = Field(default=0, ge=0, le=1000, description="number of the first repeat in file names")
     separator: Literal[",", ";", "\t", "|", " "] | None = None

@@ -129,7 +129,9 @@ def _name_line(path: Path, tool_names: Iterable[str], parts: Sequence[slice]) ->
             return f'program = "{program}"'
     name = _name_of(path, tool_names) or f"{{tool}}_{{object}}_{{repeat}}{path.suffix}"
     if len(parts) > 1 and "{repeat}" in name:
-        return f"file_name = {_quote(name.replace('{repeat}', '*'))}  # the file has {len(parts)} pulls: repeats 0, 1, ..."
+        return (
+            f"file_name = {_quote(name.replace('{repeat}', '*'))}  # the file has {len(parts)} pulls: repeats 0, 1, ..."
+        )
     return f"file_name = {_quote(name)}"
 
 

@@ -155,9 +155,7 @@ def _find_broken(
     return found[0] if found and len(found) == n_filled <= _MOST_EMPTY else None
 
 
-def _read_head(
-    rows: Sequence[Sequence[str]], width: int, wanted: Sequence[str]
-) -> tuple[list[str], list[str | None]]:
+def _read_head(rows: Sequence[Sequence[str]], width: int, wanted: Sequence[str]) -> tuple[list[str], list[str | None]]:
     """Names and units from the rows above samples: a row of units, a row of names, or one row with both."""
     above = [[*row, *[""] * width][:width] for row in rows[-_HEAD_ROWS:]]
     above = [row for row in above if sum(bool(cell) for cell in row) >= 2 and not _looks_like_samples(row)]

@@ -102,10 +102,10 @@ def _find_name(path: Path, machine: MachineFormat, pattern: re.Pattern[str]) -> 
 
 
 def _how_named(machine: MachineFormat) -> str:
-    example = re.sub(r"\.\*$", ".csv", machine.wanted_name).format(tool="B01T0", object=14, repeat=machine.first_repeat)
-    return (
-        f"e.g. {example}; rename it, change file_name, or give a {LIST_NAME} with the columns file, tool, object, repeat"
-    )
+    name = re.sub(r"\.\*$", ".csv", machine.wanted_name)
+    example = name.format(tool="B01T0", object=14, repeat=machine.first_repeat)
+    remedy = f"rename it, change file_name, or give a {LIST_NAME} with the columns file, tool, object, repeat"
+    return f"e.g. {example}; {remedy}"
 
 
 def _read_list(path: Path) -> list[Named]:
@@ -135,8 +135,8 @@ def _read_file(named: Named, machine: MachineFormat) -> tuple[list[ToldGrasp], l
         notes += [f"{block.n_left_out} rows below the samples were left out"] if block.n_left_out else []
     if named.repeat is not None and len(traces) > 1:
         raise UsageError(
-            f"{path} has {len(traces)} pulls, its name says that it is one; nothing was written: leave `{{repeat}}` out "
-            "of file_name, or give a file for each pull."
+            f"{path} has {len(traces)} pulls, its name says that it is one; nothing was written: leave `{{repeat}}` "
+            "out of file_name, or give a file for each pull."
         )
     return [
         ToldGrasp(str(path), named.tool_id, named.object_id, number + (named.repeat or 0), trace=trace)
@@ -211,5 +211,7 @@ def _join(notes: Sequence[str]) -> list[str]:
     if len(notes) <= 6:
         return list(notes)
     kinds = Counter(re.sub(r"^.*?: \d+ ", "", note) for note in notes)
-    total = {kind: sum(int(note.rsplit(": ", 1)[1].split()[0]) for note in notes if note.endswith(kind)) for kind in kinds}
+    total = {
+        kind: sum(int(note.rsplit(": ", 1)[1].split()[0]) for note in notes if note.endswith(kind)) for kind in kinds
+    }
     return [f"in {n} files: {total[kind]} {kind}" for kind, n in kinds.items()]

@@ -1,7 +1,7 @@
 """What machines call their columns and units, in the languages of those who build and use them.
 
 The words are the plain ones of each language. What stands in files of known programs was read in the public pages that
-`docs/reference/machine-files.md` names.
+`docs/reference/configuration.md` names.
 """
 
 import re

@@ -7,15 +7,20 @@ import pytest
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
+from fast.models.records import FinRay
 from fast.tasks.bench.machine_files.cells import LARGEST_MB
 from tests.flows.cli.cli_lakes import ROOT, Fast
 
 CASES = ROOT / "tests" / "data" / "cases"
-DESIGNS = """name,length_mm,width_mm,height_mm,tip_length_mm,front_thickness_mm,back_thickness_mm,rib_thickness_mm,rib_count,rib_angle_deg
+HEADER = ["name", *FinRay.model_fields]
+DESIGNS = (
+    ",".join(HEADER)
+    + """
 Stiff one,32.3,32,99.5,22.3,2.9,2.9,2.9,7,-10
 soft,27.1,30.2,104.6,23.7,2.2,2.3,2.1,5,12.5
 soft,27.1,30.2,104.6,23.7,2.2,2.3,2.1,6,12.5
 """
+)
 
 
 @pytest.fixture
@@ -41,9 +46,12 @@ def test_a_guess_is_shown_with_its_first_samples_and_peaks(fast: Fast) -> None:
     assert 'file_name = "{tool}_{object}.csv"' in told.err
     assert '[cycle]\nname = "Cycle"' in told.err
     assert "  0.05   0.1875   0.1185" in told.err
-    assert [line.split()[3:5] + line.split()[-2:] for line in told.err.splitlines() if line.startswith("B01T0")][:3] == [
-        ["0", "161", "6", "14.81"], ["1", "161", "5.8", "14.81"], ["2", "161", "5.9", "14.81"]
-    ]  # fmt: skip
+    pulls = [line.split() for line in told.err.splitlines() if line.startswith("B01T0_2.csv  ")]
+    assert [(pull[3], pull[4], pull[-2], pull[-1]) for pull in pulls] == [
+        ("0", "161", "6", "14.81"),
+        ("1", "161", "5.8", "14.81"),
+        ("2", "161", "5.9", "14.81"),
+    ]
     assert "samples of the way back were left out" in told.err
     assert rows() == []
 

@@ -53,7 +53,7 @@ def test_one_pull_by_its_name_with_several_in_the_file_is_refused(tmp_path):
     path.write_bytes((CASES / "machine-cycles" / "B01T0_2.csv").read_bytes())
     with pytest.raises(FastError, match="has 3 pulls, its name says that it is one"):
         read_pulls([path], MachineFormat())
-    assert "file_name = \"{tool}_{object}_*.csv\"  # the file has 3 pulls" in guess_format([path])
+    assert 'file_name = "{tool}_{object}_*.csv"  # the file has 3 pulls' in guess_format([path])
 
 
 def draw_pull(seed: int) -> tuple[np.ndarray, np.ndarray]:

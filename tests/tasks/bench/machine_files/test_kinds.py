@@ -1,12 +1,13 @@
 """Kinds of files that programs of testing machines write, each read by the format that is guessed from it."""
 
 import io
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fast.models.errors import FastError, UsageError
+from fast.models.errors import FastError, MissingDependencyError, UsageError
 from fast.tasks.bench.machine_files.format import MachineFormat
 from fast.tasks.bench.machine_files.guess import guess_format, parse_format
 from fast.tasks.bench.machine_files.pulls import Pulls, read_pulls
@@ -15,6 +16,7 @@ N = 40
 TIME_S = np.arange(N) / 10
 LIFT_MM = np.arange(N) / 2
 FORCE_N = np.round(8 * np.sin(np.pi * np.arange(N) / (N - 1)), 4)
+SAMPLES = list(zip(TIME_S, LIFT_MM, FORCE_N, strict=True))
 PEAK_N = float(FORCE_N.max())
 
 
@@ -38,7 +40,9 @@ def peaks(found: Pulls) -> list[float]:
 GERMAN = "Prüfer;Änne\n\nPrüfzeit;Standardweg;Standardkraft\ns;mm;N\n" + table(";", ",")
 BLANKS = "Time (s)   Test Extension (mm)   Load (N)\n" + table("     ")
 NARROW = "Time (s) Extension (mm) Load (N)\n" + table(" ")
-MESUR = "11/27/2026  9:05 AM\nUnits: N\nReadings: Continuous\nX-Axis: Travel\nTravel Unit: mm\n" + "Time\tTravel\tLoad\n"
+MESUR = (
+    "11/27/2026  9:05 AM\nUnits: N\nReadings: Continuous\nX-Axis: Travel\nTravel Unit: mm\n" + "Time\tTravel\tLoad\n"
+)
 RESULTS = "Number,Peak,Work\n,N,J\n1,6.1,0.05\n2,5.9,0.04\n3,6.0,0.05\n4,6.0,0.05\n\n"
 PLAIN = "Time,Extension,Load\n(s),(mm),(N)\n"
 
@@ -58,13 +62,13 @@ PLAIN = "Time,Extension,Load\n(s),(mm),(N)\n"
         PLAIN + table() + "Maximum,19.5,8\n",
         PLAIN + table() + "\nPeak,Work,Stiffness\n8,0.1,0.5\n",
         "Time,Strain,Stress,Extension,Load\n(s),(%),(MPa),(mm),(N)\n"
-        + "".join(f"{t},{x / 50:.3f},{f:.3f},{x},{f}\n" for t, x, f in zip(TIME_S, LIFT_MM, FORCE_N, strict=True)),
+        + "".join(f"{t},{x / 50:.3f},{f:.3f},{x},{f}\n" for t, x, f in SAMPLES),
         "時間,ｽﾄﾛｰｸ,試験力\nsec,mm,N\n".encode("cp932") + table().encode(),
         "时间,位移,负荷\n(s),(mm),(N)\n".encode("gb18030") + table().encode(),
         "Temps;Déplacement;Charge\n(s);(mm);(N)\n" + table(";", ","),
         "Zeit (hh:mm:ss);Weg [mm];Kraft [N]\n"
         + "".join(f"23:59:{58 + t:06.3f};{x};{f}\n".replace("23:59:6", "00:00:0") for t, x, f in
-                  zip(TIME_S, LIFT_MM, FORCE_N, strict=True)),
+                  SAMPLES),
         "Time,Extension,Load\n(s),(mm),(N)\n" + table(n=20) + "\nTime,Extension,Load\n(s),(mm),(N)\n"
         + "".join(table().splitlines(True)[20:]),
     ],
@@ -99,7 +103,7 @@ THERE_AND_BACK = "".join(
         (beside(PLAIN + table(), PLAIN + table(n=25, scale=0.5)), [PEAK_N, round(0.5 * PEAK_N, 3)]),
         (PLAIN + table() + table(scale=0.5), [PEAK_N, round(0.5 * PEAK_N, 3)]),
         (PLAIN + THERE_AND_BACK, [PEAK_N] * 3),
-        ("Speed (mm/s),5\nExtension (mm),Load (N)\n" + THERE_AND_BACK.replace("\n", "\n"), [PEAK_N] * 3),
+        ("Speed (mm/s),5\nExtension (mm),Load (N)\n" + THERE_AND_BACK, [PEAK_N] * 3),
     ],
     ids=["stacked", "side-by-side", "joined", "there-and-back", "speed"],
 )
@@ -129,7 +133,9 @@ def test_each_sheet_of_a_spreadsheet_is_a_pull(tmp_path: Path) -> None:
 
 def test_a_gauge_that_writes_the_unit_beside_each_number(tmp_path: Path) -> None:
     path = tmp_path / "B01T0_2_0.csv"
-    path.write_text("0.1\n2026,11,27,09,05,00\n" + "".join(f"{f},N,{x},mm\n" for f, x in zip(FORCE_N, LIFT_MM, strict=True)))
+    path.write_text(
+        "0.1\n2026,11,27,09,05,00\n" + "".join(f"{f},N,{x},mm\n" for f, x in zip(FORCE_N, LIFT_MM, strict=True))
+    )
     text = 'lift_speed_mm_per_s = 5\n[force]\nnumber = 1\nunit = "N"\n[lift]\nnumber = 3\nunit = "mm"'
     (grasp,) = read_pulls([path], parse_format(text, "gauge")).grasps
     assert grasp.trace.force_n == pytest.approx(FORCE_N)
@@ -144,7 +150,7 @@ def eaten(value: float) -> str:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (PLAIN + "".join(f"{t},{eaten(x * 0.37)},{eaten(f)}\n" for t, x, f in zip(TIME_S, LIFT_MM, FORCE_N, strict=True)),
+        (PLAIN + "".join(f"{t},{eaten(x * 0.37)},{eaten(f)}\n" for t, x, f in SAMPLES),
          "jump between whole numbers, as where a spreadsheet took decimal marks"),
         (PLAIN + table().replace(".", ""), "the lift goes over 195,000 mm in whole numbers"),
         (PLAIN + table(decimal=","), "has 3 columns and 6 cells in a row: decimal marks and separators are the same"),
@@ -227,3 +233,11 @@ def test_notes_of_many_files_are_one_line(tmp_path: Path) -> None:
     for number in range(8):
         (tmp_path / f"B01T0_2_{number}.csv").write_text(PLAIN + table() + "\nEnd of test\n")
     assert read_pulls([tmp_path], MachineFormat()).notes == ["in 8 files: 8 rows below the samples were left out"]
+
+
+def test_a_spreadsheet_without_its_library_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    with pytest.raises(MissingDependencyError, match="is a spreadsheet.*pip install openpyxl, or save it as CSV"):
+        read(tmp_path, b"PK\x03\x04", "B01T0_2.xlsx")

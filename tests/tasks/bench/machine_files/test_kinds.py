@@ -2,15 +2,19 @@
 
 import io
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fast.models.errors import FastError, MissingDependencyError, UsageError
+from fast.tasks.bench.machine_files import cells
 from fast.tasks.bench.machine_files.format import MachineFormat
 from fast.tasks.bench.machine_files.guess import guess_format, parse_format
+from fast.tasks.bench.machine_files.numbers import Marks, find_marks
 from fast.tasks.bench.machine_files.pulls import Pulls, read_pulls
+from fast.tasks.bench.machine_files.split import split_pulls
 
 N = 40
 TIME_S = np.arange(N) / 10
@@ -241,3 +245,31 @@ def test_a_spreadsheet_without_its_library_says_what_to_install(
     monkeypatch.setitem(sys.modules, "openpyxl", None)
     with pytest.raises(MissingDependencyError, match="is a spreadsheet.*pip install openpyxl, or save it as CSV"):
         read(tmp_path, b"PK\x03\x04", "B01T0_2.xlsx")
+
+
+def test_a_spreadsheet_that_unpacks_to_very_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("openpyxl")
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/worksheets/sheet1.xml", bytes(3_000_000))
+    monkeypatch.setattr(cells, "LARGEST_MB", 0.1)
+    with pytest.raises(UsageError, match="unpacks to 3 MB, which no file of pulls does"):
+        read(tmp_path, out.getvalue(), "B01T0_2.xlsx")
+
+
+def test_a_column_counts_pulls_that_nothing_else_parts() -> None:
+    lift_mm = np.tile(np.arange(20) / 2, 2)
+    assert split_pulls(lift_mm, np.repeat([1.0, 2.0], 20)) == ([slice(0, 20), slice(20, 40)], 0)
+    assert split_pulls(np.arange(40) / 2, np.repeat([1.0, 2.0], 20)) == ([slice(0, 20), slice(20, 40)], 0)
+    assert split_pulls(np.array([])) == ([], 0)
+
+
+def test_heads_between_pulls_are_not_counted_as_left_out(tmp_path: Path) -> None:
+    assert read(tmp_path, STACKED).notes == []
+    assert read(tmp_path, STACKED + "\nEnd\n").notes == ["B01T0_2.csv: 1 rows below the samples were left out"]
+
+
+def test_a_comma_before_three_digits_is_what_a_person_says() -> None:
+    assert find_marks(["1,009", "2,500"]) == Marks(".", ",")
+    assert find_marks(["1,009", "2,500"], ",") == Marks(",")
+    assert find_marks(["0,009", "2,500"]) == Marks(",")

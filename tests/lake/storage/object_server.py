@@ -17,6 +17,7 @@ BUCKET = "lab"
 WRITER, READER = ("writer", "writer-secret"), ("reader", "reader-secret")
 _PORTS = ("master", "volume", "filer", "s3")
 _START_LIMIT_S = 60.0
+_STARTS = 4
 
 
 class ObjectServer:
@@ -26,7 +27,11 @@ class ObjectServer:
         self._folder = folder
         folder.mkdir()
         self._program = _program()
-        ports = _free_ports(2 * len(_PORTS))
+        self._was_ready = False
+        self._choose_ports()
+
+    def _choose_ports(self) -> None:
+        folder, ports = self._folder, _free_ports(2 * len(_PORTS))
         self.port = ports[-2]
         self._options = ["-dir", str(folder), "-ip=127.0.0.1", "-filer", "-s3", "-volume.max=4"]
         self._options += ["-master.volumeSizeLimitMB=64", "-s3.autoCreateBucket=false"]
@@ -45,16 +50,33 @@ class ObjectServer:
         }
 
     def start(self) -> None:
-        """Start, and wait until the bucket can be listed."""
-        with (self._folder / "log.txt").open("ab") as log:
-            self._process = subprocess.Popen(
-                [self._program, "server", *self._options], stdout=log, stderr=log, stdin=subprocess.DEVNULL
-            )
+        """Start, and wait until the bucket can be listed.
+
+        Ports are free when they are chosen. Another process may take one before the server does, which then ends: a
+        server that has never been ready tries others.
+        """
+        for _ in range(_STARTS):
+            with (self._folder / "log.txt").open("ab") as log:
+                self._process = subprocess.Popen(
+                    [self._program, "server", *self._options], stdout=log, stderr=log, stdin=subprocess.DEVNULL
+                )
+            if self._wait_until_ready():
+                self._was_ready = True
+                return
+            if self._was_ready:
+                break
+            self._choose_ports()
+        raise AssertionError((self._folder / "log.txt").read_text(errors="replace")[-2000:])
+
+    def _wait_until_ready(self) -> bool:
+        """False where it ended by itself."""
         deadline = time.monotonic() + _START_LIMIT_S
         while not self._is_ready():
-            assert self._process.poll() is None
+            if self._process.poll() is not None:
+                return False
             assert time.monotonic() < deadline
             time.sleep(0.1)
+        return True
 
     def kill(self) -> None:
         """End it at once."""

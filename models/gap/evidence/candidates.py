@@ -1,10 +1,11 @@
-"""What may be missing, each candidate with its evidence: effects of the catalogue, and patterns without a name.
+"""What may be missing, each candidate with its evidence: effects, patterns without a name, and drifts.
 
 An effect is tried at its secants: what it changes at single amplitudes, scaled by a factor of about 1. Its law is never
 exactly the catalogue's, so that change may be larger or smaller by some 30 % smoothly along the lift, with the force of
-a grasp, and from print to print (`_free_law`). A pattern is a smooth force or factor over the lift that all grasps, an
-object, or a tool have for themselves. The evidence is the log of how much more probable the data are than with nothing
-missing, in nats, sizes and laws integrated out.
+a grasp, and from print to print (`free_law`). A pattern is a smooth force or factor over the lift that all grasps, an
+object, or a tool have for themselves. A drift is a quantity that changes from grasp to grasp along a clock. The
+evidence is the log of how much more probable the data are than with nothing missing, in nats; sizes and laws are
+integrated out.
 """
 
 from collections.abc import Sequence
@@ -12,136 +13,216 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.evidence.likelihood import EvidenceFit
-from fast.models.gap.evidence.reading import MIDDLES_MM, N_BINS
+from fast.models.gap.evidence.reading import MIDDLES_MM, OF_BINS, OF_CONTRASTS, SMOOTH
+from fast.models.gap.fit.fit import axes_of
+from fast.models.gap.naming.drifts import CLOCKS, find_effect, make_basis, place_knots
 from fast.models.gap.naming.rank_effects import list_secants
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.traces.step_features import STEP_MM
 
 LAW_SD = 0.3  # of a law, relative, along the lift and with the force of a grasp; the same from print to print
-_SCALES = np.array([0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.3, 1.7])  # of a secant's amplitude
-_KNOTS_MM = np.array([0.0, 1.5, 5.0, 12.0, 25.0, 45.0])
-_SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)  # of patterns, of the force
-_N_FREED = 2  # secants of an effect whose law is freed
+SCALES = np.array([0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.3, 1.7])  # of a secant's amplitude, as probable as each other
+SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)  # of patterns and drifts, of the force
+ALIKE = 0.9  # correlation of an object's or a tool's coefficients along the lift, where they are alike
+_N_FREED = 2  # secants of an effect whose law is freed: those that fit best
+_N_KNOTS = 5
+_LENGTHS = {"batch": (30.0, 100.0, 300.0), "tool": (10.0, 30.0), "repeat": (1.0,)}  # of drifts, in grasps
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Something that may be missing. name: of an effect, or of a pattern. nats: its evidence over nothing. value: the
-    effect as it is likeliest. size_n: root mean square of what it changes, N. z: how many standard deviations its best
-    amplitude is from nothing, its law as in the catalogue.
+    """Something that may be missing, and its evidence over nothing in nats.
+
+    name: of an effect, or a pattern or drift in words. effect: of the catalogue, also of a drift that one of them makes;
+    empty without one. value: the effect at its likeliest; size_n: root mean square of what it changes in the means, N.
+    z: standard deviations of its best amplitude from nothing, with the catalogue's law. change_n: c x b, at its
+    likeliest, in N; None for a drift.
     """
 
     name: str
     kind: str
     nats: float
+    effect: str = ""
     value: EffectValue | None = None
     size_n: float = 0.0
     z: float = 0.0
+    change_n: np.ndarray | None = None
 
 
-def list_names(surrogate: Surrogate, in_model: Sequence[EffectValue]) -> list[str]:
-    known = {value.effect for value in in_model}
-    return [name for name in surrogate.names if name not in known]
-
-
-def weigh_effects(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
-    """Effects with their evidence, the most first."""
-    problem = fit.problem
-    base, first = problem.predict_steps(fit.theta), problem.first
-    base_first = first.predict_steps(fit.theta, problem.in_model)
-    factor, grasp_factor = np.exp(fit.moduli)[problem.tool][:, None], np.exp(fit.moduli)[problem.reading.grasps.tool][:, None]
-    found = []
-    for name in names:
-        has_memory = CATALOGUE[name].kind.in_grasp is not Effect.in_grasp
-        values = list_secants(name)
-        if has_memory:
-            changes = [grasp_factor * (problem.predict_steps(fit.theta, [value]) - base) for value in values]
-            means = np.array([problem.reading.average(change) for change in changes])
-            contrasts = fit.whiten_contrasts(np.array([problem.reading.contrast(change) for change in changes]))
-        else:
-            changes = [factor * (first.predict_steps(fit.theta, [*problem.in_model, value]) - base_first) for value in values]
-            means = np.array([change @ OFB.T for change in changes])
-            contrasts = None
-        found.append(_weigh(fit, name, values, means, contrasts))
+def weigh_candidates(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
+    """Effects of these names, patterns and drifts with their evidence, the most first."""
+    found = [_weigh_effect(fit, name) for name in names]
+    found += [*_list_patterns(fit), *_list_drifts(fit)]
     return sorted(found, key=lambda one: -one.nats)
 
 
-from fast.models.gap.evidence.reading import OF_BINS as OFB
+def scale_value(value: EffectValue, scale: float) -> EffectValue:
+    """An effect with its amplitudes scaled on their axes, from neutral; what shapes it stays."""
+    found = CATALOGUE[value.effect].neutral.parameters | dict(value.parameters)
+    for spec, axis in zip(CATALOGUE[value.effect].parameters, axes_of(value.effect), strict=True):
+        if spec.neutral != spec.prior_median:
+            neutral = axis.inner(spec.neutral)
+            found[spec.name] = axis.value(neutral + scale * (axis.inner(found[spec.name]) - neutral))
+    return EffectValue(effect=value.effect, parameters=found)
 
 
-def _weigh(fit, name, values, means, contrasts) -> Candidate:
-    white = fit.whiten(means)
-    products, along = fit.gram(white, contrasts)
-    own = np.maximum(np.diag(products), 1e-12)
-    plain = along[:, None] * _SCALES - 0.5 * own[:, None] * _SCALES**2
-    z = float((along / np.sqrt(own)).max())
-    order = np.argsort(-plain.max(axis=1))[:_N_FREED]
-    nats, best = [], None
-    for place in order:
-        freed = _free_law(fit, means[place])
-        wide = np.concatenate([white[place : place + 1], fit.whiten(freed)])
-        # the law of a memory is free in the means alone; of contrasts the size decides
-        c = None if contrasts is None else np.concatenate([contrasts[place : place + 1], np.zeros((len(freed), contrasts.shape[1]))])
-        g, b = fit.gram(wide, c)
-        for scale in _SCALES:
-            v = scale * (b[1:] - scale * g[1:, 0])
-            m = np.eye(len(v)) + scale**2 * g[1:, 1:]
-            value = scale * b[0] - 0.5 * scale**2 * g[0, 0] + 0.5 * v @ np.linalg.solve(m, v) - 0.5 * np.linalg.slogdet(m)[1]
-            nats.append(value)
-            if best is None or value > best[0]:
-                best = value, place, scale
-    place, scale = best[1:]
-    prior = np.log(len(_SCALES) * len(order))
-    total = float(np.logaddexp.reduce(nats) - prior)
-    size = scale * float(np.sqrt((means[place] ** 2).mean()))
-    return Candidate(name, "effect", total, values[place], size, z)
-
-
-def _free_law(fit: EvidenceFit, change: np.ndarray) -> np.ndarray:
-    """Changes (k x c x b) by which the law of an effect may differ, prior standard deviation 1."""
+def free_law(fit: EvidenceFit, change_n: np.ndarray) -> np.ndarray:
+    """Changes (k x c x b) by which that of an effect (c x b) may differ, prior standard deviation 1."""
     place = np.log1p(MIDDLES_MM)
-    knots = np.linspace(0, place.max(), 5)
-    kernel = np.exp(-0.5 * ((knots[:, None] - knots) / (place.max() / 3)) ** 2) + 1e-6 * np.eye(5)
-    along = np.linalg.solve(np.linalg.cholesky(kernel), np.exp(-0.5 * ((knots[:, None] - place) / (place.max() / 3)) ** 2))
-    level = np.log(np.maximum(np.sqrt((fit.force_n**2).mean(axis=1)), 1e-3))
-    level = (level - level.mean()) / max(level.std(), 1e-9)
+    knots = np.linspace(0.0, place.max(), _N_KNOTS)
+    near = place.max() / 3.0
+
+    def kernel(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return np.asarray(np.exp(-0.5 * ((first[:, None] - second) / near) ** 2))
+
+    along = np.linalg.solve(np.linalg.cholesky(kernel(knots, knots) + 1e-6 * np.eye(_N_KNOTS)), kernel(knots, place))
+    level = _find_level(fit.force_n)
     tools = (fit.problem.tool == np.arange(len(fit.moduli))[:, None])[:, :, None]
-    parts = [along[:, None, :] * change, np.stack([level, 0.7 * level**2])[:, :, None] * change, tools * change]
-    return LAW_SD * np.concatenate(parts)
+    by_level = np.stack([level, 0.7 * level**2])[:, :, None]
+    return np.asarray(LAW_SD * np.concatenate([along[:, None] * change_n, by_level * change_n, tools * change_n]))
 
 
-def weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
-    """Patterns without a name with their evidence, the most first."""
+def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
+    values = list_secants(name)
+    means_n, contrasts_n = _predict_changes(fit, name, values)
+    white, of_contrasts = fit.whiten(means_n), None if contrasts_n is None else fit.whiten_contrasts(contrasts_n)
+    inner, along = fit.multiply(white, of_contrasts)
+    own = np.maximum(np.diag(inner), 1e-12)
+    plain = (along[:, None] * SCALES - 0.5 * own[:, None] * SCALES**2).max(axis=1)
+    places, tried = np.argsort(-plain)[:_N_FREED], []
+    for place in places:
+        law = fit.whiten(free_law(fit, means_n[place]))
+        together = np.concatenate([white[place : place + 1], law])
+        contrasts = None
+        if of_contrasts is not None:
+            contrasts = np.zeros((len(together), of_contrasts.shape[1]))
+            contrasts[0] = of_contrasts[place]
+        products, with_rest = fit.multiply(together, contrasts)
+        for scale in SCALES:
+            pull = scale * (with_rest[1:] - scale * products[1:, 0])
+            nats = scale * with_rest[0] - 0.5 * scale**2 * products[0, 0]
+            tried.append((nats + _integrate(scale**2 * products[1:, 1:], pull), place, scale))
+    nats = np.array([one[0] for one in tried])
+    _, place, scale = tried[int(np.argmax(nats))]
+    change_n = scale * means_n[place]
+    return Candidate(
+        name=name,
+        kind="effect",
+        nats=float(np.logaddexp.reduce(nats) - np.log(len(nats) * len(values) / len(places))),
+        effect=name,
+        value=scale_value(values[place], scale),
+        size_n=float(np.sqrt((change_n**2).mean())),
+        z=float((along / np.sqrt(own)).max()),
+        change_n=change_n,
+    )
+
+
+def _predict_changes(
+    fit: EvidenceFit, name: str, values: Sequence[EffectValue]
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """What an effect at s values changes in means (s x c x b), and in contrasts (s x r x d) if it has a memory."""
     problem = fit.problem
-    hats = np.array([np.interp(MIDDLES_MM, _KNOTS_MM, row) for row in np.eye(len(_KNOTS_MM))])
-    force, peak = fit.force_n, float(np.median(np.abs(fit.force_n).max(axis=1)))
-    level = np.sqrt((force**2).mean(axis=1))
-    level = (level - level.mean()) / max(level.std(), 1e-9)
-    factor = hats[:, None] * force
-    constant = np.broadcast_to(hats[:, None] * peak, factor.shape)
-    alike = np.linalg.cholesky(0.9 + 0.1 * np.eye(len(hats)))
-    found = [
-        _weigh_pattern(fit, "a force in every grasp", "common", constant),
-        _weigh_pattern(fit, "a factor in every grasp", "common", factor),
-        _weigh_pattern(fit, "a force that grows with the force", "common", constant * level[:, None]),
-        _weigh_pattern(fit, "a factor that grows with the force", "common", factor * level[:, None]),
-    ]
-    for kind, group in (("by object", problem.obj), ("by tool", problem.tool)):
-        for words, mixed in (("a factor", factor), ("a factor alike over the lift", np.tensordot(alike.T, factor, 1)), ("a force", constant)):
-            rows = np.concatenate([mixed * (group == one)[:, None] for one in np.unique(group)])
-            found.append(_weigh_pattern(fit, f"{words} {kind}", kind, rows))
-    return sorted(found, key=lambda one: -one.nats)
+    if CATALOGUE[name].kind.in_grasp is Effect.in_grasp:
+        base_n = problem.of_cells.predict_steps(fit.theta, problem.in_model)
+        found = [problem.of_cells.predict_steps(fit.theta, [*problem.in_model, value]) - base_n for value in values]
+        return np.array([fit.factor[:, None] * (change_n @ OF_BINS.T) for change_n in found]), None
+    base_n, reading = problem.predict_steps(fit.theta), problem.reading
+    factor = np.exp(fit.moduli)[reading.grasps.tool][:, None]
+    found = [factor * (problem.predict_steps(fit.theta, [value]) - base_n) for value in values]
+    return np.array([reading.average(one) for one in found]), np.array([reading.contrast(one) for one in found])
 
 
-def _weigh_pattern(fit, name, kind, columns) -> Candidate:
-    g, b = fit.gram(fit.whiten(columns))
-    values, vectors = np.linalg.eigh(g)
-    inner = vectors.T @ b
-    nats = [0.5 * (s**2 * inner**2 / (1 + s**2 * values)).sum() - 0.5 * np.log1p(s**2 * np.maximum(values, 0)).sum() for s in _SIZES]
-    s = _SIZES[int(np.argmax(nats))]
-    x = vectors @ (s**2 * inner / (1 + s**2 * values))
-    size = float(np.sqrt((np.tensordot(x, columns, 1) ** 2).mean()))
-    return Candidate(name, kind, float(np.logaddexp.reduce(nats) - np.log(len(_SIZES))), None, size)
+def _list_patterns(fit: EvidenceFit) -> list[Candidate]:
+    problem, force_n = fit.problem, fit.force_n
+    peak_n = float(np.median(np.abs(force_n).max(axis=1)))
+    level = _find_level(force_n)[:, None]
+    alike = np.linalg.cholesky(ALIKE + (1.0 - ALIKE) * np.eye(len(SMOOTH)))
+    factor_n, constant_n = SMOOTH[:, None] * force_n, np.broadcast_to(SMOOTH[:, None] * peak_n, (len(SMOOTH), *force_n.shape))
+    changes = {"a factor on the force": factor_n, "a force": constant_n}
+    found = []
+    for words, change_n in changes.items():
+        found.append(_weigh_pattern(fit, f"{words} over the lift, in every grasp", "common", change_n))
+        found.append(_weigh_pattern(fit, f"{words} over the lift, growing with the force of the grasp", "common", change_n * level))
+    changes["a factor on the force, much the same all along the lift"] = np.tensordot(alike.T, factor_n, 1)
+    for kind, group, how in (("by object", problem.obj, "another on each object"), ("by tool", problem.tool, "another for each tool")):
+        for words, change_n in changes.items():
+            rows_n = np.concatenate([change_n * (group == one)[:, None] for one in np.unique(group)])
+            found.append(_weigh_pattern(fit, f"{words}, {how}", kind, rows_n))
+    return found
+
+
+def _weigh_pattern(fit: EvidenceFit, name: str, kind: str, columns_n: np.ndarray) -> Candidate:
+    products, along = fit.multiply(fit.whiten(columns_n))
+    nats, coefficients = _weigh_sizes(products, along)
+    change_n = np.tensordot(coefficients, columns_n, 1)
+    return Candidate(name, kind, nats, size_n=float(np.sqrt((change_n**2).mean())), change_n=change_n)
+
+
+def _list_drifts(fit: EvidenceFit) -> list[Candidate]:
+    """Quantities that change from grasp to grasp, told by what repeats of the same cells differ by."""
+    problem, reading, errors = fit.problem, fit.problem.reading, fit.problem.errors
+    if not len(reading.mix):
+        return []
+    theta, cells = fit.theta, problem.of_cells
+    force_n = fit.factor[:, None] * cells.predict_steps(theta)
+    more, less = (cells.predict_steps(theta * np.array([1.0, by, 1.0])) for by in (1.01, 0.99))
+    grows = errors.grow(fit.force_n)[:, None]
+    tool, column = cells.grasps.tool, cells.column
+    closing_n = np.nan_to_num(cells.wider_n[tool, column, 1]) / (0.5 * cells.wider_mm[1])
+    size = float(np.sqrt((force_n**2).mean()))
+    fields = {
+        "modulus": force_n,
+        "friction": fit.factor[:, None] * (more - less) / 0.02,
+        "zero": np.ones_like(force_n),
+        "closing": closing_n * theta[0] / cells.centre.young_modulus_mpa,
+        "height": -errors.placed_n * grows,
+        "delay": -np.gradient(force_n, STEP_MM, axis=1),
+    }
+    found = []
+    for clock, lengths in _LENGTHS.items():
+        group, at = CLOCKS[clock].place(reading.grasps)
+        if np.ptp(at) == 0.0:
+            continue
+        for length in lengths:
+            bases = []
+            for one in np.unique(group):
+                knots = place_knots(at[group == one], length)
+                bases.append(make_basis(knots, at, length) * (group == one))
+            mixed = np.concatenate(bases) @ reading.mix.T
+            for quantity, field_n in fields.items():
+                own = field_n @ OF_CONTRASTS.T
+                share = float(np.sqrt((own**2).mean())) / size
+                if share < 1e-9:
+                    continue
+                columns = mixed[:, :, None] * own[reading.of_cell] / share
+                white = fit.whiten_contrasts(columns)
+                nats, _ = _weigh_sizes(white @ white.T, white @ fit.rest_of_contrasts)
+                effect = find_effect(quantity, clock)
+                found.append(Candidate(f"{quantity} {clock}", "drift", nats, effect=effect))
+    return found
+
+
+def _weigh_sizes(products: np.ndarray, along: np.ndarray) -> tuple[float, np.ndarray]:
+    """Evidence of columns whose coefficients have a common size, averaged over `SIZES`; and the likeliest coefficients."""
+    values, vectors = np.linalg.eigh(products)
+    values, inner = np.maximum(values, 0.0), vectors.T @ along
+    nats = [0.5 * float((s**2 * inner**2 / (1.0 + s**2 * values) - np.log1p(s**2 * values)).sum()) for s in SIZES]
+    best = SIZES[int(np.argmax(nats))] ** 2
+    mean = float(np.logaddexp.reduce(nats) - np.log(len(SIZES)))
+    return mean, np.asarray(vectors @ (best * inner / (1.0 + best * values)))
+
+
+def _integrate(products: np.ndarray, along: np.ndarray) -> float:
+    """Log evidence of columns with coefficients of unit variance over none."""
+    root = np.linalg.cholesky(np.eye(len(products)) + products)
+    inner = np.linalg.solve(root, along)
+    return float(0.5 * inner @ inner - np.log(np.diag(root)).sum())
+
+
+def _find_level(force_n: np.ndarray) -> np.ndarray:
+    """Logarithm of the force of cells (c x b), mean 0 and standard deviation 1."""
+    level = np.log(np.maximum(np.sqrt((force_n**2).mean(axis=1)), 1e-6))
+    return np.asarray((level - level.mean()) / max(float(level.std()), 1e-9))

@@ -1,9 +1,9 @@
-"""The likelihood of a panel: theta, moduli of prints and numerical variants fitted, then integrated out.
+"""The likelihood of a panel: theta, moduli of prints and the simulator's own errors fitted, then integrated out.
 
 At the fit everything is linear: what is measured less what is predicted is a sum of columns with normal weights (theta,
-moduli, variants) and of normal errors by cell, whose tails are wide: a cell counts less the larger its misfit (a
-multivariate t with `TAILS` degrees of freedom). A change of the forces by anything else is weighed with what these
-columns can make up for taken out.
+moduli, variants, a small smooth error that all grasps share) and of normal errors by cell, whose tails are wide: a cell
+counts less the larger its misfit (a multivariate t with `TAILS` degrees of freedom). A change of the forces by anything
+else is weighed with what these columns can make up for taken out.
 """
 
 from collections.abc import Sequence
@@ -13,24 +13,25 @@ from functools import cached_property
 import numpy as np
 
 from fast.models.gap.bank.surrogate import Surrogate
-from fast.models.gap.evidence.errors import TOOL_SD, Errors, Scatter
-from fast.models.gap.evidence.reading import N_BINS, Reading
+from fast.models.gap.evidence.errors import TARE_SD_N, TOOL_SD, Errors, Scatter
+from fast.models.gap.evidence.reading import N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
 from fast.models.records import EffectValue, GraspContext
 
 TAILS = 8.0  # degrees of freedom of a cell's errors
-_N_STEPS = 8  # of Gauss-Newton; the last two change weights alone
-_STEP = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
+SHARED_SD = 0.005  # of the force: a smooth error over the lift that all grasps share
+LARGEST_SOLVER = 2.0  # how many times larger than the bank's variants a simulator's errors may be, and still be errors
+_N_STEPS = 7  # of Gauss-Newton; the last two change weights alone
+_STEPS = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
 _LARGEST = np.array([0.5, 0.1, 0.05])  # step of ln E, friction, Poisson's ratio
-COMMON = 0.005
-from fast.models.gap.evidence.reading import MIDDLES_MM
-_KN = np.array([0.0, 1.5, 5.0, 12.0, 25.0, 45.0])
-HATS = np.array([np.interp(MIDDLES_MM, _KN, row) for row in np.eye(len(_KN))])
-_SD = np.array([3.0, 0.5, 0.15])  # prior of a step from the centre: next to none
+_PRIOR_SD = np.array([3.0, 0.5, 0.15])  # of the same from where the fit began: next to none
+_LEAST_REPEAT, _CELL = 0.002, (0.01, 0.05)  # ends of estimated scatters
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is measured (means c x b, contrasts r x d), and what it is compared with."""
+    """What is measured (means_n: c x b, contrasts_n: r x d), and what it is compared with; in_model: effects that the
+    simulator has already.
+    """
 
     surrogate: Surrogate
     reading: Reading
@@ -38,31 +39,32 @@ class Problem:
     means_n: np.ndarray
     contrasts_n: np.ndarray
     in_model: tuple[EffectValue, ...] = ()
-    scatter: Scatter = Scatter()
 
     @staticmethod
     def of(surrogate: Surrogate, in_model: Sequence[EffectValue] = ()) -> "Problem":
-        """The problem of the usable grasps of a surrogate, with effects that the simulator has already."""
+        """The problem of the grasps of a surrogate, all of them usable."""
         reading = Reading.of(surrogate.grasps)
-        steps_n = surrogate.grasps.steps_n
-        return Problem(
-            surrogate, reading, Errors.of(surrogate, reading), reading.average(steps_n), reading.contrast(steps_n),
-            tuple(in_model),
-        )
+        errors = Errors.of(surrogate, reading)
+        blank = Problem(surrogate, reading, errors, np.zeros(0), np.zeros(0), tuple(in_model))
+        return blank.measured(surrogate.grasps.steps_n)
 
-    @property
+    def measured(self, steps_n: np.ndarray) -> "Problem":
+        """The same problem with other forces of the grasps, n x 120."""
+        return replace(self, means_n=self.reading.average(steps_n), contrasts_n=self.reading.contrast(steps_n))
+
+    @cached_property
     def tool(self) -> np.ndarray:
         """Tool of each cell, c."""
         return np.asarray(self.reading.grasps.tool[self.reading.rows])
 
-    @property
+    @cached_property
     def obj(self) -> np.ndarray:
         """Object of each cell, c."""
         return np.asarray(self.reading.grasps.obj[self.reading.rows])
 
     @cached_property
-    def first(self) -> Surrogate:
-        """The surrogate of the first grasp of each cell, without a history."""
+    def of_cells(self) -> Surrogate:
+        """The surrogate of one grasp of each cell that nothing came before."""
         found = self.surrogate.select(self.reading.rows)
         return replace(found, grasps=replace(found.grasps, contexts=(GraspContext(),) * self.reading.n_cells))
 
@@ -72,6 +74,8 @@ class Problem:
 
     def predict_means(self, theta: np.ndarray) -> np.ndarray:
         """Means of cells, c x b."""
+        if not self.in_model:
+            return np.asarray(self.of_cells.predict_steps(theta) @ OF_BINS.T)
         return self.reading.average(self.predict_steps(theta))
 
 
@@ -79,126 +83,169 @@ class Problem:
 class EvidenceFit:
     """A problem at its fit.
 
-    theta: 3. moduli: t, ln of each print's modulus over Young's. force_n: c x b, predicted with moduli. roots: Cholesky
-    factors of the errors, means (c x b x b) and contrasts (r x d x d); weights: c, and 1 for contrasts. columns: K x
-    (c b), whitened and weighted, of nuisances, prior standard deviation 1; rest: c b, rest_of_contrasts: r d. misfit:
-    c, chi squared per value. loss: minus log posterior.
+    theta: 3. moduli: t, ln of each print's modulus over Young's. force_n: c x b, as predicted. weights: c, how much
+    each cell counts. columns: k x (c b), whitened and weighted, of what is free, with prior standard deviation 1.
+    rest: (c b), rest_of_contrasts: (r d), what is left, whitened and weighted; rest_n: c x b, in N. misfit: c, chi
+    squared per value by the bank's own errors. inverse_roots, contrast_roots: whiten means and contrasts.
     """
 
     problem: Problem
+    scatter: Scatter
     theta: np.ndarray
     moduli: np.ndarray
     force_n: np.ndarray
-    roots: np.ndarray
-    contrast_roots: np.ndarray
     weights: np.ndarray
     columns: np.ndarray
     rest: np.ndarray
     rest_of_contrasts: np.ndarray
+    rest_n: np.ndarray
     misfit: np.ndarray
-    loss: float
+    inverse_roots: np.ndarray
+    contrast_roots: np.ndarray
 
-    @cached_property
-    def _root(self) -> np.ndarray:
-        """Cholesky factor of the nuisances' precision."""
-        return np.linalg.cholesky(self.columns @ self.columns.T + np.eye(len(self.columns)))
+    @property
+    def omnibus(self) -> float:
+        """How much is left as a whole: the geometric mean of the cells' misfits, so that one that snaps is one."""
+        return float(np.exp(np.log(self.misfit).mean()))
 
-    def free(self, whitened: np.ndarray) -> np.ndarray:
-        """Whitened changes (... x c b) less what nuisances make up for, in the metric of `measure`."""
-        inner = np.linalg.solve(self._root, self.columns @ whitened.T)
-        return np.asarray(inner)
+    @property
+    def factor(self) -> np.ndarray:
+        """Modulus of the print of each cell over Young's, c."""
+        return np.asarray(np.exp(self.moduli)[self.problem.tool])
 
     def whiten(self, change_n: np.ndarray) -> np.ndarray:
         """Changes of means (k x c x b) as the likelihood counts them, k x (c b)."""
-        found = np.einsum("cij,kcj->kci", self._inverse_roots, change_n) * np.sqrt(self.weights)[:, None]
+        found = np.einsum("cij,kcj->kci", self.inverse_roots, change_n) * np.sqrt(self.weights)[:, None]
         return np.asarray(found.reshape(len(change_n), -1))
 
     def whiten_contrasts(self, change_n: np.ndarray) -> np.ndarray:
         """Changes of contrasts (k x r x d), k x (r d)."""
-        return np.asarray(np.einsum("rij,krj->kri", self._inverse_contrast_roots, change_n).reshape(len(change_n), -1))
+        found = np.einsum("rij,krj->kri", self.contrast_roots, change_n)
+        return np.asarray(found.reshape(len(change_n), -1))
 
-    @cached_property
-    def _inverse_roots(self) -> np.ndarray:
-        return np.linalg.inv(self.roots)
-
-    @cached_property
-    def _inverse_contrast_roots(self) -> np.ndarray:
-        return np.linalg.inv(self.contrast_roots)
-
-    def gram(self, whitened: np.ndarray, of_contrasts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Of k changes: their products (k x k) and those with the rest (k), nuisances integrated out."""
-        inner = self.free(whitened)
-        own = self.free(self.rest[None])[:, 0]
+    def multiply(self, whitened: np.ndarray, of_contrasts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Of k changes: their products (k x k) and those with the rest (k), what is free integrated out."""
+        inner = np.linalg.solve(self._root, self.columns @ whitened.T)
         products = whitened @ whitened.T - inner.T @ inner
-        along = whitened @ self.rest - inner.T @ own
-        if of_contrasts is not None and of_contrasts.size:
+        along = whitened @ self.rest - inner.T @ self._own
+        if of_contrasts is not None:
             products = products + of_contrasts @ of_contrasts.T
             along = along + of_contrasts @ self.rest_of_contrasts
         return products, along
 
+    @cached_property
+    def _root(self) -> np.ndarray:
+        return np.linalg.cholesky(self.columns @ self.columns.T + np.eye(len(self.columns)))
 
-def fit_evidence(problem: Problem, start: np.ndarray | None = None) -> EvidenceFit:
-    """Theta, moduli and variants at the most probable point, from the centre of the bank or `start`."""
-    bank = problem.surrogate.bank
+    @cached_property
+    def _own(self) -> np.ndarray:
+        return np.asarray(np.linalg.solve(self._root, self.columns @ self.rest))
+
+
+def fit_evidence(problem: Problem) -> EvidenceFit:
+    """Theta, moduli and the simulator's errors at the most probable point, with scatters as the data have them."""
+    fit = _fit(problem, Scatter(), None, _N_STEPS)
+    scatter = Scatter(_estimate_cell(fit), _estimate_repeat(fit), 1.0)
+    fit = _fit(problem, scatter, fit, 3)
+    solver = float(np.clip(np.sqrt(fit.omnibus), 1.0, LARGEST_SOLVER))
+    found = _fit(problem, replace(scatter, solver=solver), fit, 3)
+    return replace(found, misfit=fit.misfit)
+
+
+def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps: int) -> EvidenceFit:
+    bank, errors, reading, tool = problem.surrogate.bank, problem.errors, problem.reading, problem.tool
     low, high = bank.grid.min(axis=0), bank.grid.max(axis=0)
-    theta = np.array([bank.centre.young_modulus_mpa, bank.centre.friction, bank.centre.poisson_ratio]) if start is None else start.copy()
+    n_tools, n_cells = len(problem.surrogate.grasps.tools), reading.n_cells
     if start is None:
-        theta[0] *= _scale_of(problem, theta)
-    centre = theta.copy()
-    n_tools = len(problem.surrogate.grasps.tools)
-    tool, n_cells = problem.tool, problem.reading.n_cells
-    moduli, weights = np.zeros(n_tools), np.ones(n_cells)
-    variants = problem.errors.variants.shape[1]
-    errors, reading = problem.errors, problem.reading
-    for step in range(_N_STEPS):
-        theta[1:] = np.clip(theta[1:], low, high)
-        bare = problem.predict_means(theta)
+        theta = np.array([bank.centre.young_modulus_mpa, bank.centre.friction, bank.centre.poisson_ratio])
+        theta[0] *= _find_scale(problem, theta)
+        moduli, weights = np.zeros(n_tools), np.ones(n_cells)
+    else:
+        theta, moduli, weights = start.theta.copy(), start.moduli, start.weights
+    began = theta.copy()
+    variants_n = np.moveaxis(errors.variants_n @ OF_BINS.T, 1, 0)
+    n_fixed = 3 + n_tools
+    columns = np.zeros((n_fixed + len(variants_n) + 2 * len(SMOOTH), n_cells, N_BINS))
+    for step in range(n_steps):
         factor = np.exp(moduli)[tool][:, None]
-        force = bare * factor
-        slopes = [(problem.predict_means(_moved(theta, 1 + i, d)) - problem.predict_means(_moved(theta, 1 + i, -d))) / (2 * d) for i, d in enumerate(_STEP)]
-        grows = np.sqrt((force**2).mean(axis=1)) / errors.size_n
-        covariance = errors.of_means(force, grows, reading.n_repeats, problem.scatter)
-        roots = np.linalg.cholesky(covariance)
-        inverse = np.linalg.inv(roots)
-        n_common = 2 * len(HATS) if COMMON else 0
-        columns = np.zeros((3 + n_tools + variants + n_common, n_cells, N_BINS))
-        peak = np.abs(force).max(axis=1)
-        if COMMON:
-            at = 3 + n_tools + variants
-            columns[at : at + len(HATS)] = COMMON * HATS[:, None] * force
-            columns[at + len(HATS) :] = COMMON * HATS[:, None] * peak[:, None]
-        columns[0] = force
-        columns[1:3] = np.array(slopes) * factor
-        for t in range(n_tools):
-            columns[3 + t][tool == t] = TOOL_SD * force[tool == t]
-        columns[3 + n_tools : 3 + n_tools + variants] = np.moveaxis(errors.variants, 1, 0) * grows[:, None]
-        columns[:3] *= _SD[:, None, None]
-        gone = np.concatenate([(np.array([np.log(theta[0] / centre[0]), *(theta[1:] - centre[1:])])) / _SD, moduli / TOOL_SD, np.zeros(variants + n_common)])
-        plain = np.einsum("cij,kcj->kci", inverse, columns)
-        u = np.einsum("cij,cj->ci", inverse, problem.means_n - force)
-        a = (plain * np.sqrt(weights)[:, None]).reshape(len(columns), -1)
-        uw = (u * np.sqrt(weights)[:, None]).ravel()
-        x = np.linalg.solve(a @ a.T + np.eye(len(a)), a @ uw - gone)
-        left = u - np.tensordot(x, plain, 1)
+        force_n = problem.predict_means(theta) * factor
+        peak_n = np.abs(force_n).max(axis=1)[:, None]
+        columns[0] = _PRIOR_SD[0] * force_n
+        for place, by in enumerate(_STEPS, start=1):
+            more, less = (problem.predict_means(_moved(theta, place, side * by)) for side in (1.0, -1.0))
+            columns[place] = _PRIOR_SD[place] * factor * (more - less) / (2.0 * by)
+        for number in range(n_tools):
+            columns[3 + number] = TOOL_SD * force_n * (tool == number)[:, None]
+        at = n_fixed + len(variants_n)
+        columns[n_fixed:at] = variants_n * errors.grow(force_n)[:, None]
+        columns[at : at + len(SMOOTH)] = SHARED_SD * SMOOTH[:, None] * force_n
+        columns[at + len(SMOOTH) :] = SHARED_SD * SMOOTH[:, None] * peak_n
+        inverse = np.linalg.inv(np.linalg.cholesky(errors.cover_means(force_n, reading.n_repeats, scatter)))
+        gone = np.zeros(len(columns))
+        gone[:3] = np.array([np.log(theta[0] / began[0]), *(theta[1:] - began[1:])]) / _PRIOR_SD
+        gone[3:n_fixed] = moduli / TOOL_SD
+        white = np.einsum("cij,kcj->kci", inverse, columns)
+        gap = np.einsum("cij,cj->ci", inverse, problem.means_n - force_n)
+        root = np.sqrt(weights)[:, None]
+        flat, rest = (white * root).reshape(len(columns), -1), (gap * root).ravel()
+        moved = np.linalg.solve(flat @ flat.T + np.eye(len(flat)), flat @ rest - gone)
+        left = gap - np.tensordot(moved, white, 1)
         chi = (left**2).sum(axis=1)
-        if step < _N_STEPS - 2:
-            move = np.clip(x[:3] * _SD, -_LARGEST, _LARGEST)
-            theta[0] *= np.exp(move[0])
-            theta[1:] += move[1:]
-            moduli = moduli + TOOL_SD * x[3 : 3 + n_tools]
-        if step < _N_STEPS - 1:
+        if step < n_steps - 1:
             weights = np.minimum(1.0, (TAILS + N_BINS) / (TAILS + chi))
-    contrast_force = (OFC(problem, theta) * np.exp(moduli)[tool][:, None])[reading.of_cell]
-    contrast_roots = np.linalg.cholesky(errors.of_contrasts(contrast_force, problem.scatter))
-    predicted = problem.reading.contrast(problem.predict_steps(theta)) if problem.in_model else 0.0
-    rest_c = np.einsum("rij,rj->ri", np.linalg.inv(contrast_roots), problem.contrasts_n - predicted).ravel() if len(contrast_roots) else np.zeros(0)
-    loss = 0.5 * (TAILS + N_BINS) * np.log1p(chi / TAILS).sum() + 0.5 * ((gone + x) ** 2).sum() + np.log(np.diagonal(roots, axis1=1, axis2=2)).sum()
-    return EvidenceFit(problem, theta, moduli, force, roots, contrast_roots, weights, a, uw, rest_c, chi / N_BINS, float(loss))
+        if step < n_steps - 2:
+            by = np.clip(moved[:3] * _PRIOR_SD, -_LARGEST, _LARGEST)
+            theta[0] *= np.exp(by[0])
+            theta[1:] = np.clip(theta[1:] + by[1:], low, high)
+            moduli = moduli + TOOL_SD * moved[3:n_fixed]
+    contrast_n = problem.of_cells.predict_steps(theta) @ OF_CONTRASTS.T * factor
+    contrast_roots = np.linalg.inv(np.linalg.cholesky(errors.cover_contrasts(contrast_n[reading.of_cell], scatter)))
+    known_n = reading.contrast(problem.predict_steps(theta)) if problem.in_model else 0.0
+    return EvidenceFit(
+        problem=problem,
+        scatter=scatter,
+        theta=theta,
+        moduli=moduli,
+        force_n=force_n,
+        weights=weights,
+        columns=flat,
+        rest=rest,
+        rest_of_contrasts=np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel(),
+        rest_n=problem.means_n - force_n - np.tensordot(moved, columns, 1),
+        misfit=chi / N_BINS,
+        inverse_roots=inverse,
+        contrast_roots=contrast_roots,
+    )
 
 
-def OFC(problem, theta):
-    from fast.models.gap.evidence.reading import OF_CONTRASTS
-    return problem.predict_steps(theta)[problem.reading.rows] @ OF_CONTRASTS.T
+def _estimate_cell(fit: EvidenceFit) -> float:
+    """Scatter of cells: how much the factors on their forces differ, tools and objects apart."""
+    own = (fit.force_n**2).sum(axis=1)
+    share = (fit.rest_n * fit.force_n).sum(axis=1) / np.maximum(own, 1e-12)
+    for group in (fit.problem.tool, fit.problem.obj, fit.problem.tool):
+        for one in np.unique(group):
+            share[group == one] -= np.median(share[group == one])
+    return float(np.clip(_spread(share), *_CELL))
+
+
+def _estimate_repeat(fit: EvidenceFit) -> float:
+    """Scatter of repeats: how much the factors on their forces differ, less what noise does to them."""
+    problem = fit.problem
+    if not len(problem.contrasts_n):
+        return Scatter().repeat
+    force_n = (problem.of_cells.predict_steps(fit.theta) @ OF_CONTRASTS.T * fit.factor[:, None])[problem.reading.of_cell]
+    noise = problem.errors.contrast_noise + TARE_SD_N**2
+    along = np.linalg.solve(noise, force_n.T).T
+    own = np.maximum((along * force_n).sum(axis=1), 1e-12)
+    share = (along * problem.contrasts_n).sum(axis=1) / own
+    place = np.concatenate([np.arange(np.count_nonzero(problem.reading.of_cell == one)) for one in np.unique(problem.reading.of_cell)])
+    for one in np.unique(place):
+        share[place == one] -= np.median(share[place == one])
+    return float(np.sqrt(max(_spread(share) ** 2 - float(np.median(1.0 / own)), _LEAST_REPEAT**2)))
+
+
+def _spread(values: np.ndarray) -> float:
+    return 1.4826 * float(np.median(np.abs(values)))
 
 
 def _moved(theta: np.ndarray, place: int, by: float) -> np.ndarray:
@@ -207,7 +254,8 @@ def _moved(theta: np.ndarray, place: int, by: float) -> np.ndarray:
     return moved
 
 
-def _scale_of(problem: Problem, theta: np.ndarray) -> float:
+def _find_scale(problem: Problem, theta: np.ndarray) -> float:
     """Measured over predicted force, the median of cells."""
-    force = problem.predict_means(theta)
-    return float(np.median((force * problem.means_n).sum(axis=1) / np.maximum((force**2).sum(axis=1), 1e-9)))
+    force_n = problem.predict_means(theta)
+    along = (force_n * problem.means_n).sum(axis=1) / np.maximum((force_n**2).sum(axis=1), 1e-9)
+    return float(np.clip(np.median(along), 0.05, 20.0))

@@ -28,6 +28,8 @@ def _averaging(edges: np.ndarray) -> np.ndarray:
 OF_BINS, OF_CONTRASTS = _averaging(EDGES), _averaging(CONTRAST_EDGES)
 N_BINS = len(OF_BINS)
 MIDDLES_MM = OF_BINS @ (STEP_MM * (np.arange(N_STEPS) + 0.5))
+KNOTS_MM = (0.0, 1.5, 5.0, 12.0, 25.0, 45.0)  # of the lift, between which smooth things are straight
+SMOOTH = np.array([np.interp(MIDDLES_MM, KNOTS_MM, row) for row in np.eye(len(KNOTS_MM))])  # 6 x b
 
 
 @dataclass(frozen=True, eq=False)

@@ -171,16 +171,16 @@ def _list_drifts(fit: EvidenceFit) -> list[Candidate]:
     more, less = (cells.predict_steps(theta * np.array([1.0, by, 1.0])) for by in (1.01, 0.99))
     grows = errors.grow(fit.force_n)[:, None]
     tool, column = cells.grasps.tool, cells.column
-    closing_n = np.nan_to_num(cells.wider_n[tool, column, 1]) / (0.5 * cells.wider_mm[1])
+    closing_n = np.nan_to_num(cells.wider_n[tool, column, 1:]) * theta[0] / cells.centre.young_modulus_mpa
     size = float(np.sqrt((force_n**2).mean()))
-    fields = {
-        "modulus": force_n,
-        "friction": fit.factor[:, None] * (more - less) / 0.02,
-        "zero": np.ones_like(force_n),
-        "closing": closing_n * theta[0] / cells.centre.young_modulus_mpa,
-        "height": -errors.placed_n * grows,
-        "delay": -np.gradient(force_n, STEP_MM, axis=1),
-    }
+    fields = [
+        ("modulus", force_n),
+        ("friction", fit.factor[:, None] * (more - less) / 0.02),
+        ("zero", np.ones_like(force_n)),
+        *(("closing", secant_n) for secant_n in np.moveaxis(closing_n, 1, 0)),
+        ("height", -errors.placed_n * grows),
+        ("delay", -np.gradient(force_n, STEP_MM, axis=1)),
+    ]
     found = []
     for clock, lengths in _LENGTHS.items():
         group, at = CLOCKS[clock].place(reading.grasps)
@@ -192,7 +192,7 @@ def _list_drifts(fit: EvidenceFit) -> list[Candidate]:
                 knots = place_knots(at[group == one], length)
                 bases.append(make_basis(knots, at, length) * (group == one))
             mixed = np.concatenate(bases) @ reading.mix.T
-            for quantity, field_n in fields.items():
+            for quantity, field_n in fields:
                 own = field_n @ OF_CONTRASTS.T
                 share = float(np.sqrt((own**2).mean())) / size
                 if share < 1e-9:

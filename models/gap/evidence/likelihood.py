@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from fast.models.gap.bank.surrogate import Surrogate
-from fast.models.gap.evidence.errors import TARE_SD_N, TOOL_SD, Errors, Scatter
-from fast.models.gap.evidence.reading import N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
+from fast.models.gap.evidence.errors import DELAY_SD_MM, PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD, ZERO_SD_N, Errors, Scatter
+from fast.models.gap.evidence.reading import MIDDLES_MM, N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
 from fast.models.records import EffectValue, GraspContext
 
 TAILS = 8.0  # degrees of freedom of a cell's errors
@@ -165,7 +165,9 @@ def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps:
     began = theta.copy()
     variants_n = np.moveaxis(errors.variants_n @ OF_BINS.T, 1, 0)
     n_fixed = 3 + n_tools
-    columns = np.zeros((n_fixed + len(variants_n) + 2 * len(SMOOTH), n_cells, N_BINS))
+    n_objects = len(problem.surrogate.grasps.objects)
+    columns = np.zeros((n_fixed + len(variants_n) + 2 * len(SMOOTH) + n_objects + 2, n_cells, N_BINS))
+    placed_n = PLACEMENT_SD_MM * errors.placed_n @ OF_BINS.T
     for step in range(n_steps):
         factor = np.exp(moduli)[tool][:, None]
         force_n = problem.predict_means(theta) * factor
@@ -179,7 +181,12 @@ def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps:
         at = n_fixed + len(variants_n)
         columns[n_fixed:at] = variants_n * errors.grow(force_n)[:, None]
         columns[at : at + len(SMOOTH)] = SHARED_SD * SMOOTH[:, None] * force_n
-        columns[at + len(SMOOTH) :] = SHARED_SD * SMOOTH[:, None] * peak_n
+        columns[at + len(SMOOTH) : at + 2 * len(SMOOTH)] = SHARED_SD * SMOOTH[:, None] * peak_n
+        at += 2 * len(SMOOTH)
+        for number in range(n_objects):
+            columns[at + number] = placed_n * errors.grow(force_n)[:, None] * (problem.obj == number)[:, None]
+        columns[-2] = ZERO_SD_N
+        columns[-1] = -DELAY_SD_MM * np.gradient(force_n, MIDDLES_MM, axis=1)
         inverse = np.linalg.inv(np.linalg.cholesky(errors.cover_means(force_n, reading.n_repeats, scatter)))
         gone = np.zeros(len(columns))
         gone[:3] = np.array([np.log(theta[0] / began[0]), *(theta[1:] - began[1:])]) / _PRIOR_SD

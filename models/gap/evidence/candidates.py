@@ -87,23 +87,18 @@ def free_law(fit: EvidenceFit, change_n: np.ndarray) -> np.ndarray:
 
 def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     values = list_secants(name)
-    means_n, contrasts_n = _predict_changes(fit, name, values)
-    white, of_contrasts = fit.whiten(means_n), None if contrasts_n is None else fit.whiten_contrasts(contrasts_n)
-    inner, along = fit.multiply(white, of_contrasts)
-    own = np.maximum(np.diag(inner), 1e-12)
+    means_n, contrasts_n = predict_changes(fit, values)
+    white = fit.whiten(means_n, contrasts_n)
+    products, along = fit.multiply(white)
+    own = np.maximum(np.diag(products), 1e-12)
     plain = (along[:, None] * SCALES - 0.5 * own[:, None] * SCALES**2).max(axis=1)
     places, tried = np.argsort(-plain)[:_N_FREED], []
     for place in places:
         law = fit.whiten(free_law(fit, means_n[place]))
-        together = np.concatenate([white[place : place + 1], law])
-        contrasts = None
-        if of_contrasts is not None:
-            contrasts = np.zeros((len(together), of_contrasts.shape[1]))
-            contrasts[0] = of_contrasts[place]
-        products, with_rest = fit.multiply(together, contrasts)
+        products, with_gap = fit.multiply(np.concatenate([white[place : place + 1], law]))
         for scale in SCALES:
-            pull = scale * (with_rest[1:] - scale * products[1:, 0])
-            nats = scale * with_rest[0] - 0.5 * scale**2 * products[0, 0]
+            pull = scale * (with_gap[1:] - scale * products[1:, 0])
+            nats = scale * with_gap[0] - 0.5 * scale**2 * products[0, 0]
             tried.append((nats + _integrate(scale**2 * products[1:, 1:], pull), place, scale))
     nats = np.array([one[0] for one in tried])
     _, place, scale = tried[int(np.argmax(nats))]
@@ -120,12 +115,10 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     )
 
 
-def _predict_changes(
-    fit: EvidenceFit, name: str, values: Sequence[EffectValue]
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """What an effect at s values changes in means (s x c x b), and in contrasts (s x r x d) if it has a memory."""
+def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
+    """What an effect at s values changes in means (s x c x b), and in contrasts (s x r x ...) if it has a memory."""
     problem = fit.problem
-    if CATALOGUE[name].kind.in_grasp is Effect.in_grasp:
+    if CATALOGUE[values[0].effect].kind.in_grasp is Effect.in_grasp:
         base_n = problem.of_cells.predict_steps(fit.theta, problem.in_model)
         found = [problem.of_cells.predict_steps(fit.theta, [*problem.in_model, value]) - base_n for value in values]
         return np.array([fit.factor[:, None] * (change_n @ OF_BINS.T) for change_n in found]), None
@@ -198,8 +191,7 @@ def _list_drifts(fit: EvidenceFit) -> list[Candidate]:
                 if share < 1e-9:
                     continue
                 columns = mixed[:, :, None] * own[reading.of_cell] / share
-                white = fit.whiten_contrasts(columns)
-                nats, _ = _weigh_sizes(white @ white.T, white @ fit.rest_of_contrasts)
+                nats, _ = _weigh_sizes(*fit.multiply_contrasts(fit.whiten_contrasts(columns)))
                 effect = find_effect(quantity, clock)
                 found.append(Candidate(f"{quantity} {clock}", "drift", nats, effect=effect))
     return found

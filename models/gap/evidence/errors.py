@@ -17,8 +17,6 @@ from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, Reading
 TOOL_SD = 0.04  # of the modulus of a print, relative
 TARE_SD_N = 0.03  # what taring leaves
 PLACEMENT_SD_MM = 0.15  # of the height at which an object stands, and again of each of its cells
-ZERO_SD_N = 0.02  # of the load cell's zero, in all grasps alike
-DELAY_SD_MM = 0.03  # of where the lift is said to begin, in all grasps alike
 LEAST_SHARE = 1e-3  # of the peak: an error that every simulator has
 _LEAST_FORCE = 0.1  # of the median cell's: below it, changes do not grow with the force of a cell
 

@@ -13,14 +13,15 @@ from functools import cached_property
 import numpy as np
 
 from fast.models.gap.bank.surrogate import Surrogate
-from fast.models.gap.evidence.errors import DELAY_SD_MM, PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD, ZERO_SD_N, Errors, Scatter
-from fast.models.gap.evidence.reading import MIDDLES_MM, N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
+from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD, Errors, Scatter
+from fast.models.gap.evidence.reading import N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
 from fast.models.records import EffectValue, GraspContext
 
 TAILS = 8.0  # degrees of freedom of a cell's errors
 SHARED_SD = 0.005  # of the force: a smooth error over the lift that all grasps share
 LARGEST_SOLVER = 2.0  # how many times larger than the bank's variants a simulator's errors may be, and still be errors
 _N_STEPS = 7  # of Gauss-Newton; the last two change weights alone
+_N_WEIGHTS = 4
 _STEPS = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
 _LARGEST = np.array([0.5, 0.1, 0.05])  # step of ln E, friction, Poisson's ratio
 _PRIOR_SD = np.array([3.0, 0.5, 0.15])  # of the same from where the fit began: next to none
@@ -81,12 +82,12 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class EvidenceFit:
-    """A problem at its fit.
+    """A problem at its fit; what is measured is one vector of d values, means of cells and then contrasts.
 
     theta: 3. moduli: t, ln of each print's modulus over Young's. force_n: c x b, as predicted. weights: c, how much
-    each cell counts. columns: k x (c b), whitened and weighted, of what is free, with prior standard deviation 1.
-    rest: (c b), rest_of_contrasts: (r d), what is left, whitened and weighted; rest_n: c x b, in N. misfit: c, chi
-    squared per value by the bank's own errors. inverse_roots, contrast_roots: whiten means and contrasts.
+    each cell counts. columns: k x d, whitened, of what is free, with prior standard deviation 1. gap: d, what is
+    measured less what is predicted, whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per
+    value by the bank's own errors. mean_roots, contrast_roots: whiten means and contrasts.
     """
 
     problem: Problem
@@ -96,11 +97,10 @@ class EvidenceFit:
     force_n: np.ndarray
     weights: np.ndarray
     columns: np.ndarray
-    rest: np.ndarray
-    rest_of_contrasts: np.ndarray
+    gap: np.ndarray
     rest_n: np.ndarray
     misfit: np.ndarray
-    inverse_roots: np.ndarray
+    mean_roots: np.ndarray
     contrast_roots: np.ndarray
 
     @property
@@ -113,33 +113,75 @@ class EvidenceFit:
         """Modulus of the print of each cell over Young's, c."""
         return np.asarray(np.exp(self.moduli)[self.problem.tool])
 
-    def whiten(self, change_n: np.ndarray) -> np.ndarray:
-        """Changes of means (k x c x b) as the likelihood counts them, k x (c b)."""
-        found = np.einsum("cij,kcj->kci", self.inverse_roots, change_n) * np.sqrt(self.weights)[:, None]
-        return np.asarray(found.reshape(len(change_n), -1))
+    @property
+    def of_contrasts(self) -> slice:
+        """Where contrasts are among the d values."""
+        return slice(self.force_n.size, None)
 
-    def whiten_contrasts(self, change_n: np.ndarray) -> np.ndarray:
-        """Changes of contrasts (k x r x d), k x (r d)."""
-        found = np.einsum("rij,krj->kri", self.contrast_roots, change_n)
-        return np.asarray(found.reshape(len(change_n), -1))
+    def whiten(self, means_n: np.ndarray, contrasts_n: np.ndarray | None = None) -> np.ndarray:
+        """Changes of means (k x c x b) and of contrasts (k x r x ...; none by default) over their errors, k x d."""
+        found = np.zeros((len(means_n), len(self.gap)))
+        found[:, : self.force_n.size] = np.einsum("cij,kcj->kci", self.mean_roots, means_n).reshape(len(means_n), -1)
+        if contrasts_n is not None:
+            found[:, self.of_contrasts] = self.whiten_contrasts(contrasts_n)
+        return found
 
-    def multiply(self, whitened: np.ndarray, of_contrasts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Of k changes: their products (k x k) and those with the rest (k), what is free integrated out."""
-        inner = np.linalg.solve(self._root, self.columns @ whitened.T)
-        products = whitened @ whitened.T - inner.T @ inner
-        along = whitened @ self.rest - inner.T @ self._own
-        if of_contrasts is not None:
-            products = products + of_contrasts @ of_contrasts.T
-            along = along + of_contrasts @ self.rest_of_contrasts
-        return products, along
+    def whiten_contrasts(self, contrasts_n: np.ndarray) -> np.ndarray:
+        """Changes of contrasts alone over their errors, k x (r ...)."""
+        found = np.einsum("rij,krj->kri", self.contrast_roots, contrasts_n)
+        return np.asarray(found.reshape(len(contrasts_n), -1))
+
+    def multiply(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of k changes: their products (k x k) and those with the gap (k), what is free integrated out."""
+        heavy = white * self._heavy
+        inner = np.linalg.solve(self._root, self.columns @ heavy.T)
+        return np.asarray(white @ heavy.T - inner.T @ inner), np.asarray(heavy @ self.gap - inner.T @ self._own)
+
+    def multiply_contrasts(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for changes of contrasts alone, k x (r ...)."""
+        columns = self.columns[:, self.of_contrasts]
+        products, along = white @ white.T, white @ self.gap[self.of_contrasts]
+        if columns.any():
+            inner = np.linalg.solve(self._root, columns @ white.T)
+            products, along = products - inner.T @ inner, along - inner.T @ self._own
+        return np.asarray(products), np.asarray(along)
+
+    def add(self, white: np.ndarray) -> "EvidenceFit":
+        """The fit with more that is free: changes (k x d) with prior standard deviation 1.
+
+        Theta stays the point about which all is linear; how much each cell counts is found again.
+        """
+        columns, weights = np.concatenate([self.columns, white]), self.weights
+        for _ in range(_N_WEIGHTS):
+            heavy = columns * _spread_weights(weights, len(self.gap))
+            moved = np.linalg.solve(heavy @ columns.T + np.eye(len(columns)), heavy @ self.gap)
+            left = (self.gap - moved @ columns)[: self.force_n.size].reshape(self.force_n.shape)
+            chi = (left**2).sum(axis=1)
+            weights = _weigh_cells(chi)
+        return replace(self, columns=columns, weights=weights, misfit=chi * self.scatter.solver**2 / N_BINS)
+
+    @cached_property
+    def _heavy(self) -> np.ndarray:
+        return _spread_weights(self.weights, len(self.gap))
 
     @cached_property
     def _root(self) -> np.ndarray:
-        return np.linalg.cholesky(self.columns @ self.columns.T + np.eye(len(self.columns)))
+        return np.linalg.cholesky((self.columns * self._heavy) @ self.columns.T + np.eye(len(self.columns)))
 
     @cached_property
     def _own(self) -> np.ndarray:
-        return np.asarray(np.linalg.solve(self._root, self.columns @ self.rest))
+        return np.asarray(np.linalg.solve(self._root, (self.columns * self._heavy) @ self.gap))
+
+
+def _weigh_cells(chi: np.ndarray) -> np.ndarray:
+    return np.minimum(1.0, (TAILS + N_BINS) / (TAILS + chi))
+
+
+def _spread_weights(weights: np.ndarray, n: int) -> np.ndarray:
+    """Weights of cells as those of n values; contrasts all count."""
+    found = np.ones(n)
+    found[: len(weights) * N_BINS] = np.repeat(weights, N_BINS)
+    return found
 
 
 def fit_evidence(problem: Problem) -> EvidenceFit:
@@ -166,7 +208,7 @@ def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps:
     variants_n = np.moveaxis(errors.variants_n @ OF_BINS.T, 1, 0)
     n_fixed = 3 + n_tools
     n_objects = len(problem.surrogate.grasps.objects)
-    columns = np.zeros((n_fixed + len(variants_n) + 2 * len(SMOOTH) + n_objects + 2, n_cells, N_BINS))
+    columns = np.zeros((n_fixed + len(variants_n) + 2 * len(SMOOTH) + n_objects, n_cells, N_BINS))
     placed_n = PLACEMENT_SD_MM * errors.placed_n @ OF_BINS.T
     for step in range(n_steps):
         factor = np.exp(moduli)[tool][:, None]
@@ -185,21 +227,19 @@ def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps:
         at += 2 * len(SMOOTH)
         for number in range(n_objects):
             columns[at + number] = placed_n * errors.grow(force_n)[:, None] * (problem.obj == number)[:, None]
-        columns[-2] = ZERO_SD_N
-        columns[-1] = -DELAY_SD_MM * np.gradient(force_n, MIDDLES_MM, axis=1)
         inverse = np.linalg.inv(np.linalg.cholesky(errors.cover_means(force_n, reading.n_repeats, scatter)))
         gone = np.zeros(len(columns))
         gone[:3] = np.array([np.log(theta[0] / began[0]), *(theta[1:] - began[1:])]) / _PRIOR_SD
         gone[3:n_fixed] = moduli / TOOL_SD
         white = np.einsum("cij,kcj->kci", inverse, columns)
         gap = np.einsum("cij,cj->ci", inverse, problem.means_n - force_n)
-        root = np.sqrt(weights)[:, None]
-        flat, rest = (white * root).reshape(len(columns), -1), (gap * root).ravel()
-        moved = np.linalg.solve(flat @ flat.T + np.eye(len(flat)), flat @ rest - gone)
+        flat = white.reshape(len(columns), -1)
+        heavy = flat * np.repeat(weights, N_BINS)
+        moved = np.linalg.solve(heavy @ flat.T + np.eye(len(flat)), heavy @ gap.ravel() - gone)
         left = gap - np.tensordot(moved, white, 1)
         chi = (left**2).sum(axis=1)
         if step < n_steps - 1:
-            weights = np.minimum(1.0, (TAILS + N_BINS) / (TAILS + chi))
+            weights = _weigh_cells(chi)
         if step < n_steps - 2:
             by = np.clip(moved[:3] * _PRIOR_SD, -_LARGEST, _LARGEST)
             theta[0] *= np.exp(by[0])
@@ -208,6 +248,7 @@ def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps:
     contrast_n = problem.of_cells.predict_steps(theta) @ OF_CONTRASTS.T * factor
     contrast_roots = np.linalg.inv(np.linalg.cholesky(errors.cover_contrasts(contrast_n[reading.of_cell], scatter)))
     known_n = reading.contrast(problem.predict_steps(theta)) if problem.in_model else 0.0
+    of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
     return EvidenceFit(
         problem=problem,
         scatter=scatter,
@@ -215,12 +256,11 @@ def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps:
         moduli=moduli,
         force_n=force_n,
         weights=weights,
-        columns=flat,
-        rest=rest,
-        rest_of_contrasts=np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel(),
+        columns=np.concatenate([flat, np.zeros((len(flat), len(of_contrasts)))], axis=1),
+        gap=np.concatenate([gap.ravel(), of_contrasts]),
         rest_n=problem.means_n - force_n - np.tensordot(moved, columns, 1),
         misfit=chi / N_BINS,
-        inverse_roots=inverse,
+        mean_roots=inverse,
         contrast_roots=contrast_roots,
     )
 

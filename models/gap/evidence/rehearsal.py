@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fast.models.gap.evidence.candidates import LAW_SD, Candidate, scale_value, weigh_candidates
-from fast.models.gap.evidence.errors import DELAY_SD_MM, PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD, ZERO_SD_N
+from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD
 from fast.models.gap.evidence.likelihood import SHARED_SD, EvidenceFit, Problem, fit_evidence
 from fast.models.gap.evidence.reading import KNOTS_MM, OF_BINS
 from fast.models.gap.naming.rank_effects import list_secants
@@ -135,8 +135,6 @@ def _measure(problem: Problem, true_n: np.ndarray, base_n: np.ndarray, rng: np.r
         + SCATTER.cell * rng.standard_normal(n_cells)[reading.cell]
         + SCATTER.repeat * rng.standard_normal(len(true_n))
     )
-    error_n += ZERO_SD_N * rng.standard_normal()
-    error_n -= DELAY_SD_MM * rng.standard_normal() * np.gradient(cells_n, STEP_MM, axis=1)
     noise = reading.grasps.noise
     root = np.linalg.cholesky(
         noise.step_covariance(N_STEPS, float(np.median(reading.grasps.lift_speed_mm_per_s))) + 1e-12 * np.eye(N_STEPS)

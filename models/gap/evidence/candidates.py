@@ -37,7 +37,7 @@ class Candidate:
     """Something that may be missing, and its evidence over nothing in nats.
 
     name: of an effect, or a pattern or drift in words. effect: of the catalogue, also of a drift that one of them makes;
-    empty without one. value: the effect at its likeliest; size_n: root mean square of what it changes in the means, N.
+    empty without one. value: the effect at its likeliest, a scaled secant of this place; size_n: root mean square of what it changes in the means, N.
     z: standard deviations of its best amplitude from nothing, with the catalogue's law. change_n: c x b, at its
     likeliest, in N; None for a drift.
     """
@@ -47,16 +47,107 @@ class Candidate:
     nats: float
     effect: str = ""
     value: EffectValue | None = None
+    place: int = 0
     size_n: float = 0.0
     z: float = 0.0
     change_n: np.ndarray | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class EffectDirections:
+    """What an effect changes at its secants (s): values, means_n (s x c x b), and white (s x d) as it is weighed."""
+
+    name: str
+    values: Sequence[EffectValue]
+    means_n: np.ndarray
+    white: np.ndarray
+
+    @staticmethod
+    def of(fit: EvidenceFit, name: str) -> "EffectDirections":
+        """The directions of an effect at a fit."""
+        values = list_secants(name)
+        means_n, contrasts_n = predict_changes(fit, values)
+        return EffectDirections(name, values, means_n, fit.whiten(means_n, contrasts_n))
+
+    def free_law(self, fit: EvidenceFit, place: int) -> np.ndarray:
+        """Directions (k x d) by which a secant and its law may differ, the secant first."""
+        return np.concatenate([self.white[place : place + 1], fit.whiten(free_law(fit, self.means_n[place]))])
+
+    def weigh(self, fit: EvidenceFit) -> Candidate:
+        """The effect with its evidence."""
+        products, along = fit.multiply(self.white)
+        own = np.maximum(np.diag(products), 1e-12)
+        plain = (along[:, None] * SCALES - 0.5 * own[:, None] * SCALES**2).max(axis=1)
+        places, tried = np.argsort(-plain)[:_N_FREED], []
+        for place in places.tolist():
+            products, along_law = fit.multiply(self.free_law(fit, place))
+            for scale in SCALES:
+                pull = scale * (along_law[1:] - scale * products[1:, 0])
+                nats = scale * along_law[0] - 0.5 * scale**2 * products[0, 0]
+                tried.append((nats + _integrate(scale**2 * products[1:, 1:], pull), place, scale))
+        all_nats = np.array([one[0] for one in tried])
+        _, place, scale = tried[int(np.argmax(all_nats))]
+        change_n = scale * self.means_n[place]
+        return Candidate(
+            name=self.name,
+            kind="effect",
+            nats=float(np.logaddexp.reduce(all_nats) - np.log(len(tried) * len(self.values) / len(places))),
+            effect=self.name,
+            value=scale_value(self.values[place], float(scale)),
+            place=place,
+            size_n=float(np.sqrt((change_n**2).mean())),
+            z=float((along / np.sqrt(own)).max()),
+            change_n=change_n,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PatternDirections:
+    """Columns of a pattern: columns_n (k x c x b), and white (k x d) as they are weighed."""
+
+    name: str
+    kind: str
+    columns_n: np.ndarray
+    white: np.ndarray
+
+    def weigh(self, fit: EvidenceFit) -> Candidate:
+        """The pattern with its evidence."""
+        nats, coefficients = _weigh_sizes(*fit.multiply(self.white))
+        change_n = np.tensordot(coefficients, self.columns_n, 1)
+        size_n = float(np.sqrt((change_n**2).mean()))
+        return Candidate(self.name, self.kind, nats, size_n=size_n, change_n=change_n)
+
+
+@dataclass(frozen=True, eq=False)
+class DriftDirections:
+    """Columns of a drift: white, k x (r ...), of contrasts alone."""
+
+    name: str
+    effect: str
+    white: np.ndarray
+
+    def weigh(self, fit: EvidenceFit) -> Candidate:
+        """The drift with its evidence."""
+        nats, _ = _weigh_sizes(*fit.multiply_contrasts(self.white))
+        return Candidate(self.name, "drift", nats, effect=self.effect)
+
+
+Directions = EffectDirections | PatternDirections | DriftDirections
+
+
+def list_directions(fit: EvidenceFit, names: Sequence[str]) -> list[Directions]:
+    """All that is tried on a fit: effects of these names, patterns and drifts."""
+    return [*(EffectDirections.of(fit, name) for name in names), *_list_patterns(fit), *_list_drifts(fit)]
+
+
+def weigh_all(fit: EvidenceFit, directions: Sequence[Directions]) -> list[Candidate]:
+    """Candidates with their evidence, the most first."""
+    return sorted((one.weigh(fit) for one in directions), key=lambda one: -one.nats)
+
+
 def weigh_candidates(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
     """Effects of these names, patterns and drifts with their evidence, the most first."""
-    found = [_weigh_effect(fit, name) for name in names]
-    found += [*_list_patterns(fit), *_list_drifts(fit)]
-    return sorted(found, key=lambda one: -one.nats)
+    return weigh_all(fit, list_directions(fit, names))
 
 
 def scale_value(value: EffectValue, scale: float) -> EffectValue:
@@ -85,36 +176,6 @@ def free_law(fit: EvidenceFit, change_n: np.ndarray) -> np.ndarray:
     return np.asarray(LAW_SD * np.concatenate([along[:, None] * change_n, by_level * change_n, tools * change_n]))
 
 
-def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
-    values = list_secants(name)
-    means_n, contrasts_n = predict_changes(fit, values)
-    white = fit.whiten(means_n, contrasts_n)
-    products, along = fit.multiply(white)
-    own = np.maximum(np.diag(products), 1e-12)
-    plain = (along[:, None] * SCALES - 0.5 * own[:, None] * SCALES**2).max(axis=1)
-    places, tried = np.argsort(-plain)[:_N_FREED], []
-    for place in places:
-        law = fit.whiten(free_law(fit, means_n[place]))
-        products, with_gap = fit.multiply(np.concatenate([white[place : place + 1], law]))
-        for scale in SCALES:
-            pull = scale * (with_gap[1:] - scale * products[1:, 0])
-            nats = scale * with_gap[0] - 0.5 * scale**2 * products[0, 0]
-            tried.append((nats + _integrate(scale**2 * products[1:, 1:], pull), place, scale))
-    nats = np.array([one[0] for one in tried])
-    _, place, scale = tried[int(np.argmax(nats))]
-    change_n = scale * means_n[place]
-    return Candidate(
-        name=name,
-        kind="effect",
-        nats=float(np.logaddexp.reduce(nats) - np.log(len(nats) * len(values) / len(places))),
-        effect=name,
-        value=scale_value(values[place], scale),
-        size_n=float(np.sqrt((change_n**2).mean())),
-        z=float((along / np.sqrt(own)).max()),
-        change_n=change_n,
-    )
-
-
 def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
     """What an effect at s values changes in means (s x c x b), and in contrasts (s x r x ...) if it has a memory."""
     problem = fit.problem
@@ -128,33 +189,35 @@ def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np
     return np.array([reading.average(one) for one in found]), np.array([reading.contrast(one) for one in found])
 
 
-def _list_patterns(fit: EvidenceFit) -> list[Candidate]:
+def _list_patterns(fit: EvidenceFit) -> list[PatternDirections]:
+    def pattern(name: str, kind: str, columns_n: np.ndarray) -> PatternDirections:
+        return PatternDirections(name, kind, columns_n, fit.whiten(columns_n))
+
     problem, force_n = fit.problem, fit.force_n
     peak_n = float(np.median(np.abs(force_n).max(axis=1)))
     level = _find_level(force_n)[:, None]
     alike = np.linalg.cholesky(ALIKE + (1.0 - ALIKE) * np.eye(len(SMOOTH)))
-    factor_n, constant_n = SMOOTH[:, None] * force_n, np.broadcast_to(SMOOTH[:, None] * peak_n, (len(SMOOTH), *force_n.shape))
+    factor_n, constant_n = (
+        SMOOTH[:, None] * force_n,
+        np.broadcast_to(SMOOTH[:, None] * peak_n, (len(SMOOTH), *force_n.shape)),
+    )
     changes = {"a factor on the force": factor_n, "a force": constant_n}
     found = []
     for words, change_n in changes.items():
-        found.append(_weigh_pattern(fit, f"{words} over the lift, in every grasp", "common", change_n))
-        found.append(_weigh_pattern(fit, f"{words} over the lift, growing with the force of the grasp", "common", change_n * level))
+        found.append(pattern(f"{words} over the lift, in every grasp", "common", change_n))
+        found.append(pattern(f"{words} over the lift, growing with the force of the grasp", "common", change_n * level))
     changes["a factor on the force, much the same all along the lift"] = np.tensordot(alike.T, factor_n, 1)
-    for kind, group, how in (("by object", problem.obj, "another on each object"), ("by tool", problem.tool, "another for each tool")):
+    for kind, group, how in (
+        ("by object", problem.obj, "another on each object"),
+        ("by tool", problem.tool, "another for each tool"),
+    ):
         for words, change_n in changes.items():
             rows_n = np.concatenate([change_n * (group == one)[:, None] for one in np.unique(group)])
-            found.append(_weigh_pattern(fit, f"{words}, {how}", kind, rows_n))
+            found.append(pattern(f"{words}, {how}", kind, rows_n))
     return found
 
 
-def _weigh_pattern(fit: EvidenceFit, name: str, kind: str, columns_n: np.ndarray) -> Candidate:
-    products, along = fit.multiply(fit.whiten(columns_n))
-    nats, coefficients = _weigh_sizes(products, along)
-    change_n = np.tensordot(coefficients, columns_n, 1)
-    return Candidate(name, kind, nats, size_n=float(np.sqrt((change_n**2).mean())), change_n=change_n)
-
-
-def _list_drifts(fit: EvidenceFit) -> list[Candidate]:
+def _list_drifts(fit: EvidenceFit) -> list[DriftDirections]:
     """Quantities that change from grasp to grasp, told by what repeats of the same cells differ by."""
     problem, reading, errors = fit.problem, fit.problem.reading, fit.problem.errors
     if not len(reading.mix):
@@ -191,9 +254,8 @@ def _list_drifts(fit: EvidenceFit) -> list[Candidate]:
                 if share < 1e-9:
                     continue
                 columns = mixed[:, :, None] * own[reading.of_cell] / share
-                nats, _ = _weigh_sizes(*fit.multiply_contrasts(fit.whiten_contrasts(columns)))
-                effect = find_effect(quantity, clock)
-                found.append(Candidate(f"{quantity} {clock}", "drift", nats, effect=effect))
+                name, effect = f"{quantity} {clock}", find_effect(quantity, clock)
+                found.append(DriftDirections(name, effect, fit.whiten_contrasts(columns)))
     return found
 
 

@@ -30,8 +30,9 @@ _LEAST_REPEAT, _CELL = 0.002, (0.01, 0.05)  # ends of estimated scatters
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is measured (means_n: c x b, contrasts_n: r x d), and what it is compared with; in_model: effects that the
-    simulator has already.
+    """What is measured (means_n: c x b, contrasts_n: r x ...), and what it is compared with.
+
+    in_model: effects that the simulator has already.
     """
 
     surrogate: Surrogate
@@ -280,12 +281,16 @@ def _estimate_repeat(fit: EvidenceFit) -> float:
     problem = fit.problem
     if not len(problem.contrasts_n):
         return Scatter().repeat
-    force_n = (problem.of_cells.predict_steps(fit.theta) @ OF_CONTRASTS.T * fit.factor[:, None])[problem.reading.of_cell]
+    force_n = (problem.of_cells.predict_steps(fit.theta) @ OF_CONTRASTS.T * fit.factor[:, None])[
+        problem.reading.of_cell
+    ]
     noise = problem.errors.contrast_noise + TARE_SD_N**2
     along = np.linalg.solve(noise, force_n.T).T
     own = np.maximum((along * force_n).sum(axis=1), 1e-12)
     share = (along * problem.contrasts_n).sum(axis=1) / own
-    place = np.concatenate([np.arange(np.count_nonzero(problem.reading.of_cell == one)) for one in np.unique(problem.reading.of_cell)])
+    place = np.concatenate(
+        [np.arange(np.count_nonzero(problem.reading.of_cell == one)) for one in np.unique(problem.reading.of_cell)]
+    )
     for one in np.unique(place):
         share[place == one] -= np.median(share[place == one])
     return float(np.sqrt(max(_spread(share) ** 2 - float(np.median(1.0 / own)), _LEAST_REPEAT**2)))

@@ -1,41 +1,50 @@
-"""Rehearsal: made-up worlds of the panel at hand, answered as the real one is, from which all lines are taken.
+"""Rehearsal: made-up worlds of the panel at hand, weighed as the real one is, from which the lines are taken.
 
-A world has the lab's own tools, objects, repeats, order and noise. A third hide nothing but another mesh, contact,
-placement and prints; a third an effect of the catalogue, by its own law or by one that differs along the lift and from
-print to print; a third a cause of no catalogue: a force or factor of all grasps, objects, tools or single cells, or a
-drift. Sizes are drawn from a hundredth to a fifth of the force. Forces are the bank's, so that a world costs no
-simulation.
+A world has the lab's own tools, objects, repeats, order and noise. Every other one hides nothing but another mesh,
+contact, placement and prints. The others hide, in turn, an effect of the catalogue, by its own law or by one that
+differs along the lift and from print to print, and a cause of no catalogue: a force or factor of all grasps, objects,
+tools or single cells, or a drift. Sizes are drawn from a hundredth to a fifth of the force. Forces are the bank's, so
+that a world costs no simulation.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from fast.models.gap.evidence.candidates import LAW_SD, Candidate, scale_value, weigh_candidates
-from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD
-from fast.models.gap.evidence.likelihood import SHARED_SD, EvidenceFit, Problem, fit_evidence
+from fast.models.gap.evidence.candidates import LAW_SD, scale_value, weigh_candidates
+from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD, Scatter
+from fast.models.gap.evidence.likelihood import SHARED_SD, Problem, fit_evidence
 from fast.models.gap.evidence.reading import KNOTS_MM, OF_BINS
 from fast.models.gap.naming.rank_effects import list_secants
-from fast.models.records import EffectValue, Record
 from fast.models.traces.step_features import N_STEPS, STEP_MM
 
+SCATTER = Scatter()  # of cells and repeats of made-up worlds
+FALSE_SHARE = 0.01  # of worlds with nothing hidden, that each line lets pass
+LEAST_NATS = 15.0  # below it, nothing is an alarm, however few worlds were rehearsed
+SEEN = 0.9
+_FEWEST_SEEN = 10
 SMALLEST, LARGEST = 0.01, 0.2  # of the force: sizes of what is hidden
 _SOLVER_SD = 0.4  # of ln of how many times larger than the bank's variants a solver's errors are
-_OTHER_SOLVER = 0.3  # by how much another solver differs from cell to cell and along the lift, of what a variant changes
+_OTHER_SOLVER = (
+    0.3  # by how much another solver differs from cell to cell and along the lift, of what a variant changes
+)
 _MODULUS_SD = 0.25  # of ln E
 _INNER = 0.1  # of the grid: thetas lie farther from its ends
-_TRIES = 8
 
-Group = str
-NOTHING, LISTED, UNLISTED = "nothing", "listed", "unlisted"
+Group = Literal["nothing", "listed", "unlisted"]
+NOTHING: Group = "nothing"
+LISTED: Group = "listed"
+UNLISTED: Group = "unlisted"
 _LIFT_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A made-up world. steps_n: n x 120. cause: an effect or a kind of unlisted cause, empty for nothing. size: root
-    mean square of what it changes in means of cells, as a share of the force.
+    """A made-up world. steps_n: n x 120. cause: an effect or a kind of unlisted cause, empty for nothing.
+
+    size: root mean square of what it changes, as a share of the force. is_other_law: whether an effect has another law.
     """
 
     group: Group
@@ -45,56 +54,85 @@ class World:
     is_other_law: bool = False
 
 
-class Rehearsed(Record):
-    """What the likelihood said of a world: evidence of each candidate, and how much is left as a whole."""
+@dataclass(frozen=True)
+class Rehearsed:
+    """What the likelihood said of a world: the largest evidence of any candidate, and how much is left as a whole."""
 
-    group: str
+    group: Group
     cause: str
     size: float
-    is_other_law: bool
-    nats: dict[str, float]
+    nats: float
     omnibus: float
 
 
-def rehearse_world(problem: Problem, names: Sequence[str], seed: int, number: int) -> Rehearsed:
-    """Make and answer a world; the same for a seed and a number."""
-    world = make_world(problem, names, np.random.default_rng([seed, number]), number)
-    fit = fit_evidence(problem.measured(world.steps_n))
-    found = weigh_candidates(fit, names)
-    return Rehearsed(
-        group=world.group,
-        cause=world.cause,
-        size=world.size,
-        is_other_law=world.is_other_law,
-        nats=best_by_name(found),
-        omnibus=fit.omnibus,
-    )
+@dataclass(frozen=True)
+class Rehearsal:
+    """Rehearsed worlds, and the lines beyond which evidence and what is left are an alarm."""
+
+    worlds: tuple[Rehearsed, ...]
+    nats_line: float
+    omnibus_line: float
+
+    @staticmethod
+    def of(worlds: Sequence[Rehearsed]) -> "Rehearsal":
+        """Lines that one in a hundred worlds without anything hidden passes, each: the largest of fewer."""
+        nothing = [world for world in worlds if world.group == NOTHING]
+        place = int(FALSE_SHARE * len(nothing))
+        nats, omnibus = (sorted((getattr(one, name) for one in nothing), reverse=True) for name in ("nats", "omnibus"))
+        return Rehearsal(tuple(worlds), max(nats[place], LEAST_NATS), max(omnibus[place], 1.0))
+
+    def is_alarm(self, nats: float, omnibus: float) -> bool:
+        """Whether a world with these is more than what honest simulators differ by."""
+        return nats > self.nats_line or omnibus > self.omnibus_line
+
+    def find_seen_size(self, share: float = SEEN) -> float | None:
+        """Size from which on this share of what was hidden raised an alarm, of the force; None if none did."""
+        hidden = sorted((one for one in self.worlds if one.group != NOTHING), key=lambda one: -one.size)
+        found, n_seen = None, 0
+        for place, one in enumerate(hidden, start=1):
+            n_seen += self.is_alarm(one.nats, one.omnibus)
+            if n_seen >= share * place and place >= _FEWEST_SEEN:
+                found = one.size
+        return found
+
+    def estimate_hidden(self, *, is_alarm: bool) -> float:
+        """Share of the worlds on this side of the lines that hide something, as many as not being drawn."""
+        hidden = [one for one in self.worlds if one.group != NOTHING]
+        nothing = [one for one in self.worlds if one.group == NOTHING]
+        shares = [
+            (sum(self.is_alarm(one.nats, one.omnibus) == is_alarm for one in group) + 0.5) / (len(group) + 1.0)
+            for group in (hidden, nothing)
+        ]
+        return shares[0] / sum(shares)
 
 
-def best_by_name(candidates: Sequence[Candidate]) -> dict[str, float]:
-    """The largest evidence of each name; drifts of one quantity along one clock are one."""
-    found: dict[str, float] = {}
-    for one in candidates:
-        found[one.name] = max(one.nats, found.get(one.name, -np.inf))
-    return found
+def rehearse(problem: Problem, names: Sequence[str], n: int, seed: int) -> Rehearsal:
+    """The rehearsal of n worlds of a problem's panel; the same for a seed. names: effects that may be missing."""
+    found = []
+    for number in range(n):
+        world = make_world(problem, names, np.random.default_rng([seed, number]), number)
+        fit = fit_evidence(problem.measured(world.steps_n))
+        nats = weigh_candidates(fit, names)[0].nats
+        found.append(Rehearsed(world.group, world.cause, world.size, nats, fit.omnibus))
+    return Rehearsal.of(found)
 
 
 def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator, number: int) -> World:
-    """The world of a number: nothing, an effect, or a cause of no catalogue in turn."""
+    """The world of a number: nothing in every other; an effect and a cause of no catalogue in turn."""
     surrogate = problem.surrogate
     theta = _draw_theta(problem, rng)
     base_n = surrogate.predict_steps(theta)
-    group = (NOTHING, LISTED, UNLISTED)[number % 3]
+    group = (NOTHING, LISTED, NOTHING, UNLISTED)[number % 4]
     cause, change_n, is_other = "", np.zeros_like(base_n), False
     size = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
     if group == LISTED:
-        cause = names[(number // 3) % len(names)]
+        cause = names[(number // 4) % len(names)]
         is_other = bool(rng.uniform() < 0.5)
         change_n = _draw_effect(problem, theta, base_n, cause, size, rng)
         if is_other:
             change_n = change_n * _draw_law(problem, rng)
     elif group == UNLISTED:
-        cause = _UNLISTED[(number // 3) % len(_UNLISTED)]
+        cause = _UNLISTED[(number // 4) % len(_UNLISTED)]
         change_n = _draw_unlisted(problem, theta, base_n, cause, rng)
         change_n = change_n * size * _rms(base_n) / max(_rms(change_n), 1e-9)
     steps_n = _measure(problem, base_n + change_n, base_n, rng)
@@ -144,11 +182,6 @@ def _measure(problem: Problem, true_n: np.ndarray, base_n: np.ndarray, rng: np.r
     return np.asarray(measured_n + TARE_SD_N * rng.standard_normal((len(true_n), 1)))
 
 
-from fast.models.gap.evidence.errors import Scatter
-
-SCATTER = Scatter()
-
-
 def _draw_smooth(rng: np.random.Generator, n: int) -> np.ndarray:
     """Smooth functions of the lift, n x 120, of unit variance at the knots."""
     knots = rng.standard_normal((n, len(KNOTS_MM)))
@@ -158,8 +191,9 @@ def _draw_smooth(rng: np.random.Generator, n: int) -> np.ndarray:
 def _draw_effect(
     problem: Problem, theta: np.ndarray, base_n: np.ndarray, name: str, size: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """What an effect changes (n x 120) at an amplitude at which it changes about `size` of the force, or as near as it
-    plausibly comes.
+    """What an effect changes, n x 120, at an amplitude at which it changes about `size` of the force.
+
+    Or as near as it plausibly comes.
     """
     values = list_secants(name)
     value = values[int(rng.integers(len(values)))]
@@ -219,7 +253,9 @@ def _draw_unlisted(
     if cause == "a force of each object":
         return np.asarray(peak_n * per(grasps.obj, is_bent=False))
     if cause == "a delay of each object":
-        return np.asarray(-np.gradient(base_n, STEP_MM, axis=1) * rng.standard_normal(len(grasps.objects))[grasps.obj][:, None])
+        return np.asarray(
+            -np.gradient(base_n, STEP_MM, axis=1) * rng.standard_normal(len(grasps.objects))[grasps.obj][:, None]
+        )
     if cause == "a factor of each tool over the lift":
         return base_n * per(grasps.tool, is_bent=True)
     if cause == "a force that grows with the force":

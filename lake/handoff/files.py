@@ -37,9 +37,9 @@ from fast.lake.handoff.format import (
     HOW_COLUMNS,
     MATERIAL_COLUMNS,
     OBJECTS_FILE,
+    RECIPE_COLUMNS,
     SETTING_COLUMNS,
     SIMULATION_COLUMNS,
-    RECIPE_COLUMNS,
     TOOL_COLUMNS,
 )
 from fast.lake.handoff.samples import check_samples, needs_samples, read_traces

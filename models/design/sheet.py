@@ -32,6 +32,7 @@ code { font: 12px/1.5 ui-monospace, Menlo, Consolas, monospace; background: #f2f
 .tools { display: grid; grid-template-columns: 1fr 1fr; gap: 8px; padding: 0 1px }
 .tool { border: 1px solid #999; border-radius: 4px; padding: 8px 10px; display: flex; gap: 10px; break-inside: avoid }
 .tool h3 { font-size: 20px; margin: 0 } .tool svg { flex: none; height: 132px; width: 40px }
+.tool h3 small { font-size: 12px; font-weight: normal; color: #555 }
 .tool .text { flex: 1; min-width: 0 } .muted { color: #555 }
 dl { display: grid; grid-template-columns: auto auto auto auto; gap: 0 6px; margin: 4px 0; font-size: 11px }
 dl { white-space: nowrap } dd:nth-of-type(odd) { padding-right: 6px }
@@ -48,7 +49,7 @@ dt { color: #555 } dd { margin: 0; text-align: right; font-variant-numeric: tabu
 .recipe { font-size: 12px } .recipe dd { text-align: left } .recipe dd:nth-of-type(odd) { padding-right: 12px }
 .colour { display: inline-block; width: 10px; height: 10px; border: 1px solid #555; vertical-align: -1px }
 .steps { margin: 4px 0; padding: 0; list-style: none; font-size: 12px; columns: 2 } .steps li { break-inside: avoid }
-.warn { color: #8C2D04; font-size: 11px; margin: 4px 0 0 }
+.warn { color: #8C2D04; font-size: 10.5px; margin: 0; white-space: nowrap }
 @media (max-width: 600px) { body { margin: 12px } .tools { grid-template-columns: 1fr } }
 @media print {
   body { margin: 0; max-width: none; print-color-adjust: exact }
@@ -69,9 +70,7 @@ _LABELS = {
 }
 
 
-def batch_sheet_html(
-    title: str, items: Sequence[PrintItem], notes: Sequence[str], recipe: Recipe | None = None
-) -> str:
+def batch_sheet_html(title: str, items: Sequence[PrintItem], notes: Sequence[str], recipe: Recipe | None = None) -> str:
     """One self-contained HTML page: what to print and how, how it lies on the plate, what to type, what to measure.
 
     Ten tools on one plate print on two sides of A4. `notes` are printed as commands. A tool that breaks a rule of its
@@ -128,12 +127,14 @@ def _recipe(recipe: Recipe | None) -> str:
         "process": recipe.process.upper() if recipe.process != "polyjet" else "PolyJet",
         "printer": recipe.printer,
         **{f"{key} body": _body(key, recipe) for key in MATERIALS},
-        "layers": f"{recipe.layer_mm:g} mm, infill {recipe.infill_percent:g} %",
-        "nozzle": "" if recipe.nozzle_mm is None else f"{recipe.nozzle_mm:g} mm, {LINES_PER_WALL} lines a wall at least",
+        "layers": f"{recipe.layer_mm:g} mm" + (f", infill {recipe.infill_percent:g} %" if recipe.nozzle_mm else ""),
+        "nozzle": ""
+        if recipe.nozzle_mm is None
+        else f"{recipe.nozzle_mm:g} mm, at least {LINES_PER_WALL} lines a wall",
         "finish": recipe.finish,
         "support": recipe.support,
         "thinnest wall": f"{recipe.wall_mm:g} mm",
-        "narrowest gap": f"{recipe.support_gap_mm:g} mm" if recipe.support_gap_mm else "any",
+        "narrowest gap": f"{recipe.support_gap_mm:g} mm" if recipe.support_gap_mm else "",
     }
     cells = "".join(
         f"<dt>{name}</dt><dd>{value if name.endswith('body') else escape(value)}</dd>"
@@ -184,7 +185,7 @@ def _card(item: PrintItem, bodies: FingerBodies, recipe: Recipe | None) -> str:
     reference = find_reference(item.design)
     title = escape(item.label) if reference is None else f"{escape(item.label)} <small>reference finger</small>"
     broken = [] if recipe is None else broken_rules(item.design, recipe.limit(PrintingRules()))
-    warning = f'<p class="warn">Check before printing: {escape("; ".join(broken))}.</p>' if broken else ""
+    warning = f'<p class="warn">Check: {escape("; ".join(broken))}.</p>' if broken else ""
     labels = {name: _LABELS.get(name, spell_name(name)) for name in values}
     rows = "".join(f"<dt>{escape(labels[name])}</dt><dd>{_value(name, values[name])}</dd>" for name in values)
     blanks = "".join(f'<span>{name} <span class="blank"></span></span>' for name in ("front", "back", "rib", "Shore A"))
@@ -214,20 +215,16 @@ def _plans(layout: Sequence[PlacedFinger], trays: Sequence[str], bed_mm: tuple[f
     if len(trays) == 1:
         return _plan(layout, bed_mm) + words
     plans = "".join(
-        f"<div>{_plan([place for place in layout if place.plate == plate], bed_mm)}"
-        f'<p class="muted">{name}</p></div>'
+        f'<div>{_plan([place for place in layout if place.plate == plate], bed_mm)}<p class="muted">{name}</p></div>'
         for plate, name in enumerate(trays)
     )
     return f'<div class="plans">{plans}</div>{words}'
 
 
-def _plan(layout: Sequence[PlacedFinger], bed_mm: tuple[float, float]) -> str:
-    """A build plate from above, cut off behind the last row."""
-    depth = min(bed_mm[1], max(place.y_mm + place.height_mm for place in layout) + 12)
-    fingers = "".join(_on_plate(place, depth) for place in layout)
-    return (
-        f'<svg class="plan" viewBox="0 0 {bed_mm[0]:g} {depth:.1f}" role="img" aria-label="build plate">{fingers}</svg>'
-    )
+def _plan(layout: Sequence[PlacedFinger], width_mm: float, depth_mm: float) -> str:
+    """A build plate from above, cut off behind the last row of all plates."""
+    fingers = "".join(_on_plate(place, depth_mm) for place in layout)
+    return f'<svg class="plan" viewBox="0 0 {width_mm:g} {depth_mm:.1f}" role="img" aria-label="build plate">{fingers}</svg>'
 
 
 def _on_plate(place: PlacedFinger, depth: float) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 import trimesh
@@ -51,18 +51,36 @@ def tray_layout(items: Sequence[PrintItem], bed_mm: tuple[float, float] = BED_MM
         UsageError: a finger is larger than the plate.
     """
     placed: list[PlacedFinger] = []
-    x, y, row_height, plate = GAP_MM, GAP_MM, 0.0, 0
+    end = _End()
     for item in items:
-        length, height = item.design.length_mm, item.design.height_mm
-        check_bed(length, height, bed_mm, item.label)
-        for _ in range(FINGERS_PER_TOOL):
-            if x + length + GAP_MM > bed_mm[0]:
-                x, y, row_height = GAP_MM, y + row_height + GAP_MM, 0.0
-            if y + height + GAP_MM > bed_mm[1]:
-                x, y, row_height, plate = GAP_MM, GAP_MM, 0.0, plate + 1
-            placed.append(PlacedFinger(item.label, item.design, x, y, length, height, plate))
-            x, row_height = x + length + GAP_MM, max(row_height, height)
+        check_bed(item.design.length_mm, item.design.height_mm, bed_mm, item.label)
+        pair, after = _place_pair(item, end, bed_mm)
+        if pair[0].plate == end.plate < pair[-1].plate:  # the fingers of a tool stay together where a plate holds both
+            pair, after = _place_pair(item, _End(plate=end.plate + 1), bed_mm)
+        placed, end = placed + pair, after
     return placed
+
+
+class _End(NamedTuple):
+    """Where the next finger may lie, mm, how high its row is so far, and on which plate."""
+
+    x_mm: float = GAP_MM
+    y_mm: float = GAP_MM
+    row_mm: float = 0.0
+    plate: int = 0
+
+
+def _place_pair(item: PrintItem, end: _End, bed_mm: tuple[float, float]) -> tuple[list[PlacedFinger], _End]:
+    """The fingers of a tool from `end` on, and where the next tool begins."""
+    length, height, pair = item.design.length_mm, item.design.height_mm, []
+    for _ in range(FINGERS_PER_TOOL):
+        if end.x_mm + length + GAP_MM > bed_mm[0]:
+            end = _End(GAP_MM, end.y_mm + end.row_mm + GAP_MM, 0.0, end.plate)
+        if end.y_mm + height + GAP_MM > bed_mm[1]:
+            end = _End(plate=end.plate + 1)
+        pair.append(PlacedFinger(item.label, item.design, end.x_mm, end.y_mm, length, height, end.plate))
+        end = end._replace(x_mm=end.x_mm + length + GAP_MM, row_mm=max(end.row_mm, height))
+    return pair, end
 
 
 def check_bed(length_mm: float, height_mm: float, bed_mm: tuple[float, float], what: str) -> None:

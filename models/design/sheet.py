@@ -53,7 +53,7 @@ dt { color: #555 } dd { margin: 0; text-align: right; font-variant-numeric: tabu
 @media (max-width: 600px) { body { margin: 12px } .tools { grid-template-columns: 1fr } }
 @media print {
   body { margin: 0; max-width: none; print-color-adjust: exact }
-  .back { break-before: page; margin-top: 0 }
+  .back { break-before: page; margin-top: 0 } .tool { padding: 5px 10px } .fill { margin-top: 6px }
 }
 """
 
@@ -212,10 +212,12 @@ def _plans(layout: Sequence[PlacedFinger], trays: Sequence[str], bed_mm: tuple[f
     """The build plates from above."""
     size = f"{bed_mm[0]:g} x {bed_mm[1]:g} mm from above, its front edge at the bottom"
     words = f'<p class="muted">Build plate {size}; fingers lie on their side, each base carries its label.</p>'
+    depth_mm = min(bed_mm[1], max(place.y_mm + place.height_mm for place in layout) + 12)
     if len(trays) == 1:
-        return _plan(layout, bed_mm) + words
+        return _plan(layout, bed_mm[0], depth_mm) + words
     plans = "".join(
-        f'<div>{_plan([place for place in layout if place.plate == plate], bed_mm)}<p class="muted">{name}</p></div>'
+        f"<div>{_plan([place for place in layout if place.plate == plate], bed_mm[0], depth_mm)}"
+        f'<p class="muted">{name}</p></div>'
         for plate, name in enumerate(trays)
     )
     return f'<div class="plans">{plans}</div>{words}'
@@ -224,7 +226,8 @@ def _plans(layout: Sequence[PlacedFinger], trays: Sequence[str], bed_mm: tuple[f
 def _plan(layout: Sequence[PlacedFinger], width_mm: float, depth_mm: float) -> str:
     """A build plate from above, cut off behind the last row of all plates."""
     fingers = "".join(_on_plate(place, depth_mm) for place in layout)
-    return f'<svg class="plan" viewBox="0 0 {width_mm:g} {depth_mm:.1f}" role="img" aria-label="build plate">{fingers}</svg>'
+    box = f"0 0 {width_mm:g} {depth_mm:.1f}"
+    return f'<svg class="plan" viewBox="{box}" role="img" aria-label="build plate">{fingers}</svg>'
 
 
 def _on_plate(place: PlacedFinger, depth: float) -> str:

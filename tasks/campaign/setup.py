@@ -21,7 +21,7 @@ from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import BODIES, CampaignConfig, differences, read_toml, relative_to
 from fast.tasks.campaign.material import store_lot
-from fast.tasks.campaign.own_designs import OWN, REFERENCE
+from fast.tasks.campaign.own_designs import OWN
 from fast.tasks.scientist.prior import check_prior
 
 GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
@@ -144,11 +144,11 @@ def _with_recipe(config_toml: str, recipe: Recipe | None) -> str:
     for name, values in tables.items():
         there = said if name == "print" else said.get(name.removeprefix("print."), {})
         lines = [f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in values.items() if k not in there]
-        header = re.compile(rf"^[ \t]*\[{re.escape(name)}\][ \t]*(#.*)?$", re.MULTILINE)
-        if header.search(text):
-            text = header.sub(lambda found, lines=lines: "\n".join([found[0], *lines]), text, count=1)
-        else:
+        header = re.search(rf"^[ \t]*\[{re.escape(name)}\][ \t]*(#.*)?$", text, re.MULTILINE)
+        if header is None:
             text = "\n".join([text.rstrip(), "", f"[{name}]", *lines, ""])
+        else:
+            text = "\n".join([text[: header.end()], *lines]) + text[header.end() :]
     try:
         is_whole = load_record(Recipe, tomllib.loads(text)["print"], "[print]") == recipe
     except (tomllib.TOMLDecodeError, ConfigError):
@@ -184,9 +184,9 @@ def _check_own_designs(campaign: Campaign) -> None:
     rows = campaign.lake.rows(ProposalRow, campaign_id=campaign.campaign_id, fidelity="real")
     found: dict[int, list[tuple[int, str]]] = defaultdict(list)
     for row in rows:
-        found[row["batch"]] += [(row["slot"], row["design_id"])] if row["acquisition"] in (OWN, REFERENCE) else []
+        found[row["batch"]] += [(row["slot"], row["design_id"])] if row["acquisition"] == OWN else []
     for batch, slots in found.items():
-        now = [own.design.design_id for own in campaign.own_designs.get(batch, ())]
+        now = [own.design.design_id for own in campaign.own_designs.get(batch, ()) if own.rule == OWN]
         if [design_id for _, design_id in sorted(slots)] != now:
             raise ConfigError(
                 f"`{campaign.config.designs}` has {len(now)} designs for batch {batch}, which is proposed already with "

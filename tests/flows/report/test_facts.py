@@ -48,7 +48,7 @@ def test_a_reference_finger_is_no_tool_of_the_campaign():
     found = compare_with_reference(tools, find_best_tool(tools))
     assert found.times == "1.80 times the reference finger [1.75, 1.85]"
     assert found.ratio == ratio_of_means(54.0, 0.9, 30.0, 0.6)
-    assert "The reference finger is fin-ray (B01T0, 30.0 N)" in found.sentence
+    assert "The reference finger is fin-ray (B01T0, 30.0\N{NO-BREAK SPACE}N)" in found.sentence
 
 
 def test_two_prints_of_the_reference_count_by_their_mean():

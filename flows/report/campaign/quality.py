@@ -70,8 +70,8 @@ def _reference_tile(content: Content) -> list[tuple[Markup | str, str]]:
     if found is None:
         return []
     value, _, rest = found.times.partition(" times the reference finger")
-    what = f"reference finger {found.references[0].reference}: {number(found.reference_n, 1, 'N')}"
-    return [(Markup(f"{value} times <small>{rest}</small>"), what)]
+    what = f"times the reference finger {found.references[0].reference}: {number(found.reference_n, 1, 'N')}"
+    return [(Markup(f"{value} <small>{rest}</small>"), what)]
 
 
 def describe_quality(tool: Tool, digits: int = 2) -> str:

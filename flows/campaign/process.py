@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from prefect import get_run_logger
 from prefect.exceptions import MissingContextError
@@ -43,6 +43,9 @@ from fast.tasks.simulation.attempt import hang_limit_s
 from fast.tasks.simulation.engine import Engine, open_engine
 from fast.tasks.simulation.pool import WorkerPool
 
+if TYPE_CHECKING:
+    from fast.flows.report.campaign.reference import TimesReference
+
 _INTERRUPTS = (
     (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
     (Verb.STOP, "Stopping: the bench goes to its safe state at once; the data is kept."),
@@ -51,7 +54,10 @@ _INTERRUPTS = (
 
 @dataclass(frozen=True)
 class CampaignOutcome:
-    """What a campaign left behind when its process ended; measured tools best first. `ended_by`: what was asked."""
+    """What a campaign left behind when its process ended; measured tools best first. `ended_by`: what was asked.
+
+    `times_reference`: the best tool against the reference finger, where the campaign measured one.
+    """
 
     campaign_id: str
     is_complete: bool
@@ -59,6 +65,13 @@ class CampaignOutcome:
     report: Path | None = None
     recording: Path | None = None
     ended_by: Verb | None = None
+    times_reference: "TimesReference | None" = None
+
+    @property
+    def best(self) -> dict[str, Any] | None:
+        """The best measured tool, which is not the reference finger that it is compared with."""
+        references = {tool.tool_id for tool in self.times_reference.references} if self.times_reference else ()
+        return next((tool for tool in self.tools if tool["tool_id"] not in references), None)
 
 
 def run_in_process(
@@ -225,14 +238,16 @@ def hear_interrupts(run: CampaignRun, reporter: ProgressReporter) -> Iterator[No
 
 
 def _best_in_words(outcome: CampaignOutcome) -> str:
-    best = outcome.tools[0] if outcome.tools else None
+    best, found = outcome.best, outcome.times_reference
     words = f"best tool {best['tool_id']}, {best['tool_quality_n']:.2f} N; " if best else "no tool was measured; "
+    words += f"{found.times}; " if found else ""
     return f"{words}report {outcome.report}"
 
 
 def _write_results(campaign: Campaign, reporter: ProgressReporter) -> CampaignOutcome:
     reporter.progress("writing report and recording")
     # Seconds of imports, which a campaign that goes on after a crash does not wait for.
+    from fast.flows.report.campaign.content import Content
     from fast.flows.report.campaign.page import add_features, write_report
     from fast.flows.viewer.campaign import write_recording
 
@@ -240,6 +255,6 @@ def _write_results(campaign: Campaign, reporter: ProgressReporter) -> CampaignOu
     report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
     recording = campaign.output / f"{campaign.campaign_id}.rrd"
     write_recording(campaign.lake, campaign.campaign_id, recording)
-    return CampaignOutcome(
-        campaign.campaign_id, True, rank_tools(campaign.lake, campaign.campaign_id), report, recording
-    )
+    tools = rank_tools(campaign.lake, campaign.campaign_id)
+    found = Content.load(campaign.lake, campaign.campaign_id).times_reference
+    return CampaignOutcome(campaign.campaign_id, True, tools, report, recording, times_reference=found)

@@ -92,10 +92,8 @@ def find_anomalies(
         for kind, (measure, evidence, is_kind) in part.items():
             for place in np.flatnonzero(is_kind).tolist():
                 anomaly = _anomaly(place, kind, measure, evidence)
-                known = [key for key in found if key[0] == place and (key[1] == kind or {key[1], kind} <= _LOSSES)]
-                if not known:
-                    found[place, kind] = anomaly
-                elif known[0][1] == kind and anomaly.p_value < found[known[0]].p_value:
+                others = {key[1] for key in found if key[0] == place}
+                if kind not in others and not (kind in _LOSSES and others & _LOSSES):  # repeats come first
                     found[place, kind] = anomaly
     return sorted(found.values(), key=lambda anomaly: (anomaly.place, KINDS.index(anomaly.kind)))
 

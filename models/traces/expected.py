@@ -59,14 +59,14 @@ def predict_cells(difference: np.ndarray, tool: np.ndarray, object_id: np.ndarra
         rest = difference - middle - design @ terms
         weight = (_FIT_FREEDOM + 1.0) / (_FIT_FREEDOM + rest**2 / variance)
         diagonal = np.diag(inverse)
-        variance = max(float((weight * (rest**2 + np.einsum("ij,jk,ik->i", design, inverse, design))).mean()), 1e-9)
+        variance = max(float((weight * (rest**2 + ((design @ inverse) * design).sum(axis=1))).mean()), 1e-9)
         spread = np.array(
             [
                 max(float((terms[part] ** 2 + diagonal[part]).mean()), 1e-6 * variance)
                 for part in (slice(1, 1 + n_tools), slice(1 + n_tools, None))
             ]
         )
-    leverage = np.clip(weight * np.einsum("ij,jk,ik->i", design, inverse, design) / variance, 0.0, 0.95)
+    leverage = np.clip(weight * ((design @ inverse) * design).sum(axis=1) / variance, 0.0, 0.95)
     return difference - rest / (1.0 - leverage), 1.0 / np.sqrt(1.0 - leverage)
 
 

@@ -1,8 +1,9 @@
 """Measured grasps held against what is expected of their tool and object, over the whole trace.
 
 Expected is the simulated trace, or where there is none the middle of what other tools do on the same object; `expected`
-puts it right and says how far chance goes. Three things are looked at: whether the gripper closed, whether the object is
-still held late in the lift, and whether it is pressed down at its start. Repeats that all went wrong alike show here.
+puts it right and says how far chance goes. Three things are looked at: whether the gripper closed, whether the object
+is still held late in the lift, and whether it is pressed down at its start. Repeats that all went wrong alike show
+here.
 """
 
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from fast.models.traces.batch import TraceFeatures
 from fast.models.traces.expected import LEAST_CELLS, find_shortfalls
 from fast.models.traces.names import DIP_MM, NOISE_N, PROFILE_STEP_MM
 
-LEAST_SCALE = 0.05  # of ln force, and of a force over that of the cell: no simulator is better than 5 %
+LEAST_SCALE = 0.03  # of ln force, and of a force over that of the cell: no simulator and no gauge is better than 3 %
 LATE = (0.75, 0.95)  # of the lift over which the object should be held
 _HELD = 0.05  # of the largest force, and at least `_HELD_N`: less is not held
 _HELD_N = 0.1
@@ -113,11 +114,14 @@ def _start_n(features: TraceFeatures) -> np.ndarray:
     return np.stack([features.column("initial_force_n"), features.profile_n[:, 0], features.profile_n[:, 1]])
 
 
-def _press(starts: np.ndarray, level_n: np.ndarray, cells: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _press(
+    starts: np.ndarray, level_n: np.ndarray, cells: np.ndarray, cell: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """How much harder the object is pressed down than expected, N, and p-values (n each).
 
-    It is the push that explains the start of the lift best. A push dies away over `DIP_MM` of lift, by exp(-lift / `DIP_MM`). Its size is that of generalised least squares
-    (Aitken 1935) on the three forces of the start, whose errors go together as those of all cells do.
+    It is the push that explains the start of the lift best. A push dies away by exp(-lift / `DIP_MM`). Its size is that
+    of generalised least squares (Aitken 1935) on the three forces of the start, whose errors go together as those of
+    all cells do.
     """
     rests = np.stack([_short(start, cells, cell)[2] for start in starts])
     sizes = np.maximum(np.median(np.abs(rests), axis=1) / 0.6745, 1e-3)

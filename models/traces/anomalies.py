@@ -44,8 +44,8 @@ MEASURES: dict[str, Measure] = {
     "preload": Measure("N", 0.7, 0.1),
     "zero": Measure("N", 0.15, 0.02),
 }
-# The least shortfalls of what is expected that matter: of a force, a third; of a push, as of repeats.
-LEAST_OF_EXPECTED = {"grip": 0.4, "late": 0.4, "press": 0.7}
+# The least shortfalls of what is expected that matter: of ln(force + 0.5 N), and of a push in N.
+LEAST_OF_EXPECTED = {"grip": 0.4, "late": 0.3, "press": 0.7}
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +166,7 @@ def _separation_mm(features: TraceFeatures) -> np.ndarray:
     return np.nan_to_num(features.column("separation_lift_mm"), nan=0.0)
 
 
-def _kinds_by_repeats(
-    features: TraceFeatures, labels: Labels, evidence: dict[str, Evidence], limit_p: float
-) -> _Found:
+def _kinds_by_repeats(features: TraceFeatures, labels: Labels, evidence: dict[str, Evidence], limit_p: float) -> _Found:
     """Which grasps are of each kind beside their repeats; a drift or an earlier loss explains later ones."""
     flagged = {name: found.is_flagged(MEASURES[name].least, limit_p) for name, found in evidence.items()}
     let_go_mm = np.nan_to_num(_to_repeats(_separation_mm(features), labels))

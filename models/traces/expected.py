@@ -37,7 +37,7 @@ class Chance:
 
 
 def predict_cells(difference: np.ndarray, tool: np.ndarray, object_id: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Difference that the other cells lead to expect of each of n cells, and how much its error grows by that (n, >= 1).
+    """Difference that the other cells lead to expect of each of n cells, and how much its error grows so (n, >= 1).
 
     Args:
         difference: n, measured less simulated, finite.

@@ -24,7 +24,9 @@ AGAIN_DUE, MEASURED_AGAIN = "again_due", "measured_again"  # kinds of events
 FAULT, SO, NOT_MADE = "fault", "so", "not_made"  # what is decided of a cell
 
 _NOT_OF_A_CELL = ("drifting_cell",)
-_REPEATS = "SELECT tool_id, object_id, count(*) FROM grasp_summary WHERE campaign_id = ? AND is_valid AND is_base GROUP BY ALL"
+_REPEATS = (
+    "SELECT tool_id, object_id, count(*) FROM grasp_summary WHERE campaign_id = ? AND is_valid AND is_base GROUP BY ALL"
+)
 _STATES = "SELECT tool_id, object_id, grasp_id FROM asked_grasps WHERE search_id = ? ORDER BY place"
 
 

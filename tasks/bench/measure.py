@@ -58,8 +58,8 @@ def measure_batch(
     """Have tools of a batch measured one after the other, its reference tools first; one process holds the bench.
 
     `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
-    state. Cells whose repeats all look wrong are measured once more at the end. The gantry is checked for lost steps at the end, also of a batch that is paused, and every
-    `execution.position_check_tools` tools.
+    state. Cells whose repeats all look wrong are measured once more at the end. The gantry is checked for lost steps at
+    the end, also of a batch that is paused, and every `execution.position_check_tools` tools.
 
     Raises:
         FastError: another process holds the bench of this lake.

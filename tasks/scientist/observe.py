@@ -129,7 +129,7 @@ def proposed_designs(state: CampaignState) -> dict[str, Design]:
 
 
 def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps or diagnostic runs still to be made; all if it owes a second look."""
+    """Printed tools of a confirmed batch with grasps or runs still to be made; all of one that owes a second look."""
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.cells(0)

@@ -22,7 +22,8 @@ _FEATURES = f"""
 """
 # The newest simulation of each design on each object, by whichever version: what is wrong everywhere cancels out.
 _SIMULATED = """
-    SELECT s.design_id, s.object_id, arg_max(t.lift_mm, s.sequence) AS lift_mm, arg_max(t.force_n, s.sequence) AS force_n
+    SELECT s.design_id, s.object_id, arg_max(t.lift_mm, s.sequence) AS lift_mm,
+        arg_max(t.force_n, s.sequence) AS force_n
     FROM simulations AS s JOIN sim_traces AS t USING (simulation_id)
     WHERE s.status = 'ok' AND s.setup_id = $setup AND s.design_id IN (SELECT unnest($designs)) GROUP BY ALL
 """

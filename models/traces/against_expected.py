@@ -138,6 +138,6 @@ def _short(difference: np.ndarray, cells: np.ndarray, cell: np.ndarray) -> tuple
     order = np.argsort(cell, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(cell[order])) + 1)
     middle = np.array([np.median(difference[part]) for part in parts])
-    shortfall, own, chance = find_shortfalls(middle, *cells, LEAST_SCALE)
+    shortfall, own, chance = find_shortfalls(middle, cells[0], cells[1], LEAST_SCALE)
     of_grasp = (middle + shortfall)[cell] - difference
     return of_grasp, chance.p_of(of_grasp / own[cell]), shortfall

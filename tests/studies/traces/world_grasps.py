@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -111,7 +112,7 @@ def simulate_cells(tools: Sequence[int], objects: Sequence[int], options: Option
     version = SimulatorVersion()
 
     def solve(tool: int, object_id: int) -> WorldGrasp:
-        labels = {"tool": tool, "object_id": object_id, "world_hash": SIMULATED, "code": code}
+        labels: dict[str, Any] = {"tool": tool, "object_id": object_id, "world_hash": SIMULATED, "code": code}
         started = time.process_time()
         try:
             trace = simulate_grasp(numbered_design(tool), OBJECTS[object_id], version, SETUP).trace
@@ -160,11 +161,11 @@ def _solve(world: World, tool: int, object_id: int, code: str) -> WorldGrasp:
         cpu_s = round(time.process_time() - started, 3)
         return WorldGrasp(tool=tool, object_id=object_id, world_hash=world.world_hash, code=code, cpu_s=cpu_s)
     cpu_s = round(time.process_time() - started, 3)
-    labels = {"tool": tool, "object_id": object_id, "world_hash": world.world_hash, "code": code}
+    labels: dict[str, Any] = {"tool": tool, "object_id": object_id, "world_hash": world.world_hash, "code": code}
     return WorldGrasp(**labels, cpu_s=cpu_s, **_channels(trace))
 
 
-def _channels(trace: Trace) -> dict[str, list[float]]:
+def _channels(trace: Trace) -> dict[str, Any]:
     return {name: np.round(getattr(trace, name), _DIGITS).tolist() for name in ("time_s", "lift_mm", "force_n")}
 
 

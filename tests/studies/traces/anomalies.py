@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 N_WORLDS = 10  # of their own noise and scatter of repeats, of each file
 WORLDS = ("quick", "slip", "lab")  # the simulator is nearly right, wrong in one thing, and wrong as of a real lab
-FIRST_TOOL = 6  # the tools before chose the constants, so they judge nothing
+FIRST_TOOL = (
+    6  # the tools before chose the constants, so they judge nothing; in `lab` these helped to choose the measure
+)
 PLANTED_SHARE = 0.01  # of the grasps, of each kind: half of them a single repeat, half all repeats of a tool and object
 QUANTILES = (0.05, 0.01, 0.001)
 

@@ -400,6 +400,12 @@ class Execution(Record):
     position_check_tools: int = Field(
         default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"
     )
+    again_grasps: int = Field(
+        default=6,
+        ge=0,
+        le=360,
+        description="grasps of a batch that the gantry makes again where they look wrong; 0: none",
+    )
 
     @field_validator("engine")
     @classmethod

@@ -9,6 +9,7 @@ from fast.models.records import Design, SimulatorVersion
 from fast.models.scientist.objectives import MEAN_PEAK, Outcome
 from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObjectValues, ObservationSet
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
+from fast.tasks.bench.again import is_owed
 from fast.tasks.bench.plan import find_missing_runs
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState, ProposedTool, tuples
@@ -128,16 +129,19 @@ def proposed_designs(state: CampaignState) -> dict[str, Design]:
 
 
 def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps or diagnostic runs still to be made."""
+    """Printed tools of a confirmed batch with grasps or runs still to be made; all of one that owes a second look."""
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.cells(0)
     limit = campaign.config.max_grasp_attempts
-    return [
+    found = [
         tool
         for tool in state.tools_of(batch)
         if state.missing_grasps(tool, plan, limit) or find_missing_runs(campaign, state, tool)
     ]
+    if found or not is_owed(campaign, batch):
+        return found
+    return [tool for tool in state.tools_of(batch) if state.is_to_be_had(tool)]
 
 
 def closed_batches(campaign: Campaign, state: CampaignState) -> list[int]:

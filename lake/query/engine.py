@@ -82,7 +82,6 @@ class Engine:
         self.connection.execute("ATTACH ':memory:' AS held (COMPRESS)")
         self.connection.execute("USE held")
         self.connection.execute("SET TimeZone = 'UTC'")
-        self.connection.execute("SET parquet_metadata_cache = true")
         self.connection.execute(f"SET memory_limit = '{_MEMORY_LIMIT}'")
         self.connection.execute(f"SET temp_directory = {_quote(self._upgrades.temporary / 'spilled')}")
         self.connection.execute("BEGIN TRANSACTION")  # one for all: each would take as long as its statements

@@ -5,6 +5,7 @@ command at the missing grasp.
 """
 
 import contextlib
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
@@ -21,6 +22,7 @@ from fast.flows.campaign.gap_step import close_gap
 from fast.flows.campaign.loops import BenchLoop, CampaignRun, SimulationLoop
 from fast.flows.campaign.night import begin_night
 from fast.flows.campaign.page import CampaignPage
+from fast.flows.memory import give_memory_back
 from fast.flows.server.run_process import RunningProcess
 from fast.lake.maintenance import compact
 from fast.lake.tables.campaign import TABLES
@@ -97,8 +99,11 @@ def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> boo
         if run.should_stop():
             return False
         run.reporter.announce(night.close().sentence)
-    _ensure_proposed(campaign, stage)
     batches = campaign.config.schedule.batches_of(stage)
+    if not all(campaign.state().tools_of(batch) for batch in batches):
+        started_s = time.monotonic()
+        steps.propose_batch(f"B{batches[-1]:02d}", unmapped(campaign), stage)
+        run.pace.note_between(time.monotonic() - started_s, len(batches))
     _run_loops(run, BenchLoop(run, batches), SimulationLoop(run, stage), on_event)
     if not run.should_stop():
         _close_stage(campaign, stage)
@@ -154,13 +159,6 @@ def _next_event(run: CampaignRun, on_wait: Callable[[], None]) -> PrefectFuture[
             return run.events.get(timeout=POLL_S)
 
 
-def _ensure_proposed(campaign: Campaign, stage: int) -> None:
-    """Have the tools of a stage proposed, unless the lake has them already."""
-    batches, state = campaign.config.schedule.batches_of(stage), campaign.state()
-    if not all(state.tools_of(batch) for batch in batches):
-        steps.propose_batch(f"B{batches[-1]:02d}", unmapped(campaign), stage)
-
-
 def _close_stage(campaign: Campaign, stage: int) -> None:
     """Merge the small files of the stage: one per grasp while it ran, few afterwards."""
     for row_type in TABLES:
@@ -170,3 +168,4 @@ def _close_stage(campaign: Campaign, stage: int) -> None:
         campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed
     )
     announce_measured(campaign, closed)
+    give_memory_back()

@@ -5,7 +5,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from fast.flows.progress import Bar, RateEstimate
+from fast.flows.campaign.pace import Pace, count_left
+from fast.flows.progress import Bar
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.campaign.state import CampaignState
@@ -59,29 +60,37 @@ class CampaignProgress:
     def __init__(
         self, campaign: Campaign, report: Callable[[str, Sequence[Bar]], None], interval_s: float = 5.0
     ) -> None:
+        self.pace = Pace()
         self._campaign = campaign
         self._report = report
         self._interval_s = interval_s
         self._next_s = 0.0
-        self._grasps, self._simulations = RateEstimate(), RateEstimate()
 
-    def line(self, what: str, *, force: bool = False) -> None:
+    def grasp(self, what: str) -> None:
+        """Report a grasp that was just measured."""
+        self.pace.note_grasp()
+        self._line(what, is_due=time.monotonic() >= self._next_s)
+
+    def simulated(self, what: str) -> None:
+        """Report a design that was just simulated on all objects."""
+        self.pace.note_simulated(len(self._campaign.object_ids))
+        self._line(what, is_due=True)
+
+    def _line(self, what: str, *, is_due: bool) -> None:
         """Report `what` just happened, with counts and the time left."""
-        now = time.monotonic()
-        if not force and now < self._next_s:
+        if not is_due:
             return
         before_s = time.thread_time()
-        load = count_work(self._campaign, at_present(self._campaign).state())
-        self._grasps.update(load.grasps_done, now)
-        self._simulations.update(load.simulated_done, now)
-        self._report(what, self._bars(load))
+        state = at_present(self._campaign).state()
+        load, left = count_work(self._campaign, state), count_left(self._campaign, state)
+        self.pace.see(left[0])
+        self._report(what, self._bars(load, self.pace.seconds_left(left, len(self._campaign.object_ids))))
+        now = time.monotonic()
         self._next_s = now + max(self._interval_s, (time.thread_time() - before_s) / MOST_CPU)
 
-    def _bars(self, load: Workload) -> list[Bar]:
-        """Of bench and simulations, which work side by side; what people take to print is not in it."""
-        grasps_s = self._grasps.seconds_left(load.grasps_total - load.grasps_done)
-        simulated_s = self._simulations.seconds_left(load.simulated_total - load.simulated_done)
+    def _bars(self, load: Workload, left_s: float | None) -> list[Bar]:
+        """Of bench and simulations, which end together; what people take to print is not in the time."""
         return [
-            Bar("grasps", load.grasps_done, load.grasps_total, grasps_s),
-            Bar("simulated", load.simulated_done, load.simulated_total, simulated_s),
+            Bar("grasps", load.grasps_done, load.grasps_total, left_s),
+            Bar("simulated", load.simulated_done, load.simulated_total, left_s),
         ]

@@ -18,6 +18,7 @@ import psutil
 from fast.flows.benchmarks.made_up_campaign import made_up_attempt, use_made_up_physics
 from fast.flows.benchmarks.outcomes import RecordFile
 from fast.flows.benchmarks.overhead import spent_so_far
+from fast.flows.cli.common import say
 from fast.flows.progress import Bar, ProgressReporter
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
@@ -59,7 +60,8 @@ class Sampler:
 
     def __init__(self, root: Path, part: int, file: RecordFile) -> None:
         self._root, self._part, self._file = root, part, file
-        self._started_s, self._left_s, self._is_reporting = time.monotonic(), None, False
+        self._started_s, self._is_reporting = time.monotonic(), False
+        self._left_s: float | None = None
         self._counts = _count_rows(root)
         self._lock = threading.Lock()
 
@@ -82,7 +84,7 @@ class Sampler:
     def hear_line(self, line: str) -> None:
         """Note when the report begins."""
         self._is_reporting = self._is_reporting or line.startswith("writing report")
-        print(line, flush=True)
+        say(line)
 
     def write(self, *, is_end: bool = False) -> None:
         """One sample, now."""

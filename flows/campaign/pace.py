@@ -4,6 +4,7 @@ Bench and simulations of a stage go on side by side and share the machine, so ea
 while it is alone. A guided simulation waits for its proposal, an initial one does not, so these are kinds of their own.
 """
 
+import math
 import threading
 import time
 from collections import deque
@@ -14,8 +15,9 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState
 from fast.tasks.scientist.observe import unfinished_tools
 
+LEAST = 3  # of them, before a case counts as seen: the first one began in the other case
 WINDOW = 200  # grasps, or simulated designs, over which a pace is taken
-LONGEST_GAP_S = 90.0  # a longer one is a break: a print, a pause
+LONGEST_GAP_S = 90.0  # between grasps; a longer one is a break, such as a print
 PROPOSAL_S = 0.3  # of a guided simulation, before one was seen: a proposal and its share of a fit at 500 designs
 
 
@@ -78,6 +80,7 @@ def count_simulated_left(campaign: Campaign, state: CampaignState, stage: int) -
 class _Kind:
     """Units of one kind that ended lately: when the one before had, the seconds it took, and how many it was."""
 
+    longest_gap_s: float = math.inf
     last_s: float | None = None
     steps: dict[bool, deque[tuple[float, int]]] = field(
         default_factory=lambda: {shared: deque(maxlen=WINDOW) for shared in (False, True)}
@@ -85,16 +88,14 @@ class _Kind:
 
     def note(self, n: int, now_s: float, is_shared: bool) -> None:
         """Note that `n` more units ended."""
-        if self.last_s is not None and now_s - self.last_s <= LONGEST_GAP_S:
+        if self.last_s is not None and now_s - self.last_s <= self.longest_gap_s:
             self.steps[is_shared].append((now_s - self.last_s, n))
         self.last_s = now_s
 
-    def s_each(self, is_shared: bool) -> float | None:
-        """Seconds per unit while the other kind goes on too, or does not; of the other case before it was seen."""
-        for steps in (self.steps[is_shared], self.steps[not is_shared]):
-            if n := sum(count for _, count in steps):
-                return sum(seconds for seconds, _ in steps) / n
-        return None
+    def s_each(self, is_shared: bool, least: int = LEAST) -> float | None:
+        """Seconds per unit while the other kind goes on too, or does not; None before that was seen so often."""
+        steps = self.steps[is_shared]
+        return sum(s for s, _ in steps) / sum(n for _, n in steps) if len(steps) >= least else None
 
 
 class Pace:
@@ -102,7 +103,7 @@ class Pace:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._grasps, self._initial, self._guided = _Kind(), _Kind(), _Kind()
+        self._grasps, self._initial, self._guided = _Kind(LONGEST_GAP_S), _Kind(), _Kind()
         self._between_s: float | None = None
         self._stage: StageLeft | None = None
 
@@ -141,25 +142,34 @@ class Pace:
 
     def _of_stage(self, stage: StageLeft, n_objects: int) -> float | None:
         """Both kinds side by side until one is done, then the other alone."""
-        grasps, simulated = [], []
-        for is_shared in (True, False):
-            grasps.append(self._grasps.s_each(is_shared) if stage.grasps else 0.0)
-            simulated.append(self._s_simulated(stage.is_guided, is_shared, n_objects) if stage.simulated else 0.0)
-        if grasps[0] is None or grasps[1] is None or simulated[0] is None or simulated[1] is None:
-            return None
-        bench_s, simulation_s = stage.grasps * grasps[0], stage.simulated * simulated[0]
-        shared_s = min(bench_s, simulation_s)
-        alone_s = stage.grasps * grasps[1] * _rest(bench_s, shared_s)
-        return shared_s + alone_s + stage.simulated * simulated[1] * _rest(simulation_s, shared_s)
+        kind, extra_s = self._guided if stage.is_guided else self._initial, 0.0
+        if stage.is_guided and self._s_each(kind, True) is None:
+            kind, extra_s = self._initial, PROPOSAL_S / n_objects
+        shared, alone = [], []
+        for n, each, more_s in ((stage.grasps, self._grasps, 0.0), (stage.simulated, kind, extra_s)):
+            paces = self._s_each(each, True), self._s_each(each, False)
+            if n and (paces[0] is None or paces[1] is None):
+                return None
+            shared.append(n * ((paces[0] or 0.0) + more_s))
+            alone.append(n * ((paces[1] or 0.0) + more_s))
+        shared_s = min(shared)
+        return shared_s + sum(one * _rest(of_both, shared_s) for one, of_both in zip(alone, shared, strict=True))
 
-    def _s_simulated(self, is_guided: bool, is_shared: bool, n_objects: int) -> float | None:
-        if not is_guided:
-            return self._initial.s_each(is_shared)
-        seen = self._guided.s_each(is_shared)
-        if seen is not None:
+    def _s_each(self, kind: _Kind, is_shared: bool) -> float | None:
+        """Seconds per unit; of a case that was not seen, those of the other, as others differ between the two."""
+        seen, other = kind.s_each(is_shared), kind.s_each(not is_shared)
+        if seen is None and other is None:
+            few = kind.s_each(is_shared, 1)
+            return few if few is not None else kind.s_each(not is_shared, 1)
+        if seen is not None or other is None:
             return seen
-        initial = self._initial.s_each(is_shared)
-        return None if initial is None else initial + PROPOSAL_S / n_objects
+        return other * self._slower() if is_shared else other / self._slower()
+
+    def _slower(self) -> float:
+        """How much longer a unit takes while both kinds go on, mean of the kinds of which both cases were seen."""
+        pairs = [(kind.s_each(True), kind.s_each(False)) for kind in (self._grasps, self._initial, self._guided)]
+        ratios = [shared / alone for shared, alone in pairs if shared and alone]
+        return sum(ratios) / len(ratios) if ratios else 1.0
 
 
 def _rest(whole_s: float, done_s: float) -> float:

@@ -10,6 +10,7 @@ from fast.hardware.cell.diagnostics import NO_OBJECT
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.lake.leases import exclusive
+from fast.lake.maintenance import compact
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow
@@ -81,6 +82,9 @@ def measure_batch(
             on_grasp(work.tool, grasp)
 
         measure(bench, work, count)
+        # A file for each grasp makes every look at the lake dearer: a batch would leave two thousand.
+        for row_type in (GraspRow, TraceRow):
+            compact(campaign.lake, row_type)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
     owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")

@@ -17,7 +17,7 @@ import psutil
 
 from fast.flows.benchmarks.made_up_campaign import made_up_attempt, use_made_up_physics
 from fast.flows.benchmarks.outcomes import RecordFile
-from fast.flows.benchmarks.overhead import spent_so_far
+from fast.flows.benchmarks.overhead import server_of_study, spent_so_far
 from fast.flows.cli.common import say
 from fast.flows.progress import Bar, ProgressReporter
 from fast.lake.provenance import Provenance
@@ -130,10 +130,11 @@ def run(config: Path, root: Path, samples: Path, part: int) -> None:
     from fast.flows.campaign.launch import run_campaign
     from fast.tasks.simulation import simulate as simulating
 
-    use_made_up_physics()
-    simulating.attempt_grasp = partial(made_up_attempt, wall_s=0.0)
     append: Callable[..., Any] = Lake.append
-    with RecordFile(samples) as file:
+    # The server comes first: made-up physics imports Prefect, which then takes its settings for good.
+    with RecordFile(samples) as file, server_of_study(Lake.open(root, create=True)):
+        use_made_up_physics()
+        simulating.attempt_grasp = partial(made_up_attempt, wall_s=0.0)
         sampler = Sampler(root, part, file)
 
         def counted(lake: Lake, rows: Sequence[Row], provenance: Provenance) -> None:

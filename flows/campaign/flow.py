@@ -5,8 +5,10 @@ command at the missing grasp.
 """
 
 import contextlib
+import logging
 import time
 from collections.abc import Callable
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from functools import partial
 from queue import Empty
@@ -24,8 +26,7 @@ from fast.flows.campaign.night import begin_night
 from fast.flows.campaign.page import CampaignPage
 from fast.flows.memory import give_memory_back
 from fast.flows.server.run_process import RunningProcess
-from fast.lake.maintenance import compact
-from fast.lake.tables.campaign import TABLES
+from fast.lake.maintenance import compact_all
 from fast.models.errors import FastError
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
@@ -33,6 +34,9 @@ from fast.tasks.campaign.flow_runs import record_run
 from fast.tasks.campaign.prefect_tasks import unmapped
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.scientist.observe import closed_batches
+from fast.tasks.simulation.pool import Worker
+
+logger = logging.getLogger(__name__)
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
 
@@ -160,9 +164,14 @@ def _next_event(run: CampaignRun, on_wait: Callable[[], None]) -> PrefectFuture[
 
 
 def _close_stage(campaign: Campaign, stage: int) -> None:
-    """Merge the small files of the stage: one per grasp while it ran, few afterwards."""
-    for row_type in TABLES:
-        compact(campaign.lake, row_type)
+    """Merge the small files of the stage, in a process of its own: it reads all samples of a merged file at once."""
+    merger = Worker()
+    try:
+        merger.call(compact_all, campaign.lake)
+    except BrokenProcessPool:
+        logger.warning("the process that merges files was killed; `fast lake compact` merges them")
+    finally:
+        merger.close()
     closed = closed_batches(campaign, campaign.state())
     append_event(
         campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed

@@ -194,7 +194,9 @@ def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulati
 def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
     result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
     what = f"on {name_object(grasp.object_id)}, repeat {grasp.repeat}"
-    progress.grasp(f"{tool.label} {grasp.diagnostic.text() if grasp.diagnostic else what}: {result}")
+    is_owed = grasp.status == "ok" and grasp.diagnostic is None and grasp.request is None
+    words = f"{tool.label} {grasp.diagnostic.text() if grasp.diagnostic else what}: {result}"
+    progress.grasp(words, is_owed=is_owed)
 
 
 def _tell_simulated(progress: CampaignProgress, label: str, n_failed: int) -> None:

@@ -43,6 +43,9 @@ _SINCE_LAST_CHECK = f"""
     SELECT id FROM made, last WHERE checked IS NULL OR place > checked ORDER BY place, id
 """
 
+# Of a merged file before its stage ends: those of four tools. What is read at once stays small in memory.
+_MERGED_BYTES = 2 * 2**20
+
 logger = logging.getLogger(__name__)
 
 
@@ -84,7 +87,7 @@ def measure_batch(
         measure(bench, work, count)
         # A file for each grasp makes every look at the lake dearer: a batch would leave two thousand.
         for row_type in (GraspRow, TraceRow):
-            compact(campaign.lake, row_type)
+            compact(campaign.lake, row_type, _MERGED_BYTES)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
     owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")

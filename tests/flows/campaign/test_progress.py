@@ -33,23 +33,40 @@ def test_share_of_work_done():
     assert Workload(5, 10, 15, 30).fraction == 0.5
 
 
-def test_lines_that_cost_much_come_seldom_and_the_pace_is_known_all_the_same(monkeypatch, clock, lines, reporter):
+def test_the_lake_is_read_seldom_and_grasps_are_counted_between(monkeypatch, clock, lines, reporter):
     """A bench measures for days: what people read of it must not cost more than the rest."""
+    n_made, looks = [0], []
 
     def count(campaign, state) -> Workload:
         clock.cpu_s += 0.12
-        return Workload(100, 200, 30, 30)
+        looks.append(clock.s)
+        return Workload(n_made[0], 1000, 30, 30)
 
     monkeypatch.setattr(progress, "count_work", count)
-    monkeypatch.setattr(progress, "count_left", lambda campaign, state: [StageLeft(100, 0, is_guided=False)])
+    left = lambda campaign, state: [StageLeft(1000 - n_made[0], 0, is_guided=False)]  # noqa: E731
+    monkeypatch.setattr(progress, "count_left", left)
     for _ in range(500):
         clock.s += 2.0
+        n_made[0] += 1
         reporter.grasp("a grasp")
-    assert len(lines) == 9  # at 2 s, and then every 120 s
+    assert len(looks) == 9  # at 2 s, and then every 120 s
     assert clock.cpu_s / clock.s == pytest.approx(MOST_CPU, rel=0.1)
-    assert lines[-1].endswith("3 min left")
+    assert len(lines) == 167  # every 6 s, the first grasp after five
+    assert lines[-1].endswith("grasps 499/1000, simulated 30/30  |  17 min left")
     reporter.simulated("a design")
-    assert len(lines) == 10
+    assert len(looks) == 10
+    assert "grasps 500/1000" in lines[-1]
+
+
+def test_grasps_that_the_schedule_does_not_owe_are_not_counted(monkeypatch, clock, lines, reporter):
+    monkeypatch.setattr(progress, "count_work", lambda campaign, state: Workload(0, 9, 0, 0))
+    monkeypatch.setattr(progress, "count_left", lambda campaign, state: [StageLeft(9, 0, is_guided=False)])
+    reporter.simulated("a design")
+    monkeypatch.setattr(reporter, "_next_look_s", 1e9)
+    for is_owed in (True, False, True):
+        clock.s += 10.0
+        reporter.grasp("a grasp", is_owed=is_owed)
+    assert [line.split("grasps ")[1].split(",")[0] for line in lines] == ["0/9", "1/9", "1/9", "2/9"]
 
 
 def test_a_break_is_no_part_of_the_pace_of_the_grasps(monkeypatch, clock, lines, reporter):

@@ -4,6 +4,7 @@ Grasps and simulations are made up and cost nothing; the flow, the server, the l
 devices of the virtual bench are the real ones. The campaign is killed three times on the way and continued.
 """
 
+import math
 import re
 import resource
 import signal
@@ -181,7 +182,7 @@ def whole(samples: Sequence[Sample]) -> dict[str, Any]:
         "largest_rss_before_report_mb": max(s.rss_mb for s in working),
         "first_tenth_cpu_ms_per_row": rows[0]["cpu_ms_per_row"],
         "last_tenth_cpu_ms_per_row": rows[-1]["cpu_ms_per_row"],
-        "worst_eta_factor": max((max(r, 1 / r) for r in ratios), default=None),
+        "worst_eta_factor": max((max(r, 1 / r) if r > 0 else math.inf for r in ratios), default=None),
         "eta_within_1_3_percent": 100 * sum(1 / 1.3 <= r <= 1.3 for r in ratios) / len(ratios) if ratios else None,
     }
 

@@ -34,9 +34,7 @@ from fast.models.errors import LakeError, UsageError
 
 _LOG = logging.getLogger(__name__)
 _READ_ATTEMPTS = 50  # a file may be merged into another between listing and reading
-_LOOSE_ROWS = (
-    5_000  # merged files bring their rows again: 40 MB of 3,200 grasps, and a hundredth of a second to compress
-)
+_LOOSE_ROWS = 5_000  # merged files bring their rows again: 33 MB at 3,200 grasps, where 50,000 may be loose
 _MEMORY_LIMIT = "1500MB"  # tables held and queries at work; what is over goes to temporary files
 _TIMES_VIEW = {"traces": "trace_times"}  # views.sql says what it is for
 Signature = tuple[int, int, int]  # time, size, inode

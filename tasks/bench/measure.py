@@ -10,6 +10,7 @@ from fast.hardware.cell.diagnostics import NO_OBJECT
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.lake.leases import exclusive
+from fast.lake.maintenance import compact
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow
@@ -42,6 +43,9 @@ _SINCE_LAST_CHECK = f"""
     )
     SELECT id FROM made, last WHERE checked IS NULL OR place > checked ORDER BY place, id
 """
+
+# Of a merged file before its stage ends: those of four tools. What is read at once stays small in memory.
+_MERGED_BYTES = 2 * 2**20
 
 logger = logging.getLogger(__name__)
 
@@ -83,6 +87,9 @@ def measure_batch(
             on_grasp(work.tool, grasp)
 
         measure(bench, work, count)
+        # A file for each grasp makes every look at the lake dearer: a batch would leave two thousand.
+        for row_type in (GraspRow, TraceRow):
+            compact(campaign.lake, row_type, _MERGED_BYTES)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
     owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")

@@ -127,7 +127,14 @@ def compact(lake: Lake, table: type[Row] | str, target_bytes: int = TARGET_BYTES
         n_rows += _merge(lake.storage, row_type, group)
     if older:
         forget_copies(lake.root, row_type)
+    pa.default_memory_pool().release_unused()  # all samples of the merged files went through it
     return Compaction(row_type.table, n_before, len(list_files(folder)), n_rows)
+
+
+def compact_all(lake: Lake) -> None:
+    """Merge the small files of every table, as `compact` does with one."""
+    for row_type in TABLES:
+        compact(lake, row_type)
 
 
 def stats(lake: Lake) -> list[TableStats]:

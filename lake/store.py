@@ -136,15 +136,17 @@ class Lake:
         Raises:
             LakeError: the table has no such column.
         """
-        where, values = _conditions(table, equals)
-        sql = f"SELECT * FROM {table.table} {where} ORDER BY {OLDEST_FIRST}, {table.id_column()}"
-        return self._query(sql, values, {table.table}).to_pylist()
+        return self._rows(table, "*", equals)
 
     def records(self, table: type[R], **equals: Any) -> list[R]:
         """Like `rows`, as row records, without provenance."""
-        names = set(table.model_fields)
-        rows = self.rows(table, **equals)
-        return [table.model_validate({k: v for k, v in row.items() if k in names}) for row in rows]
+        columns = ", ".join(f'"{name}"' for name in table.model_fields)  # provenance names the rows behind a fit: all
+        return [table.model_validate(row) for row in self._rows(table, columns, equals)]
+
+    def _rows(self, table: type[Row], columns: str, equals: dict[str, Any]) -> list[dict[str, Any]]:
+        where, values = _conditions(table, equals)
+        sql = f"SELECT {columns} FROM {table.table} {where} ORDER BY {OLDEST_FIRST}, {table.id_column()}"
+        return self._query(sql, values, {table.table}).to_pylist()
 
     def ids(self, table: type[Row], **equals: Any) -> set[Any]:
         """Ids of the rows that `rows` would give; the cheap way to ask what is there."""

@@ -5,7 +5,10 @@ command at the missing grasp.
 """
 
 import contextlib
+import logging
+import time
 from collections.abc import Callable
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from functools import partial
 from queue import Empty
@@ -21,9 +24,9 @@ from fast.flows.campaign.gap_step import close_gap
 from fast.flows.campaign.loops import BenchLoop, CampaignRun, SimulationLoop
 from fast.flows.campaign.night import begin_night
 from fast.flows.campaign.page import CampaignPage
+from fast.flows.memory import give_memory_back
 from fast.flows.server.run_process import RunningProcess
-from fast.lake.maintenance import compact
-from fast.lake.tables.campaign import TABLES
+from fast.lake.maintenance import compact_all
 from fast.models.errors import FastError
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
@@ -31,6 +34,9 @@ from fast.tasks.campaign.flow_runs import record_run
 from fast.tasks.campaign.prefect_tasks import unmapped
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.scientist.observe import closed_batches
+from fast.tasks.simulation.pool import Worker
+
+logger = logging.getLogger(__name__)
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
 
@@ -97,8 +103,11 @@ def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> boo
         if run.should_stop():
             return False
         run.reporter.announce(night.close().sentence)
-    _ensure_proposed(campaign, stage)
     batches = campaign.config.schedule.batches_of(stage)
+    if not all(campaign.state().tools_of(batch) for batch in batches):
+        started_s = time.monotonic()
+        steps.propose_batch(f"B{batches[-1]:02d}", unmapped(campaign), stage)
+        run.pace.note_between(time.monotonic() - started_s, len(batches))
     _run_loops(run, BenchLoop(run, batches), SimulationLoop(run, stage), on_event)
     if not run.should_stop():
         _close_stage(campaign, stage)
@@ -154,19 +163,18 @@ def _next_event(run: CampaignRun, on_wait: Callable[[], None]) -> PrefectFuture[
             return run.events.get(timeout=POLL_S)
 
 
-def _ensure_proposed(campaign: Campaign, stage: int) -> None:
-    """Have the tools of a stage proposed, unless the lake has them already."""
-    batches, state = campaign.config.schedule.batches_of(stage), campaign.state()
-    if not all(state.tools_of(batch) for batch in batches):
-        steps.propose_batch(f"B{batches[-1]:02d}", unmapped(campaign), stage)
-
-
 def _close_stage(campaign: Campaign, stage: int) -> None:
-    """Merge the small files of the stage: one per grasp while it ran, few afterwards."""
-    for row_type in TABLES:
-        compact(campaign.lake, row_type)
+    """Merge the small files of the stage, in a process of its own: it reads all samples of a merged file at once."""
+    merger = Worker()
+    try:
+        merger.call(compact_all, campaign.lake)
+    except BrokenProcessPool:
+        logger.warning("the process that merges files was killed; `fast lake compact` merges them")
+    finally:
+        merger.close()
     closed = closed_batches(campaign, campaign.state())
     append_event(
         campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed
     )
     announce_measured(campaign, closed)
+    give_memory_back()

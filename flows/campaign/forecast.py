@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+from fast.flows.campaign.pace import count_printed_left, count_simulated_left, find_stage
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState
-from fast.tasks.scientist.observe import unfinished_tools
 
 
 @dataclass(frozen=True)
@@ -33,49 +33,20 @@ def forecast(
 ) -> Forecast:
     """The next print, from the state of the lake and the recent seconds per measured and simulated grasp."""
     schedule = campaign.config.schedule
-    stage = _stage(campaign, state)
-    bench_s = _bench_left_s(campaign, state, stage, s_per_grasp)
+    stage = find_stage(campaign, state)
+    bench_s = _time(count_printed_left(campaign, state, stage), s_per_grasp)
     for batch in schedule.batches_of(stage):
         if state.tools_of(batch) and not state.is_confirmed(batch):
             return Forecast(batch, bench_s)
     if stage + 1 >= schedule.n_stages:
         return Forecast(None, None)
     # The next tools are proposed when both the bench and the simulations of this stage are done.
-    simulated_s = _simulations_left_s(campaign, state, stage, s_per_simulation)
+    simulated_s = _time(count_simulated_left(campaign, state, stage), s_per_simulation)
     known = [bench_s, simulated_s]
     in_s = None if None in known else max(s for s in known if s is not None)
     is_night = campaign.config.gap.active or campaign.config.night.active
     # When a night ends depends on what it finds.
     return Forecast(schedule.batches_of(stage + 1)[0], None if is_night else in_s)
-
-
-def _stage(campaign: Campaign, state: CampaignState) -> int:
-    """The last stage whose tools are proposed."""
-    proposed = {tool.batch for tool in state.tools}
-    schedule = campaign.config.schedule
-    return max((s for s in range(schedule.n_stages) if proposed & set(schedule.batches_of(s))), default=0)
-
-
-def _bench_left_s(campaign: Campaign, state: CampaignState, stage: int, s_per_grasp: float | None) -> float | None:
-    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
-    batches = campaign.config.schedule.batches_of(stage)
-    tools = [tool for batch in batches for tool in unfinished_tools(campaign, state, batch)]
-    n_left = sum(len(state.missing_grasps(tool, plan, limit)) for tool in tools)
-    return _time(n_left, s_per_grasp)
-
-
-def _simulations_left_s(
-    campaign: Campaign, state: CampaignState, stage: int, s_per_simulation: float | None
-) -> float | None:
-    schedule, n_objects = campaign.config.schedule, len(campaign.object_ids)
-    batches = schedule.batches_of(stage)
-    proposed = state.simulations_of(batches[-1])
-    designs = [p.design.design_id for p in proposed]
-    if campaign.config.simulator.simulate_tools:
-        designs += [tool.design.design_id for batch in batches for tool in state.tools_of(batch)]
-    n_left = sum(len(state.missing_objects(design_id, campaign.object_ids)) for design_id in designs)
-    n_left += n_objects * (schedule.simulations_of(stage) - len(proposed))
-    return _time(n_left, s_per_simulation)
 
 
 def _time(n_left: int, s_each: float | None) -> float | None:

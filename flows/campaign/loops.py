@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from prefect.futures import PrefectFuture
 
+from fast.flows.campaign.pace import Pace
 from fast.flows.campaign.told_step import ToldPrompts, await_batch
 from fast.flows.progress import ProgressReporter
 from fast.hardware.cell.cell import MeasuredGrasp
@@ -44,6 +45,7 @@ class CampaignRun:
     mount_prompts: MountPrompts
     told_prompts: ToldPrompts
     reporter: ProgressReporter
+    pace: Pace = field(default_factory=Pace)
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
     stopping: threading.Event = field(default_factory=threading.Event)
     asked: Verb | None = None

@@ -5,10 +5,11 @@ import functools
 import signal
 import threading
 from collections.abc import Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from prefect import get_run_logger
 from prefect.exceptions import MissingContextError
@@ -19,6 +20,7 @@ from fast.flows.campaign.loops import CampaignRun
 from fast.flows.campaign.notify import notifier
 from fast.flows.campaign.operator_prompts import FolderPrompts, MountPrompts, PrintPrompts
 from fast.flows.campaign.progress import CampaignProgress
+from fast.flows.memory import limit_arenas
 from fast.flows.progress import Bar, ProgressReporter, format_report
 from fast.hardware.arm.bench import open_arm_bench
 from fast.hardware.arm.settings import ArmSettings
@@ -31,6 +33,7 @@ from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
 from fast.hardware.virtual.world.physics_cache import PhysicsFiles
+from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError
 from fast.models.objects.catalogue import get_object, name_object
 from fast.models.records import GraspSimulation
@@ -41,7 +44,10 @@ from fast.tasks.campaign.requests import append_event, bench_log_folder
 from fast.tasks.campaign.state import ProposedTool, rank_tools
 from fast.tasks.simulation.attempt import hang_limit_s
 from fast.tasks.simulation.engine import Engine, open_engine
-from fast.tasks.simulation.pool import WorkerPool
+from fast.tasks.simulation.pool import Worker, WorkerPool
+
+if TYPE_CHECKING:
+    from fast.flows.report.campaign.reference import TimesReference
 
 _INTERRUPTS = (
     (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
@@ -51,7 +57,10 @@ _INTERRUPTS = (
 
 @dataclass(frozen=True)
 class CampaignOutcome:
-    """What a campaign left behind when its process ended; measured tools best first. `ended_by`: what was asked."""
+    """What a campaign left behind when its process ended; measured tools best first. `ended_by`: what was asked.
+
+    `times_reference`: the best tool against the reference finger, where the campaign measured one.
+    """
 
     campaign_id: str
     is_complete: bool
@@ -59,6 +68,13 @@ class CampaignOutcome:
     report: Path | None = None
     recording: Path | None = None
     ended_by: Verb | None = None
+    times_reference: "TimesReference | None" = None
+
+    @property
+    def best(self) -> dict[str, Any] | None:
+        """The best measured tool, which is not the reference finger that it is compared with."""
+        references = {tool.tool_id for tool in self.times_reference.references} if self.times_reference else ()
+        return next((tool for tool in self.tools if tool["tool_id"] not in references), None)
 
 
 def run_in_process(
@@ -73,6 +89,7 @@ def run_in_process(
     setup: of the gantry; None where a bench of one's own measures.
     """
     config = campaign.config
+    limit_arenas()
     simulations = _open_simulations(config)
     physics = WorkerPool(config.execution.physics_workers)
     told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
@@ -90,6 +107,7 @@ def run_in_process(
         mount_prompts=MountPrompts(campaign, reporter, told),
         told_prompts=FolderPrompts(campaign, reporter, told),
         reporter=reporter,
+        pace=progress.pace,
     )
     if auto_print:
         reporter.announce("--auto-print: trays count as printed and mounted without asking a person")
@@ -189,12 +207,14 @@ def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulati
 def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
     result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
     what = f"on {name_object(grasp.object_id)}, repeat {grasp.repeat}"
-    progress.line(f"{tool.label} {grasp.diagnostic.text() if grasp.diagnostic else what}: {result}")
+    is_owed = grasp.status == "ok" and grasp.diagnostic is None and grasp.request is None
+    words = f"{tool.label} {grasp.diagnostic.text() if grasp.diagnostic else what}: {result}"
+    progress.grasp(words, is_owed=is_owed)
 
 
 def _tell_simulated(progress: CampaignProgress, label: str, n_failed: int) -> None:
     failed = f", {n_failed} failed" if n_failed else ""
-    progress.line(f"{label}{failed}", force=True)
+    progress.simulated(f"{label}{failed}")
 
 
 @contextmanager
@@ -225,21 +245,40 @@ def hear_interrupts(run: CampaignRun, reporter: ProgressReporter) -> Iterator[No
 
 
 def _best_in_words(outcome: CampaignOutcome) -> str:
-    best = outcome.tools[0] if outcome.tools else None
+    best, found = outcome.best, outcome.times_reference
     words = f"best tool {best['tool_id']}, {best['tool_quality_n']:.2f} N; " if best else "no tool was measured; "
+    words += f"{found.times}; " if found else ""
     return f"{words}report {outcome.report}"
 
 
 def _write_results(campaign: Campaign, reporter: ProgressReporter) -> CampaignOutcome:
+    """Report and recording, from a process of their own, whose memory goes when it ends.
+
+    Raises:
+        FastError: that process was killed.
+    """
     reporter.progress("writing report and recording")
-    # Seconds of imports, which a campaign that goes on after a crash does not wait for.
+    writer, name = Worker(), campaign.campaign_id
+    try:
+        report, recording, found = writer.call(_write_files, campaign.lake, name, campaign.output)
+    except BrokenProcessPool as error:
+        raise FastError(
+            f"the process that wrote the report of {name} was killed, perhaps for lack of memory; no row of the lake "
+            f"is lost: `fast report {name}` writes the report."
+        ) from error
+    finally:
+        writer.close()
+    tools = rank_tools(campaign.lake, name)
+    return CampaignOutcome(name, True, tools, report, recording, times_reference=found)
+
+
+def _write_files(lake: Lake, campaign_id: str, output: Path) -> "tuple[Path, Path, TimesReference | None]":
+    """Report and recording of a campaign in `output`, and its best tool against the reference finger."""
+    from fast.flows.report.campaign.content import Content
     from fast.flows.report.campaign.page import add_features, write_report
     from fast.flows.viewer.campaign import write_recording
 
-    add_features(campaign.lake, campaign.campaign_id)
-    report = write_report(campaign.lake, campaign.campaign_id, campaign.output / "report")
-    recording = campaign.output / f"{campaign.campaign_id}.rrd"
-    write_recording(campaign.lake, campaign.campaign_id, recording)
-    return CampaignOutcome(
-        campaign.campaign_id, True, rank_tools(campaign.lake, campaign.campaign_id), report, recording
-    )
+    add_features(lake, campaign_id)
+    report = write_report(lake, campaign_id, output / "report")
+    recording = write_recording(lake, campaign_id, output / f"{campaign_id}.rrd")
+    return report, recording, Content.load(lake, campaign_id).times_reference

@@ -1,16 +1,18 @@
 """Progress of a campaign for people: one line when something happened, with an estimate of what is left."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from fast.flows.progress import Bar, RateEstimate
+from fast.flows.campaign.pace import Pace, StageLeft, count_left
+from fast.flows.progress import Bar
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.campaign.state import CampaignState
 
-MOST_CPU = 1e-3  # of a core: a line counts all rows that are new, and a bench measures for days
+MOST_CPU = 1e-3  # of a core: a look reads all rows that are new, and a bench measures for days
 
 logger = logging.getLogger(__name__)
 
@@ -54,34 +56,56 @@ def count_work(campaign: Campaign, state: CampaignState) -> Workload:
 
 
 class CampaignProgress:
-    """Reports what happened, at most once per `interval_s` unless forced, and with `MOST_CPU` of a core."""
+    """Reports what happened, at most once per `interval_s` unless a design was simulated.
+
+    What the lake holds is read with `MOST_CPU` of a core; between two looks grasps are counted as they come.
+    """
 
     def __init__(
         self, campaign: Campaign, report: Callable[[str, Sequence[Bar]], None], interval_s: float = 5.0
     ) -> None:
+        self.pace = Pace()
         self._campaign = campaign
         self._report = report
         self._interval_s = interval_s
-        self._next_s = 0.0
-        self._grasps, self._simulations = RateEstimate(), RateEstimate()
+        self._next_line_s = self._next_look_s = 0.0
+        self._load: Workload | None = None
+        self._left: list[StageLeft] = []
+        self._lock = threading.Lock()
 
-    def line(self, what: str, *, force: bool = False) -> None:
+    def grasp(self, what: str, *, is_owed: bool = True) -> None:
+        """Report a grasp that was just measured; `is_owed`: it went well and is one of the schedule."""
+        self.pace.note_grasp()
+        with self._lock:
+            if is_owed and self._load is not None:
+                self._load = replace(self._load, grasps_done=min(self._load.grasps_done + 1, self._load.grasps_total))
+                self._left[0] = replace(self._left[0], grasps=max(self._left[0].grasps - 1, 0))
+            now = time.monotonic()
+            if now >= self._next_line_s:
+                self._line(what, is_look_due=now >= self._next_look_s)
+
+    def simulated(self, what: str) -> None:
+        """Report a design that was just simulated on all objects."""
+        self.pace.note_simulated(len(self._campaign.object_ids))
+        with self._lock:
+            self._line(what, is_look_due=True)
+
+    def _line(self, what: str, *, is_look_due: bool) -> None:
         """Report `what` just happened, with counts and the time left."""
-        now = time.monotonic()
-        if not force and now < self._next_s:
-            return
-        before_s = time.thread_time()
-        load = count_work(self._campaign, at_present(self._campaign).state())
-        self._grasps.update(load.grasps_done, now)
-        self._simulations.update(load.simulated_done, now)
-        self._report(what, self._bars(load))
-        self._next_s = now + max(self._interval_s, (time.thread_time() - before_s) / MOST_CPU)
+        if self._load is None or is_look_due:
+            before_s = time.thread_time()
+            state = at_present(self._campaign).state()
+            self._load, self._left = count_work(self._campaign, state), count_left(self._campaign, state)
+            self._next_look_s = time.monotonic() + (time.thread_time() - before_s) / MOST_CPU
+        self.pace.see(self._left[0])
+        left_s = self.pace.seconds_left(self._left, len(self._campaign.object_ids))
+        self._report(what, _bars(self._load, left_s))
+        self._next_line_s = time.monotonic() + self._interval_s
 
-    def _bars(self, load: Workload) -> list[Bar]:
-        """Of bench and simulations, which work side by side; what people take to print is not in it."""
-        grasps_s = self._grasps.seconds_left(load.grasps_total - load.grasps_done)
-        simulated_s = self._simulations.seconds_left(load.simulated_total - load.simulated_done)
-        return [
-            Bar("grasps", load.grasps_done, load.grasps_total, grasps_s),
-            Bar("simulated", load.simulated_done, load.simulated_total, simulated_s),
-        ]
+
+def _bars(load: Workload, left_s: float | None) -> list[Bar]:
+    """Of bench and simulations, which end together; what people take to print is not in the time."""
+    return [
+        Bar("grasps", load.grasps_done, load.grasps_total, left_s),
+        Bar("simulated", load.simulated_done, load.simulated_total, left_s),
+    ]

@@ -1,5 +1,6 @@
 """`fast campaign`: start, continue, watch and stop campaigns."""
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -154,13 +155,24 @@ def _tell_outcome(outcome: "CampaignOutcome", lake: Path, as_json: bool) -> None
     data: dict[str, Any] = {
         "campaign": outcome.campaign_id,
         "complete": outcome.is_complete,
-        "best_tool": outcome.tools[0] if outcome.tools else None,
+        "best_tool": outcome.best,
+        "times_reference": _reference_data(outcome),
         "tools": outcome.tools,
         "report": str(outcome.report) if outcome.report else None,
         "recording": str(outcome.recording) if outcome.recording else None,
         "ended_by": outcome.ended_by,
     }
     show(data, _outcome_text(data, lake), as_json)
+
+
+def _reference_data(outcome: "CampaignOutcome") -> dict[str, Any] | None:
+    """The best tool against the reference finger, for machines; an interval that is not known is empty."""
+    found = outcome.times_reference
+    if found is None:
+        return None
+    bounds = [bound if math.isfinite(bound) else None for bound in (found.ratio.lower, found.ratio.upper)]
+    tools = [tool.tool_id for tool in found.references]
+    return {"times": found.ratio.mean, "ci95": bounds, "reference_tools": tools, "sentence": found.sentence}
 
 
 def _outcome_text(data: dict[str, Any], lake: Path) -> str:
@@ -171,6 +183,8 @@ def _outcome_text(data: dict[str, Any], lake: Path) -> str:
     best = data["best_tool"]
     if best:
         lines.append(f"best tool  {best['tool_id']}  {best['tool_quality_n']:.2f} N mean peak pull-off force")
+    if data["times_reference"]:
+        lines.append(f"reference  {data['times_reference']['sentence']}")
     lines += [f"report     {data['report']}", f"recording  {data['recording']}"]
     return "\n".join([*lines, "", *_next_lines(data, lake)])
 

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from fast.flows.cli.common import AsJson, show
 
-PARTS = ("campaigns", "worlds", "materials")
+PARTS = ("campaigns", "worlds", "materials", "recipes")
 _SHIPPED = Path(__file__).resolve().parents[2]
 _README = """\
 # A FAST project
@@ -16,6 +16,7 @@ _README = """\
 - `campaigns/`: one config file a campaign. `quick.toml` is small, `paper.toml` the one of the FAST paper.
 - `worlds/`: what a virtual bench hides (its true material, friction and scatter).
 - `materials/`: what was measured of a printing material.
+- `recipes/`: how fingers are printed: printer, materials, support, what is done after.
 
 ```sh
 fast campaign run campaigns/quick.toml --auto-print   # a small campaign on the virtual bench, with report

@@ -109,6 +109,7 @@ def _send_tray(stream: rr.RecordingStream, items: list[PrintItem], design: Desig
         for part, body, shade in (("compliant", finger.compliant, colour), ("rigid", finger.rigid, RIGID)):
             placed = body.copy()
             placed.apply_transform(lying(place))
+            placed.apply_translation([place.plate * (BED_MM[0] + 20.0), 0.0, 0.0])  # plates stand side by side
             stream.log(f"{name}_{part}", flatten_mesh(placed, shade), static=True)
 
 

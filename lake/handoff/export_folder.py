@@ -19,6 +19,7 @@ from fast.lake.handoff.format import (
     HOW_COLUMNS,
     MATERIAL_COLUMNS,
     OBJECTS_FILE,
+    RECIPE_COLUMNS,
     SIMULATION_COLUMNS,
     TELLING_COLUMNS,
     THETA_COLUMNS,
@@ -85,7 +86,8 @@ def export_handoff(
         files.append((f"traces.{traces}", lambda path: write_traces(path, blocks)))
     own = _find_own_objects(lake, {row["object_id"] for row in real + sim})
     if tools := _find_tools(lake, real):
-        files.append(("tools.csv", lambda path: write_csv(path, TOOL_COLUMNS, tools)))
+        of_tools = (*TOOL_COLUMNS, *RECIPE_COLUMNS) if any(row["recipe"] for row in tools) else TOOL_COLUMNS
+        files.append(("tools.csv", lambda path: write_csv(path, of_tools, tools)))
         lots = sorted({row["material_lot"] for row in tools if row["material_lot"]})
         if materials := [row.model_dump() for row in lake.records(MaterialRow, lot=lots)]:
             files.append(("materials.csv", lambda path: write_csv(path, MATERIAL_COLUMNS, materials)))
@@ -111,7 +113,8 @@ def _list_ends(rows: Sequence[dict[str, Any]]) -> list[str]:
 def _find_tools(lake: Lake, real: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Tools of the grasps of which a person said or measured something."""
     rows = lake.rows(ToolRow, tool_id=sorted({row["tool_id"] for row in real}))
-    said = [name for name in TOOL_COLUMNS if name not in ("tool_id", "design_id", "status", "operator")]
+    usual = ("tool_id", "design_id", "status", "operator")
+    said = [name for name in (*TOOL_COLUMNS, *RECIPE_COLUMNS) if name not in usual]
     return [row for row in rows if any(row[name] not in (None, "") for name in said)]
 
 

@@ -37,6 +37,7 @@ from fast.lake.handoff.format import (
     HOW_COLUMNS,
     MATERIAL_COLUMNS,
     OBJECTS_FILE,
+    RECIPE_COLUMNS,
     SETTING_COLUMNS,
     SIMULATION_COLUMNS,
     TOOL_COLUMNS,
@@ -45,6 +46,7 @@ from fast.lake.handoff.samples import check_samples, needs_samples, read_traces
 from fast.lake.handoff.tables import HandoffError, Reader, Table, new_id, read_csv
 from fast.lake.tables.material import MaterialRow
 from fast.models.design.families import read_design
+from fast.models.design.recipe import Recipe
 from fast.models.design.space import PARAMETERS
 from fast.models.errors import FastError, UsageError
 from fast.models.material import MaterialMeasurement
@@ -262,7 +264,8 @@ def _read_tools(reader: Reader) -> list[dict[str, Any]]:
     """What the folder says of tools, by column; checked as the lake checks them."""
     if not (reader.directory / "tools.csv").exists():
         return []
-    table = read_csv(reader, "tools.csv", TOOL_COLUMNS, optional=TOOL_COLUMNS[2:])
+    known = (*TOOL_COLUMNS, *RECIPE_COLUMNS)
+    table = read_csv(reader, "tools.csv", known, optional=known[2:])
     found: dict[str, dict[str, Any]] = {}
     numbers = [name for name in TOOL_COLUMNS if name.startswith("measured_") or name == "hardness_shore_a"]
     for place in range(len(table.rows)):
@@ -271,9 +274,20 @@ def _read_tools(reader: Reader) -> list[dict[str, Any]]:
         values |= {name: reader.cell(table, name, place, _optional_size) for name in numbers if name in values}
         if "status" in values:
             values["status"] = reader.cell(table, "status", place, one_of("printed", "rejected"))
+        if "recipe_json" in values:
+            values["recipe_json"] = reader.cell(table, "recipe_json", place, _optional_recipe)
         if tool_id:
             found[tool_id] = values
     return list(found.values())
+
+
+def _optional_recipe(text: str) -> str:
+    if not text:
+        return ""
+    try:
+        return Recipe.model_validate_json(text).content_json
+    except ValidationError as error:
+        raise ValueError("must be a recipe as JSON, as `fast lake export` writes it, or empty.") from error
 
 
 def _optional_size(text: str) -> float | None:

@@ -19,6 +19,7 @@ TOOL_COLUMNS = (
     "tool_id", "design_id", "status", "reason", "operator", "material_lot", "measured_front_thickness_mm",
     "measured_back_thickness_mm", "measured_rib_thickness_mm", "hardness_shore_a",
 )  # fmt: skip
+RECIPE_COLUMNS = ("recipe", "recipe_json")  # of tools, where a recipe was kept with one
 MATERIAL_COLUMNS = ("lot", "quantity", "value", "unit", "sd", "n", "method", "source")
 CHANNELS = ("time_s", "lift_mm", "force_n")
 TRACE_COLUMNS = ("grasp_id", *CHANNELS)

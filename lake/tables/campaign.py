@@ -190,6 +190,8 @@ class ToolRow(Row):
     measured_rib_thickness_mm: float | None = None
     hardness_shore_a: float | None = None
     confirmed_by: Literal["person", "auto"]
+    recipe: str | None = Field(default=None, description="name of how it was printed; empty: nobody said")
+    recipe_json: str | None = Field(default=None, description="all of the recipe, see `models.design.recipe`")
 
     @staticmethod
     def make_id(campaign_id: str, batch: int, slot: int) -> str:

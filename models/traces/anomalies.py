@@ -1,6 +1,6 @@
 """Grasps that do not look like their repeats or their peers, what is wrong with them, and how sure that is (Fig. 5g).
 
-A grasp departs if it falls short of its repeats, or of what its tool and object lead to expect, by more than chance
+A grasp departs if it falls short of its repeats, or of what is expected of its tool and object, by more than chance
 explains and by more than matters. The kinds, their measures and limits are in docs/explanation/identification.md.
 """
 
@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fast.models.traces.against_expected import Short, grip_n, hold_against
 from fast.models.traces.batch import TraceFeatures
-from fast.models.traces.departures import p_values, shortfall_to_peers, shortfall_to_repeats
+from fast.models.traces.departures import p_values, shortfall_to_repeats
 from fast.models.traces.flags import KINDS, Anomaly, Compared, Kind
 from fast.models.traces.names import NOISE_N, PROFILE_STEP_MM
 
@@ -19,7 +20,6 @@ TURNED = "turned 45 deg"  # orientation of an object that shows an edge to each 
 LIMIT_P = 3e-4  # three false alarms of a kind in 10,000 grasps at most, if the p-values are right
 SUDDEN = 1.1  # a lost object is let go as much earlier as its work is done earlier; one that slips is held on to
 DONE_SHARE = 0.9  # of the work: the lift by which it is done says when an object is lost, and noise moves it little
-PEERS_FREEDOM = 3.0  # a tool has its own way with an object
 ZERO_FREEDOM = 30.0  # a mean of noise has light tails
 EJECTED_MM = 8.0  # lift within which an object that is lost was never picked up
 LEAST_WORK_J = 1e-4  # whose logarithm is taken
@@ -30,24 +30,22 @@ STILL_HELD_N = 1.0  # a force at the end that is no drift: the trace ends before
 
 
 class Measure(NamedTuple):
-    """What a kind is measured by: the least shortfalls that matter, and the smallest scale of chance, of its unit.
-
-    `least_of_peers` None: not compared with peers, whose own ways with an object would pass for faults.
-    """
+    """What a kind is measured by: the least shortfall that matters, and the smallest scale of chance, of its unit."""
 
     unit: str
     least: float
-    least_of_peers: float | None
     least_scale: float
 
 
 MEASURES: dict[str, Measure] = {
-    "grip": Measure("N", 0.5, 3.0, 0.05),
-    "lift": Measure("mm", 3.0, 10.0, 0.3),
-    "work": Measure("share", 0.1, 0.5, 0.01),
-    "preload": Measure("N", 0.7, None, 0.1),
-    "zero": Measure("N", 0.15, None, 0.02),
+    "grip": Measure("N", 0.5, 0.05),
+    "lift": Measure("mm", 3.0, 0.3),
+    "work": Measure("share", 0.1, 0.01),
+    "preload": Measure("N", 0.7, 0.1),
+    "zero": Measure("N", 0.15, 0.02),
 }
+# The least shortfalls of what is expected that matter: of ln(force + 0.5 N), and of a push in N.
+LEAST_OF_EXPECTED = {"grip": 0.4, "late": 0.3, "press": 0.7}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,41 +59,50 @@ class Labels:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One measure of n grasps: p-value, whether it is against repeats or peers, shortfall; p against repeats alone."""
+    """One measure of n grasps: p-value and shortfall, and what it was compared with."""
 
     p_value: np.ndarray
-    is_of_repeats: np.ndarray
     shortfall: np.ndarray
-    p_of_repeats: np.ndarray
+    compared: Compared
 
-    def is_flagged(self, measure: Measure, limit_p: float) -> np.ndarray:
+    def is_flagged(self, least: float, limit_p: float) -> np.ndarray:
         """Which of the n depart by more than chance explains, and by more than matters."""
-        least = np.where(self.is_of_repeats, measure.least, measure.least_of_peers or measure.least)
         return np.asarray((self.p_value < limit_p) & (self.shortfall >= least))
 
 
-def find_anomalies(features: TraceFeatures, labels: Labels, limit_p: float = LIMIT_P) -> list[Anomaly]:
+_Found = dict[Kind, tuple[str, Evidence, np.ndarray]]  # the measure that says so, and which grasps
+
+
+def find_anomalies(
+    features: TraceFeatures, labels: Labels, simulated: TraceFeatures | None = None, limit_p: float = LIMIT_P
+) -> list[Anomaly]:
     """Flags on n grasps, in their order; one kind of loss at most per grasp, beside preload and drift.
 
-    Without repeats and without three tools and objects there is nothing to compare with but the zero.
+    `simulated`: of the same tools and objects, n rows, NaN where there is none; None: of none. Without repeats, and
+    with fewer than `against_expected.LEAST_CELLS` tools on objects, there is nothing to compare with but the zero.
     """
-    evidence = evidence_of(features, labels)
-    flagged = {name: found.is_flagged(MEASURES[name], limit_p) for name, found in evidence.items()}
-    is_sudden = evidence["lift"].shortfall <= SUDDEN * _shortfalls_like(
-        evidence["lift"], _separation_mm(features), labels
-    )
-    is_held_on = labels.is_turned & (_rest_n(features, evidence["lift"].shortfall) > HELD_ON_N)
-    kinds = _kinds(features, labels, flagged, is_sudden & ~is_held_on)
-    found = [
-        _anomaly(place, kind, measure, evidence[measure])
-        for kind, (measure, is_kind) in kinds.items()
-        for place in np.flatnonzero(is_kind).tolist()
-    ]
-    return sorted(found, key=lambda anomaly: (anomaly.place, KINDS.index(anomaly.kind)))
+    of_repeats = evidence_of(features, labels)
+    kinds = _kinds_by_repeats(features, labels, of_repeats, limit_p)
+    if simulated is None:
+        simulated = TraceFeatures(np.full_like(features.values, np.nan), np.zeros_like(features.profile_n))
+    shorts = hold_against(features, simulated, labels.tool, labels.object_id)
+    expected = _kinds_by_expectation(features, labels, shorts, of_repeats["zero"], limit_p)
+    found: dict[tuple[int, Kind], Anomaly] = {}
+    for part in (kinds, expected):
+        for kind, (measure, evidence, is_kind) in part.items():
+            for place in np.flatnonzero(is_kind).tolist():
+                anomaly = _anomaly(place, kind, measure, evidence)
+                others = {key[1] for key in found if key[0] == place}
+                if kind not in others and not (kind in _LOSSES and others & _LOSSES):  # repeats come first
+                    found[place, kind] = anomaly
+    return sorted(found.values(), key=lambda anomaly: (anomaly.place, KINDS.index(anomaly.kind)))
+
+
+_LOSSES: frozenset[Kind] = frozenset({"stuck_valve", "ejection", "early_loss", "torsional_slip"})
 
 
 def evidence_of(features: TraceFeatures, labels: Labels) -> dict[str, Evidence]:
-    """How far n grasps depart, by the names in `MEASURES`."""
+    """How far n grasps depart from their repeats, and their end from zero, by the names in `MEASURES`."""
     evidence = {name: _evidence(name, values, features, labels) for name, values in _values(features).items()}
     return {**evidence, "zero": _zero_evidence(features)}
 
@@ -104,17 +111,11 @@ def _values(features: TraceFeatures) -> dict[str, np.ndarray]:
     """The measures of n grasps that fall when something is wrong."""
     work_j = np.maximum(features.column("work_j"), LEAST_WORK_J)
     return {
-        "grip": _grip_n(features),
+        "grip": grip_n(features),
         "lift": _done_mm(features.profile_n),
         "work": np.log(work_j),
         "preload": features.column("initial_force_n"),
     }
-
-
-def _grip_n(features: TraceFeatures) -> np.ndarray:
-    """Largest force, of either sign, that shows that the gripper closed, before 2 mm of lift."""
-    shown = [features.column(name) for name in ("initial_force_n", "closing_lowest_n")]
-    return np.asarray(np.max(np.abs([*shown, features.profile_n[:, 0]]), axis=0))
 
 
 def _done_mm(profile_n: np.ndarray) -> np.ndarray:
@@ -138,26 +139,17 @@ def _rest_n(features: TraceFeatures, shortfall_mm: np.ndarray) -> np.ndarray:
 
 
 def _evidence(name: str, values: np.ndarray, features: TraceFeatures, labels: Labels) -> Evidence:
-    """The stronger of both comparisons, paid for with a factor of two."""
-    of_repeats, of_peers = _shortfalls(values, labels)
+    shortfall = _to_repeats(values, labels)
     level = np.abs(values) if name in ("grip", "preload") else features.column("peak_force_n")
-    least_scale = MEASURES[name].least_scale
-    p_repeats = np.nan_to_num(p_values(of_repeats, level, least_scale), nan=1.0)
-    if MEASURES[name].least_of_peers is None:
-        return Evidence(p_repeats, np.ones(len(values), dtype=bool), np.nan_to_num(of_repeats), p_repeats)
-    p_peers = np.nan_to_num(p_values(of_peers, level, least_scale, PEERS_FREEDOM), nan=1.0)
-    is_of_repeats = p_repeats <= p_peers
-    shortfall = np.where(is_of_repeats, of_repeats, of_peers)
+    # Times two, since a grasp is held against what is expected as well.
+    p = np.minimum(2.0 * np.nan_to_num(p_values(shortfall, level, MEASURES[name].least_scale), nan=0.5), 1.0)
     if name == "work":  # from a difference of logarithms
         shortfall = -np.expm1(-shortfall)
-    p = np.minimum(2.0 * np.minimum(p_repeats, p_peers), 1.0)
-    return Evidence(p, is_of_repeats, np.nan_to_num(shortfall), p_repeats)
+    return Evidence(p, np.nan_to_num(shortfall), "repeats")
 
 
-def _shortfalls(values: np.ndarray, labels: Labels) -> tuple[np.ndarray, np.ndarray]:
-    """Against repeats and against peers (n each)."""
-    group = labels.tool * (int(labels.object_id.max()) + 1) + labels.object_id
-    return shortfall_to_repeats(values, group), shortfall_to_peers(values, labels.tool, labels.object_id)
+def _to_repeats(values: np.ndarray, labels: Labels) -> np.ndarray:
+    return shortfall_to_repeats(values, labels.tool * (int(labels.object_id.max()) + 1) + labels.object_id)
 
 
 def _zero_evidence(features: TraceFeatures) -> Evidence:
@@ -167,35 +159,54 @@ def _zero_evidence(features: TraceFeatures) -> Evidence:
     no_level, least = np.zeros(len(rest_n)), MEASURES["zero"].least_scale
     p = np.fmin(*(p_values(sign * rest_n, no_level, least, ZERO_FREEDOM) for sign in (1.0, -1.0)))
     p = np.minimum(np.nan_to_num(2.0 * p, nan=1.0), 1.0)
-    return Evidence(p, np.zeros(len(rest_n), dtype=bool), np.nan_to_num(np.abs(rest_n)), p)
+    return Evidence(p, np.nan_to_num(np.abs(rest_n)), "zero")
 
 
 def _separation_mm(features: TraceFeatures) -> np.ndarray:
     return np.nan_to_num(features.column("separation_lift_mm"), nan=0.0)
 
 
-def _shortfalls_like(evidence: Evidence, values: np.ndarray, labels: Labels) -> np.ndarray:
-    """Shortfalls (n) of other values, against the repeats or the peers that the evidence is against."""
-    return np.nan_to_num(np.where(evidence.is_of_repeats, *_shortfalls(values, labels)))
-
-
-def _kinds(
-    features: TraceFeatures, labels: Labels, flagged: dict[str, np.ndarray], is_sudden: np.ndarray
-) -> dict[Kind, tuple[str, np.ndarray]]:
-    """Which grasps are of each kind, and the measure that says so; a drift or an earlier loss explains later ones."""
-    has_no_grip = flagged["grip"] & (_grip_n(features) < NOISE_N)
+def _kinds_by_repeats(features: TraceFeatures, labels: Labels, evidence: dict[str, Evidence], limit_p: float) -> _Found:
+    """Which grasps are of each kind beside their repeats; a drift or an earlier loss explains later ones."""
+    flagged = {name: found.is_flagged(MEASURES[name].least, limit_p) for name, found in evidence.items()}
+    let_go_mm = np.nan_to_num(_to_repeats(_separation_mm(features), labels))
+    is_sudden = evidence["lift"].shortfall <= SUDDEN * let_go_mm
+    is_held_on = labels.is_turned & (_rest_n(features, evidence["lift"].shortfall) > HELD_ON_N)
+    has_no_grip = flagged["grip"] & (grip_n(features) < NOISE_N)
     is_explained = has_no_grip | flagged["zero"]
-    is_lost = flagged["lift"] & is_sudden & ~is_explained
+    is_lost = flagged["lift"] & is_sudden & ~is_held_on & ~is_explained
     is_slip = flagged["work"] & labels.is_turned & ~is_lost & ~is_explained
     is_ejected = is_lost & (_done_mm(features.profile_n) < EJECTED_MM)
     presses = flagged["preload"] & (features.column("initial_force_n") < -NOISE_N)
     return {
-        "stuck_valve": ("grip", has_no_grip),
-        "ejection": ("lift", is_ejected),
-        "early_loss": ("lift", is_lost & ~is_ejected),
-        "torsional_slip": ("work", is_slip),
-        "negative_preload": ("preload", presses),
-        "drifting_cell": ("zero", flagged["zero"]),
+        "stuck_valve": ("grip", evidence["grip"], has_no_grip),
+        "ejection": ("lift", evidence["lift"], is_ejected),
+        "early_loss": ("lift", evidence["lift"], is_lost & ~is_ejected),
+        "torsional_slip": ("work", evidence["work"], is_slip),
+        "negative_preload": ("preload", evidence["preload"], presses),
+        "drifting_cell": ("zero", evidence["zero"], flagged["zero"]),
+    }
+
+
+def _kinds_by_expectation(
+    features: TraceFeatures, labels: Labels, shorts: dict[str, Short], zero: Evidence, limit_p: float
+) -> _Found:
+    """The same beside what is expected of the tool on the object."""
+    evidence = {name: Evidence(short.p_value, short.shortfall, "expected") for name, short in shorts.items()}
+    flagged = {name: found.is_flagged(LEAST_OF_EXPECTED[name], limit_p) for name, found in evidence.items()}
+    has_no_grip = flagged["grip"] & (grip_n(features) < NOISE_N)
+    is_drift = zero.is_flagged(MEASURES["zero"].least, limit_p)
+    is_short = flagged["late"] & ~has_no_grip & ~is_drift
+    is_held_on = shorts["late"].measured_n > HELD_ON_N
+    is_lost = is_short & ~is_held_on
+    is_ejected = is_lost & (_done_mm(features.profile_n) < EJECTED_MM)
+    presses = flagged["press"] & (features.column("initial_force_n") < -NOISE_N) & ~has_no_grip
+    return {
+        "stuck_valve": ("grip", evidence["grip"], has_no_grip),
+        "ejection": ("late", evidence["late"], is_ejected),
+        "early_loss": ("late", evidence["late"], is_lost & ~is_ejected),
+        "torsional_slip": ("late", evidence["late"], is_short & is_held_on & labels.is_turned),
+        "negative_preload": ("press", evidence["press"], presses),
     }
 
 
@@ -207,13 +218,23 @@ _SENTENCES: dict[Kind, str] = {
     "negative_preload": "the fingers press the object down {value:.1f} N harder than {others}",
     "drifting_cell": "the gripper hangs free at the end of the lift and reads {value:.2f} N",
 }
-_OTHERS: dict[Compared, str] = {"repeats": "in its repeats", "peers": "expected of this tool and object", "zero": ""}
+_OTHERS = "in its repeats"
+_BESIDE_EXPECTED: dict[Kind, str] = {
+    "stuck_valve": "no force shows that the gripper closed, {share:.0%} less than expected of this tool and object",
+    "ejection": "the object is lost at the start of the lift, where this tool and object are expected to hold it",
+    "early_loss": "the object is lost where this tool and object are expected to hold it",
+    "torsional_slip": "the fingers slip off the edge of a turned object: {share:.0%} less force late in the lift than "
+    "expected of this tool and object",
+    "negative_preload": "the fingers press the object down {value:.1f} N harder than expected of this tool and object",
+}
 
 
 def _anomaly(place: int, kind: Kind, measure: str, evidence: Evidence) -> Anomaly:
-    compared: Compared = "repeats" if evidence.is_of_repeats[place] else "peers"
-    if measure == "zero":
-        compared = "zero"
-    value = float(evidence.shortfall[place])
-    reason = _SENTENCES[kind].format(value=value, others=_OTHERS[compared])
-    return Anomaly(place, kind, float(evidence.p_value[place]), compared, value, reason)
+    value, p = float(evidence.shortfall[place]), float(evidence.p_value[place])
+    if evidence.compared == "expected":
+        share = -float(np.expm1(-value))
+        value = value if measure == "press" else share
+        reason = _BESIDE_EXPECTED[kind].format(value=value, share=share)
+    else:
+        reason = _SENTENCES[kind].format(value=value, others=_OTHERS)
+    return Anomaly(place, kind, p, evidence.compared, value, reason)

@@ -1,4 +1,4 @@
-"""How far a grasp departs from its repeats and from what its tool and object lead to expect, as p-values."""
+"""How far a grasp departs from its repeats, as p-values."""
 
 import numpy as np
 from scipy.stats import t as student
@@ -6,8 +6,6 @@ from scipy.stats import t as student
 _BIN = 60  # departures that a scale is estimated from
 _MOST_BINS = 8
 _TAIL = 0.05  # of all departures are excesses as far out as the one that the scale is taken from
-_N_POLISH = 10
-LEAST_PEERS = 4  # tools and objects; fewer expect nothing
 FREEDOM = 5.0  # degrees of freedom; chosen on grasps of the virtual bench with nothing wrong
 
 
@@ -26,30 +24,6 @@ def shortfall_to_repeats(values: np.ndarray, group: np.ndarray) -> np.ndarray:
         np.fill_diagonal(gaps, np.inf)
         found[places] = gaps[np.arange(len(places)), np.abs(gaps).argmin(axis=1)]
     return found
-
-
-def shortfall_to_peers(values: np.ndarray, tool: np.ndarray, object_id: np.ndarray) -> np.ndarray:
-    """How much less each of n values is than its tool and its object together lead to expect; NaN without peers.
-
-    Expected is a + b(tool) + c(object), by Tukey's median polish of the medians over the repeats (Exploratory Data
-    Analysis, 1977, chapter 11): a few odd cells do not move it.
-    """
-    tools, row = np.unique(tool, return_inverse=True)
-    objects, column = np.unique(object_id, return_inverse=True)
-    if min(len(tools), len(objects)) < LEAST_PEERS:
-        return np.full(len(values), np.nan)
-    cell = row * len(objects) + column
-    table = np.full(len(tools) * len(objects), np.nan)
-    order = np.argsort(cell, kind="stable")
-    for places in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
-        table[cell[places[0]]] = np.median(values[places])
-    rest = table.reshape(len(tools), len(objects))
-    expected = np.zeros_like(rest)
-    for _ in range(_N_POLISH):
-        for axis in (1, 0):
-            middle = np.nanmedian(rest, axis=axis, keepdims=True)
-            rest, expected = rest - middle, expected + middle
-    return np.asarray(expected.ravel()[cell] - values)
 
 
 def p_values(shortfalls: np.ndarray, level: np.ndarray, least_scale: float, freedom: float = FREEDOM) -> np.ndarray:

@@ -4,7 +4,7 @@ from typing import Literal, NamedTuple, get_args
 
 Kind = Literal["stuck_valve", "ejection", "early_loss", "torsional_slip", "negative_preload", "drifting_cell"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-Compared = Literal["repeats", "peers", "zero"]
+Compared = Literal["repeats", "expected", "peers", "zero"]  # peers: of lakes before there were expectations
 
 
 class Anomaly(NamedTuple):

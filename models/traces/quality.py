@@ -1,5 +1,6 @@
-"""Means over tools with bootstrap intervals, and how two groups of tools differ."""
+"""Means over tools with bootstrap intervals, how two groups of tools differ, and how many times better one tool is."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,24 @@ def difference_of_tools(first: np.ndarray, last: np.ndarray, seed: int = 0) -> I
     differences = resampled_means(last, rng) - resampled_means(first, rng)
     is_bounded = min(len(first), len(last)) > 1
     return _interval(float(last.mean() - first.mean()), differences, len(first) + len(last), is_bounded)
+
+
+def ratio_of_means(value: float, half_width: float, reference: float, reference_half_width: float) -> Interval:
+    """One mean over another with the interval that follows from theirs, which are independent; any one unit.
+
+    The bounds r solve (value - r reference)^2 = half_width^2 + r^2 reference_half_width^2 (Fieller 1954, J. R. Stat.
+    Soc. B 16, 175; with intervals of their own for both means: Donner and Zou 2012, Stat. Methods Med. Res. 21, 347).
+    NaN bounds where a half width is not known, an infinite upper one where the reference may be 0. `n` is 2.
+    """
+    ratio = value / reference if reference > 0 else math.inf
+    squared = reference**2 - reference_half_width**2
+    if math.isnan(half_width) or math.isnan(reference_half_width):
+        return Interval(ratio, math.nan, math.nan, 2)
+    if reference <= 0 or squared <= 0:
+        return Interval(ratio, -math.inf, math.inf, 2)
+    product = value * reference
+    root = math.sqrt(max(product**2 - (value**2 - half_width**2) * squared, 0.0))
+    return Interval(ratio, (product - root) / squared, (product + root) / squared, 2)
 
 
 def _interval(mean: float, resamples: np.ndarray, n: int, is_bounded: bool) -> Interval:

@@ -10,6 +10,7 @@ from fast.hardware.cell.diagnostics import NO_OBJECT
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.lake.leases import exclusive
+from fast.lake.maintenance import compact
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow
@@ -18,6 +19,7 @@ from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
 from fast.models.records import Placement
 from fast.models.traces import initial_force_n, peak_force_n, work_j
+from fast.tasks.bench.again import decide_again, note_due, plan_again
 from fast.tasks.bench.plan import ToolWork, plan_tool, seed_of_order
 from fast.tasks.bench.reference_grasps import ReferenceGrasps
 from fast.tasks.bench.reference_tools import add_references, ask_references, plan_reference
@@ -42,6 +44,9 @@ _SINCE_LAST_CHECK = f"""
     SELECT id FROM made, last WHERE checked IS NULL OR place > checked ORDER BY place, id
 """
 
+# Of a merged file before its stage ends: those of four tools. What is read at once stays small in memory.
+_MERGED_BYTES = 2 * 2**20
+
 logger = logging.getLogger(__name__)
 
 
@@ -57,8 +62,8 @@ def measure_batch(
     """Have tools of a batch measured one after the other, its reference tools first; one process holds the bench.
 
     `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
-    state. The gantry is checked for lost steps at the end, also of a batch that is paused, and every
-    `execution.position_check_tools` tools.
+    state. Cells whose repeats all look wrong are measured once more at the end. The gantry is checked for lost steps at
+    the end, also of a batch that is paused, and every `execution.position_check_tools` tools.
 
     Raises:
         FastError: another process holds the bench of this lake.
@@ -72,6 +77,7 @@ def measure_batch(
     references = ReferenceGrasps(campaign, batch)
     mounted = references.add_to(mounted)
     ask_references(campaign, state, batch)
+    note_due(campaign, batch)
     again = add_references(campaign, state, batch, mounted)
     mounted = [*mounted, *again]
 
@@ -81,6 +87,9 @@ def measure_batch(
             on_grasp(work.tool, grasp)
 
         measure(bench, work, count)
+        # A file for each grasp makes every look at the lake dearer: a batch would leave two thousand.
+        for row_type in (GraspRow, TraceRow):
+            compact(campaign.lake, row_type, _MERGED_BYTES)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
     owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
@@ -100,8 +109,11 @@ def measure_batch(
                 work_on(bench, work)
         for work in references.plan_due(is_last=True):
             work_on(bench, work)
+        for work in [] if should_stop() else plan_again(campaign, state, batch):
+            work_on(bench, work)
         check_position(campaign, bench, batch)
     if not should_stop():
+        decide_again(campaign, batch)
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
 
 

@@ -4,18 +4,19 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 from pydantic import Field
 
 from fast.hardware.cell.layout import N_SLOTS
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow, CampaignRow, ProposalRow, ToolRow
+from fast.models.design.recipe import Recipe
 from fast.models.errors import UsageError
 from fast.models.ids import tool_label
 from fast.models.records import Record
 from fast.tasks.campaign.campaign import stored_provenance
-from fast.tasks.campaign.material import name_campaign_lot
+from fast.tasks.campaign.material import name_campaign_lot, read_stored_recipe
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.state import ProposedTool, load_designs
 
@@ -53,6 +54,13 @@ class Printed:
     sheet: Path | None = None
 
 
+class _Stock(NamedTuple):
+    """Material lot and recipe of a print; an empty lot and no recipe where nobody said them."""
+
+    lot: str
+    recipe: Recipe | None
+
+
 class OperatorPrompts(Protocol):
     """Where a campaign and the person at the printer meet."""
 
@@ -86,11 +94,12 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path, slots: Co
     rows = [row for row in _proposals(lake, campaign_id, batch) if slots is None or row["slot"] in slots]
     designs = load_designs(lake)
     items = [PrintItem(label=tool_label(batch, r["slot"]), design=designs[r["design_id"]]) for r in rows]
-    files = tray_files(items)
+    recipe = _campaign_stock(lake, campaign_id).recipe
+    files = tray_files(items, recipe)
     name = BatchRow.make_id(campaign_id, batch)
     notes = [f"fast print confirm {name} --operator NAME"]
     # The sheet comes last: where there is a sheet, the files are complete.
-    files = {**files, SHEET: batch_sheet_html(name, items, notes).encode()}
+    files = {**files, SHEET: batch_sheet_html(name, items, notes, recipe).encode()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for file_name, content in files.items():
@@ -130,8 +139,8 @@ def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintC
     _check_open(BatchRow.make_id(campaign_id, batch), rows, before, confirmation)
     said = [row for row in rows if row["slot"] not in before and row["slot"] not in confirmation.again]
     _check_rack([row["slot"] for row in said], before, confirmation)
-    lot = confirmation.material_lot or _campaign_lot(lake, campaign_id)
-    tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], lot, confirmation) for r in said]
+    stock = _campaign_stock(lake, campaign_id, confirmation.material_lot)
+    tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], stock, confirmation) for r in said]
     lake.append(tools, stored_provenance(lake, campaign_id, [r["proposal_id"] for r in said]))
     n_mounted = sum(tool.status == "printed" for tool in tools)
     again = tuple(sorted(confirmation.again))
@@ -148,9 +157,9 @@ def confirm_told(lake: Lake, campaign_id: str, tools: Sequence[ProposedTool], op
     """Count tools as printed because their grasps were told, where nobody has said what became of them."""
     if not tools:
         return
-    lot = _campaign_lot(lake, campaign_id)
+    stock = _campaign_stock(lake, campaign_id)
     word = PrintConfirmation(operator=operator)
-    rows = [_tool_row(campaign_id, t.batch, t.slot, t.design.design_id, lot, word) for t in tools]
+    rows = [_tool_row(campaign_id, t.batch, t.slot, t.design.design_id, stock, word) for t in tools]
     lake.append(rows, stored_provenance(lake, campaign_id))
 
 
@@ -208,7 +217,7 @@ def _check_open(
 
 
 def _tool_row(
-    campaign_id: str, batch: int, slot: int, design_id: str, lot: str, confirmation: PrintConfirmation
+    campaign_id: str, batch: int, slot: int, design_id: str, stock: _Stock, confirmation: PrintConfirmation
 ) -> ToolRow:
     reason = confirmation.rejected.get(slot)
     measured = confirmation.measured.get(slot, MeasuredTool())
@@ -221,17 +230,20 @@ def _tool_row(
         status="printed" if reason is None else "rejected",
         reason=reason or "",
         operator=confirmation.operator,
-        material_lot=lot,
+        material_lot=stock.lot,
+        recipe=stock.recipe.name if stock.recipe else None,
+        recipe_json=stock.recipe.content_json if stock.recipe else None,
         confirmed_by=confirmation.confirmed_by,
         rack_slot=confirmation.mounted.get(slot),
         **measured.model_dump(),
     )
 
 
-def _campaign_lot(lake: Lake, campaign_id: str) -> str:
-    """The lot that the config of the campaign names: what its tools are printed of unless a person says otherwise."""
+def _campaign_stock(lake: Lake, campaign_id: str, lot: str = "") -> _Stock:
+    """What the tools of a campaign are printed of and how: as its config says, unless a person names the lot."""
     stored = lake.rows(CampaignRow, campaign_id=campaign_id)
-    return name_campaign_lot(stored[-1]["config_toml"]) if stored else ""
+    text = stored[-1]["config_toml"] if stored else ""
+    return _Stock(lot or (name_campaign_lot(text) if text else ""), read_stored_recipe(text) if text else None)
 
 
 def _check_rack(slots: list[int], before: Mapping[int, dict[str, Any]], confirmation: PrintConfirmation) -> None:

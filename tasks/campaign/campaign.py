@@ -12,7 +12,7 @@ from fast.models.design.space import DesignSpace
 from fast.models.ids import seed_from
 from fast.models.records import SimulatorVersion
 from fast.tasks.campaign.config import CampaignConfig, relative_to
-from fast.tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
+from fast.tasks.campaign.own_designs import OwnDesign, list_references, place_designs, read_designs
 from fast.tasks.campaign.state import CampaignState, derive_state
 
 
@@ -95,15 +95,15 @@ class Campaign:
 
 
 def read_own_designs(config_path: Path, config: CampaignConfig) -> Mapping[int, tuple[OwnDesign, ...]]:
-    """Designs of the file that a config names, by batch; none where it names none.
+    """The reference finger of a config and the designs of the file that it names, by batch.
 
     Raises:
         UsageError: the file cannot be used, or a design can neither be printed nor placed.
     """
-    if config.designs is None:
-        return {}
-    path = relative_to(config_path, config.designs)
-    designs = read_designs(path, config.scientist.printing, config.design.space.family)
+    family = config.design.space.family
+    designs = list_references(config.schedule, family)
+    if config.designs is not None:
+        designs += read_designs(relative_to(config_path, config.designs), config.printing_rules, family)
     return place_designs(designs, config.schedule)
 
 

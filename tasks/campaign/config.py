@@ -7,6 +7,9 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from fast.hardware.cell.diagnostics import DiagnosticPlan
+from fast.models.design.printability import PrintingRules
+from fast.models.design.recipe import Recipe
+from fast.models.design.reference import make_reference
 from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.material import TABLE_3, MaterialLot
@@ -26,7 +29,10 @@ from fast.tasks.campaign.settings import (
 )
 
 LOT_SUFFIX = ".toml"
+RECIPE = "recipe"  # key of `[print]` that names a recipe file
+BODIES = ("compliant", "rigid")
 NAME = r"^[a-z0-9][a-z0-9-]{0,40}$"
+_ROUNDING_MM = 1e-6
 _N_TRIED = 4  # designs drawn of a space that is not the paper's, to see whether they can be made
 _LOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,60}")
 
@@ -90,6 +96,7 @@ class CampaignConfig(Record):
     gap: GapSettings = GapSettings()
     night: NightSettings = NightSettings()
     bench: BenchChoice
+    print: Recipe | None = None
     execution: Execution = Execution()
 
     @model_validator(mode="after")
@@ -140,18 +147,31 @@ class CampaignConfig(Record):
         unused: dict[str, Any] = {"execution": True, "lab": True} | ({"material": True} if not self.material else {})
         unused |= {"designs": True} if self.designs is None else {}
         unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
-        unused |= {"schedule": {"reference_tools"}} if not self.schedule.reference_tools else {}
+        unused["schedule"] = {name for name in ("reference_tools", "reference") if not getattr(self.schedule, name)}
+        unused |= {"print": {"recipe"} if self.print else True}  # what its file is called decides nothing
         unused |= {"design": True} if self.design == DesignSettings() else {}
         unused |= {"gap": True} if self.gap == GapSettings() else {}
         unused |= {"night": True} if self.night == NightSettings() else {}
         own = {"surrogate", "constraint", "best_predicted", "prior_campaigns", "objectives", "at_least", "at_most"}
         defaults = ScientistSettings()
-        unused["scientist"] = {key for key in own if getattr(self.scientist, key) == getattr(defaults, key)}
+        same = {key: True for key in own if getattr(self.scientist, key) == getattr(defaults, key)}
+        unused["scientist"] = same | ({} if self.scientist.printing.min_wall_mm else {"printing": {"min_wall_mm"}})
         unused["objects"] = {"files", "places", "file_ids"}  # what a file is called decides nothing
         science = self.model_dump(mode="json", exclude=unused)
         if self.objects.files:
             science["objects"]["own"] = [list(pair) for pair in self.objects.own_places]
         return science
+
+    @property
+    def printing_rules(self) -> PrintingRules:
+        """What a tool must keep to be printed: `scientist.printing`, with the wall and the gap of the recipe."""
+        rules = self.scientist.printing
+        return rules if self.print is None else self.print.limit(rules)
+
+    @property
+    def proposal_rules(self) -> PrintingRules | None:
+        """The rules of printing that proposals keep, if any."""
+        return self.printing_rules if self.scientist.manufacturable else None
 
     @property
     def follows_newest(self) -> bool:
@@ -171,6 +191,8 @@ def load_config(path: Path) -> CampaignConfig:
         ConfigError: the file is missing, is not TOML, or has a wrong value or key.
     """
     data = read_toml(path, "campaign config")
+    if isinstance(data.get("print"), dict):
+        data["print"] = read_recipe(data["print"], path)
     config = with_own_objects(load_record(CampaignConfig, data, str(path)), path)
     _check_science(config, str(path))
     if config.bench.world is not None:
@@ -202,6 +224,24 @@ def with_own_objects(config: CampaignConfig, path: Path) -> CampaignConfig:
             )
     objects = config.objects.model_copy(update={"file_ids": numbers})
     return config.model_copy(update={"objects": objects})
+
+
+def read_recipe(section: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The section `[print]` of a config, filled up with the recipe file that it may name; the section goes first.
+
+    Raises:
+        ConfigError: the file is missing, is not TOML, or names a file itself.
+    """
+    named = section.get("recipe")
+    if not isinstance(named, str):
+        return {"name": path.stem, **section}
+    file = relative_to(path, named)
+    told = read_toml(file, "recipe file")
+    if RECIPE in told:
+        raise ConfigError(f"{file}: a recipe file names no other one; remove `{RECIPE}`.")
+    load_record(Recipe, {"name": file.stem, **told}, str(file))
+    bodies = {key: {**told[key], **section[key]} for key in BODIES if isinstance(section.get(key), dict)}
+    return {"name": file.stem, **told, **section, **bodies}
 
 
 def read_lot(path: Path) -> MaterialLot:
@@ -281,6 +321,7 @@ def _check_science(config: CampaignConfig, source: str) -> None:
 
     try:
         _check_design(config)
+        _check_recipe(config)
         build_effects(config.simulator.effects)
         check_tier(config.simulator.tier)
         for rule in (config.scientist.acquisition, config.scientist.simulation_acquisition):
@@ -291,6 +332,30 @@ def _check_science(config: CampaignConfig, source: str) -> None:
     except UsageError as error:
         sentence = str(error)
         raise ConfigError(f"{source}: {sentence[:1].lower()}{sentence[1:]}") from error
+
+
+def _check_recipe(config: CampaignConfig) -> None:
+    """Refuse a recipe that cannot print what the campaign may propose: a wall too thin, a finger larger than the bed.
+
+    Raises:
+        UsageError: with the value and the limit.
+    """
+    from fast.models.design.tray import check_bed
+
+    recipe, space = config.print, config.design.space
+    if config.schedule.reference is not None:
+        make_reference(config.schedule.reference, space.family)
+    if recipe is None:
+        return
+    largest = dict(zip(space.names, space.upper, strict=True))
+    check_bed(largest["length_mm"], largest["height_mm"], recipe.bed_mm, "the largest sizes of [design]")
+    for name, lowest in zip(space.names, space.lower, strict=True):
+        if name.endswith("_thickness_mm") and lowest < recipe.wall_mm - _ROUNDING_MM:
+            raise UsageError(
+                f"the recipe {recipe.name} prints walls from {recipe.wall_mm:g} mm ({recipe.wall_rule}), `{name}` may "
+                f"be {lowest:g} mm; set design.ranges.{name} = [{recipe.wall_mm:g}, "
+                f"{largest[name]:g}] or change the recipe."
+            )
 
 
 def _check_design(config: CampaignConfig) -> None:

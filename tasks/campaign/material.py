@@ -1,4 +1,7 @@
-"""Lots of printing material: from their files into the lake, and which one a calibration takes its priors from."""
+"""What tools are printed of, and how: lots of material from their files into the lake, recipes of stored configs.
+
+A calibration takes its priors from a lot.
+"""
 
 import tomllib
 from collections.abc import Collection
@@ -10,9 +13,10 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow
 from fast.lake.tables.imported import is_imported
 from fast.lake.tables.material import MaterialRow, lot_of_rows
+from fast.models.design.recipe import Recipe
 from fast.models.errors import UsageError
 from fast.models.material import TABLE_3, MaterialLot
-from fast.models.validation import closest
+from fast.models.validation import closest, load_record
 from fast.tasks.campaign.config import LOT_SUFFIX, read_lot
 
 
@@ -45,6 +49,14 @@ def name_campaign_lot(config_toml: str) -> str:
     if is_imported(config_toml):
         return ""
     return Path(tomllib.loads(config_toml).get("material", "")).stem
+
+
+def read_stored_recipe(config_toml: str) -> Recipe | None:
+    """The recipe of a stored config; None for none, and for an imported campaign."""
+    if is_imported(config_toml):
+        return None
+    told = tomllib.loads(config_toml).get("print")
+    return None if told is None else load_record(Recipe, told, "stored config")
 
 
 def find_lot(lake: Lake, asked: str | None, campaign_ids: Collection[str]) -> StoredLot | None:

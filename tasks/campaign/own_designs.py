@@ -1,4 +1,7 @@
-"""Designs of one's own: a CSV file beside the config, whose fingers are printed and measured like proposed ones."""
+"""Designs of one's own: a CSV file beside the config, whose fingers are printed and measured like proposed ones.
+
+The reference finger of a config is one of them, in the first slot of the first batch.
+"""
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -7,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fast.models.design.printability import PrintingRules, broken_rules
+from fast.models.design.reference import make_reference
 from fast.models.errors import ConfigError, UsageError
 from fast.models.records import Design, FinRay
 from fast.models.validation import load_record
@@ -14,6 +18,7 @@ from fast.tasks.campaign.csv_file import CsvRow, read_rows
 from fast.tasks.campaign.settings import Schedule
 
 OWN = "own"  # what `proposals.acquisition` says of them
+REFERENCE = "reference"  # and of a reference finger
 NAME, BATCH = "name", "batch"
 _LONGEST_NAME = 60
 
@@ -26,6 +31,19 @@ class OwnDesign:
     name: str
     design: Design
     batch: int | None = None
+    rule: str = OWN
+
+
+def list_references(schedule: Schedule, family: type[Design]) -> list[OwnDesign]:
+    """The reference finger that the config asks for, which the first batch prints; none where it asks for none.
+
+    Raises:
+        UsageError: the family cannot draw it.
+    """
+    name = schedule.reference
+    if name is None:
+        return []
+    return [OwnDesign("schedule.reference", name, make_reference(name, family), 1, REFERENCE)]
 
 
 def read_designs(path: Path, rules: PrintingRules | None = None, family: type[Design] = FinRay) -> list[OwnDesign]:
@@ -53,7 +71,7 @@ def _read(row: CsvRow, number: int, rules: PrintingRules | None, family: type[De
     if broken:
         raise UsageError(
             f"{row.place}: the finger cannot be printed ({'; '.join(broken)}); nothing was written: change the design, "
-            "or the limits in [scientist.printing]."
+            "the limits in [scientist.printing], or the recipe in [print]."
         )
     name = row.get(NAME) or f"own {number}"
     if len(name) > _LONGEST_NAME or not name.isprintable():

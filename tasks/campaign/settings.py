@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from fast.hardware.cell.layout import N_OBJECTS, N_SLOTS, BenchLayout
 from fast.models.design.families import find_family
 from fast.models.design.printability import PrintingRules
+from fast.models.design.reference import REFERENCES
 from fast.models.design.space import FIN_RAYS, DesignSpace, LinearLimit
 from fast.models.own_code import OWN, is_own
 from fast.models.records import (
@@ -291,11 +292,6 @@ class ScientistSettings(Record):
         names = (self.surrogate, self.acquisition, self.simulation_acquisition, self.constraint)
         return [name for name in names if name is not None and is_own(name)]
 
-    @property
-    def printing_rules(self) -> PrintingRules | None:
-        """The rules that proposals keep, if any."""
-        return self.printing if self.manufacturable else None
-
 
 class Schedule(Record):
     """How many tools and simulations, in which order (the paper: 30 + 50, then 8 x (10 with 100))."""
@@ -308,6 +304,17 @@ class Schedule(Record):
     reference_tools: Annotated[int, Field(ge=0, le=9)] | tuple[str, ...] = Field(
         default=0, description="measured tools that each later batch measures again: how many of the best, or which"
     )
+
+    reference: str | None = Field(
+        default=None, description="reference finger that is printed as the first tool of the first batch: `fin-ray`"
+    )
+
+    @field_validator("reference")
+    @classmethod
+    def _check_reference(cls, name: str | None) -> str | None:
+        if name is not None and name not in REFERENCES:
+            raise ValueError(f"there is no reference finger `{name}`; {closest(name, list(REFERENCES))}")
+        return name
 
     @model_validator(mode="after")
     def _check_references(self) -> "Schedule":
@@ -392,6 +399,12 @@ class Execution(Record):
     max_grasp_attempts: int = Field(default=2, ge=1, le=10)
     position_check_tools: int = Field(
         default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"
+    )
+    again_grasps: int = Field(
+        default=6,
+        ge=0,
+        le=360,
+        description="grasps of a batch that the gantry makes again where they look wrong; 0: none",
     )
 
     @field_validator("engine")

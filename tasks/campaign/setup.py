@@ -1,6 +1,7 @@
 """What a campaign starts from: the file of its bench or of its virtual world, and its entry in the lake."""
 
 import json
+import re
 import tomllib
 from collections import defaultdict
 from pathlib import Path
@@ -12,12 +13,13 @@ from fast.lake.tables.campaign import CampaignRow, ProposalRow, ToolRow
 from fast.lake.tables.catalogue_rows import object_rows
 from fast.lake.tables.imported import IMPORTED, is_imported
 from fast.lake.tables.row import Row
+from fast.models.design.recipe import Recipe
 from fast.models.errors import ConfigError
 from fast.models.ids import content_id
 from fast.models.objects.catalogue import get_object
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.config import CampaignConfig, differences, read_toml, relative_to
+from fast.tasks.campaign.config import BODIES, CampaignConfig, differences, read_toml, relative_to
 from fast.tasks.campaign.material import store_lot
 from fast.tasks.campaign.own_designs import OWN
 from fast.tasks.scientist.prior import check_prior
@@ -103,7 +105,8 @@ def register(campaign: Campaign, config_toml: str) -> None:
             )
     objects = campaign.config.objects
     own = [get_object(object_id) for object_id in objects.own_ids]
-    row = CampaignRow(campaign_id=name, name=name, config_toml=_with_file_ids(config_toml, objects.file_ids))
+    stored = _with_recipe(_with_file_ids(config_toml, objects.file_ids), campaign.config.print)
+    row = CampaignRow(campaign_id=name, name=name, config_toml=stored)
     provenance = campaign.provenance(campaign.config.seed)
     if is_adopted:  # before the campaign: a crash between them leaves one that is still imported, and adopted again
         campaign.lake.append(_proposals_of_imported(campaign), provenance)
@@ -124,6 +127,34 @@ def _with_file_ids(config_toml: str, file_ids: dict[str, int]) -> str:
         tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError("the config's `objects` must be a table of its own, [objects]; write it so.") from error
+    return text
+
+
+def _with_recipe(config_toml: str, recipe: Recipe | None) -> str:
+    """The text of a config with all of its recipe, which outlives the recipe's file.
+
+    Raises:
+        ConfigError: the text has no place for it.
+    """
+    if recipe is None:
+        return config_toml
+    text, said = config_toml, tomllib.loads(config_toml)["print"]
+    whole = recipe.model_dump(mode="json", exclude_none=True)
+    tables = {"print": whole} | {f"print.{key}": whole.pop(key) for key in BODIES}
+    for name, values in tables.items():
+        there = said if name == "print" else said.get(name.removeprefix("print."), {})
+        lines = [f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in values.items() if k not in there]
+        header = re.search(rf"^[ \t]*\[{re.escape(name)}\][ \t]*(#.*)?$", text, re.MULTILINE)
+        if header is None:
+            text = "\n".join([text.rstrip(), "", f"[{name}]", *lines, ""])
+        else:
+            text = "\n".join([text[: header.end()], *lines]) + text[header.end() :]
+    try:
+        is_whole = load_record(Recipe, tomllib.loads(text)["print"], "[print]") == recipe
+    except (tomllib.TOMLDecodeError, ConfigError):
+        is_whole = False
+    if not is_whole:
+        raise ConfigError("the config's `print` must be a table of its own, [print]; write it so.")
     return text
 
 
@@ -155,7 +186,7 @@ def _check_own_designs(campaign: Campaign) -> None:
     for row in rows:
         found[row["batch"]] += [(row["slot"], row["design_id"])] if row["acquisition"] == OWN else []
     for batch, slots in found.items():
-        now = [own.design.design_id for own in campaign.own_designs.get(batch, ())]
+        now = [own.design.design_id for own in campaign.own_designs.get(batch, ()) if own.rule == OWN]
         if [design_id for _, design_id in sorted(slots)] != now:
             raise ConfigError(
                 f"`{campaign.config.designs}` has {len(now)} designs for batch {batch}, which is proposed already with "

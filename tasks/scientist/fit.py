@@ -134,8 +134,9 @@ def fitted_before(row: Mapping[str, Any], data: ObservationSet) -> Surrogate:
 
 
 def _last_fit(campaign: Campaign, batch: int) -> dict[str, Any] | None:
-    fits = campaign.lake.rows(FitRow, campaign_id=campaign.campaign_id, batch=batch, purpose="simulations")
-    return max(fits, key=lambda row: (row["n_real"], row["n_sim"]), default=None)
+    fits = campaign.lake.records(FitRow, campaign_id=campaign.campaign_id, batch=batch, purpose="simulations")
+    last = max(fits, key=lambda row: (row.n_real, row.n_sim), default=None)
+    return None if last is None else last.model_dump()
 
 
 def _is_outgrown(last: Mapping[str, Any], data: ObservationSet) -> bool:

@@ -98,7 +98,7 @@ def _draw_near(campaign: Campaign, surrogate: Surrogate, n: int, rng: np.random.
 
 
 def _keep_printable(campaign: Campaign, points: np.ndarray) -> np.ndarray:
-    return keep_allowed(points, campaign.config.scientist.printing_rules, constraint_of(campaign), campaign.space)
+    return keep_allowed(points, campaign.config.proposal_rules, constraint_of(campaign), campaign.space)
 
 
 def _append_new(campaign: Campaign, stage: int, designs: list[Design], data: ObservationSet) -> None:

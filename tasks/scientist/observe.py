@@ -9,6 +9,7 @@ from fast.models.records import Design, SimulatorVersion
 from fast.models.scientist.objectives import MEAN_PEAK, Outcome
 from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObjectValues, ObservationSet
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
+from fast.tasks.bench.again import is_owed
 from fast.tasks.bench.plan import find_missing_runs
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState, ProposedTool, tuples
@@ -16,6 +17,18 @@ from fast.tasks.scientist.prior import prior_designs, read_prior
 
 # Grasps that a search asked for say nothing of a tool's quality.
 _ORDINARY = "grasps WHERE campaign_id = ? AND status = 'ok' AND request_id IS NULL"
+
+# The value of the latest of the versions, in their order, for each design and object, by their places in the lists.
+_FORCES = """
+    WITH wanted AS (SELECT unnest($designs::VARCHAR[]) AS design_id, unnest(range(len($designs))) AS design),
+        met AS (SELECT unnest($objects::INTEGER[]) AS object_id, unnest(range(len($objects))) AS object)
+    SELECT design, object,
+        arg_max({column} * $ratios[list_position($versions, version_id)], list_position($versions, version_id))
+            AS force_n
+    FROM simulations JOIN wanted USING (design_id) JOIN met USING (object_id)
+    WHERE setup_id = $setup AND list_contains($versions, version_id) AND status = 'ok' AND {column} IS NOT NULL
+    GROUP BY ALL
+"""
 
 
 class Means(NamedTuple):
@@ -128,16 +141,19 @@ def proposed_designs(state: CampaignState) -> dict[str, Design]:
 
 
 def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps or diagnostic runs still to be made."""
+    """Printed tools of a confirmed batch with grasps or runs still to be made; all of one that owes a second look."""
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.cells(0)
     limit = campaign.config.max_grasp_attempts
-    return [
+    found = [
         tool
         for tool in state.tools_of(batch)
         if state.missing_grasps(tool, plan, limit) or find_missing_runs(campaign, state, tool)
     ]
+    if found or not is_owed(campaign, batch):
+        return found
+    return [tool for tool in state.tools_of(batch) if state.is_to_be_had(tool)]
 
 
 def closed_batches(campaign: Campaign, state: CampaignState) -> list[int]:
@@ -251,17 +267,21 @@ def _simulated_forces(
 
     What versions of the campaign gave that differ in Young's modulus alone is scaled to `version`, which goes first.
     """
-    row_of = {design_id: i for i, design_id in enumerate(design_ids)}
-    column_of = {o: i for i, o in enumerate(campaign.object_ids)}
-    forces = np.full((len(row_of), len(column_of)), np.nan)
+    forces = np.full((len(design_ids), len(campaign.object_ids)), np.nan)
     column = campaign.config.simulator.objective if outcome.column == "peak_force_n" else outcome.column
-    columns = f"version_id, design_id, object_id, {column}"
     ratios = campaign.force_ratios(version)
-    order = {version_id: place for place, version_id in enumerate(ratios)}
-    found = sorted(_simulation_rows(campaign, version, columns), key=lambda row: order[row[0]])
-    for version_id, design_id, object_id, force_n in found:
-        if design_id in row_of and object_id in column_of and force_n is not None:
-            forces[row_of[design_id], column_of[object_id]] = ratios[version_id] * force_n
+    found = campaign.lake.query(
+        _FORCES.format(column=column),
+        {
+            "setup": campaign.config.grasp.setup_id,
+            "versions": list(ratios),
+            "ratios": list(ratios.values()),
+            "designs": list(design_ids),
+            "objects": list(campaign.object_ids),
+        },
+    )
+    row, place, force_n = (found[name].to_numpy() for name in ("design", "object", "force_n"))
+    forces[row, place] = force_n
     return forces
 
 

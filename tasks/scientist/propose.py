@@ -19,7 +19,6 @@ from fast.models.scientist.propose import Proposal as ProposedDesign
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.own_designs import OWN
 from fast.tasks.campaign.simulator_versions import note_older_simulations
 from fast.tasks.campaign.state import CampaignState
 from fast.tasks.scientist.criteria import make_criteria
@@ -106,7 +105,7 @@ def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[
     Raises:
         UsageError: hardly any design keeps the rules.
     """
-    rules, constraint = campaign.config.scientist.printing_rules, constraint_of(campaign)
+    rules, constraint = campaign.config.proposal_rules, constraint_of(campaign)
     if n == 0 or (rules is None and constraint is None):
         return campaign.space.random_designs(n, rng)
     designs: list[Design] = []
@@ -180,7 +179,7 @@ def propose_tools(
             rejected=campaign.space.to_unit(
                 [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
             ),
-            printing=scientist.printing_rules,
+            printing=campaign.config.proposal_rules,
             constraint=constraint_of(campaign),
             n_best=min(scientist.best_predicted, n_tools),
             space=campaign.space,
@@ -208,7 +207,7 @@ def propose_simulation(
         min_distance=0.0,
         acquisition=scientist.simulation_acquisition,
         taken=campaign.space.to_unit(simulated_designs(campaign, state)),
-        printing=scientist.printing_rules,
+        printing=campaign.config.proposal_rules,
         constraint=constraint_of(campaign),
         space=campaign.space,
     )[0]
@@ -255,11 +254,11 @@ def append_tools(campaign: Campaign, batch: int, proposals: Sequence[ProposedDes
     provenance = campaign.provenance(choice.seed, choice.parents)
     own = campaign.own_designs.get(batch, ())
     _append_designs(campaign, [*(one.design for one in own), *(p.design for p in proposals)], choice.seed)
-    given = Choice(OWN, choice.seed)
-    rows = [
-        _proposal_row(campaign, batch, slot, slot, ProposedDesign(design=one.design, value=0.0), given, one.name)
-        for slot, one in enumerate(own)
-    ]
+    rows = []
+    for slot, one in enumerate(own):
+        given = Choice(one.rule, choice.seed)
+        proposal = ProposedDesign(design=one.design, value=0.0)
+        rows.append(_proposal_row(campaign, batch, slot, slot, proposal, given, one.name))
     rows += [_proposal_row(campaign, batch, slot, slot, p, choice) for slot, p in enumerate(proposals, start=len(own))]
     batch_row = BatchRow(
         batch_id=BatchRow.make_id(campaign.campaign_id, batch),

@@ -42,7 +42,7 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
         min_distance=0.0,
         acquisition=IMPROVEMENT,
         taken=campaign.space.to_unit(simulated_designs(campaign, state)),
-        printing=campaign.config.scientist.printing_rules,
+        printing=campaign.config.proposal_rules,
         constraint=constraint_of(campaign),
         space=campaign.space,
     )[0]

@@ -189,3 +189,17 @@ def test_a_row_is_rewritten_a_few_times_however_many_batches_are_merged():
             written += size
     assert len(files) < 200 * 5 * unit / (target // 2) + 5
     assert written < 4 * 200 * 5 * unit
+
+
+def test_of_files_that_were_read_and_merged_away_nothing_stays_in_memory(lake, provenance, make_grasp):
+    """A campaign reads a new file for each of 12,000 grasps; headers of 31 KB each would be its largest part."""
+    for repeat in range(20):
+        lake.append(make_grasp(repeat=repeat), provenance)
+        assert lake.query("SELECT count(force_n) AS n FROM traces")["n"].to_pylist() == [repeat + 1]
+    compact(lake, TraceRow)
+    lake.query("SELECT count(force_n) FROM traces")
+    with lake.reading("SELECT * FROM traces") as engine:
+        held = engine.connection.execute(
+            "SELECT sum(memory_usage_bytes) FROM duckdb_memory() WHERE tag = 'OBJECT_CACHE'"
+        ).fetchone()
+    assert held[0] < 20_000

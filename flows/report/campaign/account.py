@@ -91,7 +91,7 @@ def write_tools(content: Content, folder: Folder) -> Markup:
         "failed",
         "note",
     )
-    best_row = 0 if content.best else None
+    best_row = ranked.index(content.best) if content.best else None
     return section(
         "tools", "All tools", table(headings, rows, numeric=(0, 3, 4, 6, 7, 8, 9), best_row=best_row),
         folder.sources(content.quality),
@@ -101,6 +101,8 @@ def write_tools(content: Content, folder: Folder) -> Markup:
 def _note(tool: Tool) -> Markup:
     if tool.reason or tool.status == "rejected":
         return Markup(text(tool.reason or tool.status))
+    if tool.reference is not None and tool.is_complete:
+        return Markup(text(f"reference finger {tool.reference}"))
     return Markup("" if tool.is_complete else "not all objects" if tool.n_objects else "not measured yet")
 
 

@@ -12,9 +12,11 @@ from fast.flows.report.campaign.facts import (
     find_best_tool,
     find_first_batch,
     find_last_batch,
+    find_references,
     read_tools,
 )
 from fast.flows.report.campaign.queries import Result, fetch
+from fast.flows.report.campaign.reference import TimesReference, compare_with_reference
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow, design_of_columns
 from fast.lake.tables.imported import is_imported
@@ -81,12 +83,17 @@ class Content:
     @cached_property
     def tools(self) -> list[Tool]:
         """All tools."""
-        return read_tools(self.quality.rows)
+        return read_tools(self.quality.rows, find_references(self.designs.rows))
 
     @cached_property
     def best(self) -> Tool | None:
         """The best tool, None before the first measurement."""
         return find_best_tool(self.tools)
+
+    @cached_property
+    def times_reference(self) -> TimesReference | None:
+        """The best tool against the reference finger, None where one of them is not measured."""
+        return compare_with_reference(self.tools, self.best)
 
     @cached_property
     def first(self) -> list[Tool]:

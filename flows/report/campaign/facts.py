@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from fast.lake.tables.campaign import design_of_columns
+from fast.models.design.reference import find_reference
+from fast.models.errors import FastError
 from fast.models.ids import tool_label
 
 CONFIDENCE = 0.95
@@ -18,7 +21,8 @@ class Tool:
     """A tool of the campaign and what was measured with it.
 
     `quality_n` is the mean over objects of the mean over repeats of the peak pull-off force, None where
-    nothing was measured; `half_width_n` half of its 95 % interval from the scatter between repeats.
+    nothing was measured; `half_width_n` half of its 95 % interval from the scatter between repeats. `reference`: name
+    of the reference finger that it is, None for any other tool.
     """
 
     label: str
@@ -36,6 +40,7 @@ class Tool:
     n_grasps: int
     n_failed: int
     is_complete: bool
+    reference: str | None = None
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,24 @@ class Agreement:
     bias_n: float
 
 
-def read_tools(rows: Sequence[Mapping[str, Any]]) -> list[Tool]:
-    """Tools in order of batch and slot; complete means measured on as many objects as the best covered tool."""
+def find_references(design_rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Names of the reference fingers among designs (columns of the table `designs`), by design id."""
+    found = {}
+    for row in design_rows:
+        try:
+            name = find_reference(design_of_columns(row))
+        except FastError:  # of a family that is not known here: then it is none of ours
+            continue
+        if name is not None:
+            found[row["design_id"]] = name
+    return found
+
+
+def read_tools(rows: Sequence[Mapping[str, Any]], references: Mapping[str, str] | None = None) -> list[Tool]:
+    """Tools in order of batch and slot; complete means measured on as many objects as the best covered tool.
+
+    references: names of those designs that are reference fingers, by design id.
+    """
     most = max((row["n_objects"] for row in rows), default=0)
     return [
         Tool(
@@ -63,6 +84,7 @@ def read_tools(rows: Sequence[Mapping[str, Any]]) -> list[Tool]:
                 for key in "batch slot tool_id design_id status quality_n work_j n_objects n_grasps n_failed".split()
             },
             reason=row["reason"] or "",
+            reference=(references or {}).get(row["design_id"]),
         )
         for row in rows
     ]
@@ -75,13 +97,16 @@ def _half_width(standard_error: float | None, n_freedom: int | None) -> float | 
 
 
 def find_best_tool(tools: Sequence[Tool]) -> Tool | None:
-    """Highest tool quality among the completely measured tools (a few easy objects do not make a good tool)."""
-    return max((t for t in tools if t.is_complete), key=_quality, default=None)
+    """Highest tool quality among the completely measured tools (a few easy objects do not make a good tool).
+
+    A reference finger is what others are compared with: it is the best only where nothing else was measured.
+    """
+    return max(_complete(tools), key=_quality, default=None)
 
 
 def find_first_batch(tools: Sequence[Tool]) -> list[Tool]:
     """The completely measured tools of the first random batch (of the first batch, where none was random)."""
-    measured = [t for t in tools if t.is_complete]
+    measured = _complete(tools)
     random = [t for t in measured if t.kind == "random"] or measured
     first = min((t.batch for t in random), default=0)
     return [t for t in random if t.batch == first]
@@ -89,9 +114,15 @@ def find_first_batch(tools: Sequence[Tool]) -> list[Tool]:
 
 def find_last_batch(tools: Sequence[Tool]) -> list[Tool]:
     """The completely measured tools of the newest batch that has any."""
-    measured = [t for t in tools if t.is_complete]
+    measured = _complete(tools)
     last = max((t.batch for t in measured), default=0)
     return [t for t in measured if t.batch == last]
+
+
+def _complete(tools: Sequence[Tool]) -> list[Tool]:
+    """The completely measured tools but for reference fingers; these alone where there is nothing else."""
+    measured = [t for t in tools if t.is_complete]
+    return [t for t in measured if t.reference is None] or measured
 
 
 def average_quality_n(tools: Sequence[Tool]) -> float:

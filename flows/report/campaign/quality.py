@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from fast.flows.report.campaign import queries
 from fast.flows.report.campaign.content import NOT_MEASURED, Content
-from fast.flows.report.campaign.facts import Tool, average_quality_n, count_objects_won, read_tools
+from fast.flows.report.campaign.facts import Tool, average_quality_n, count_objects_won, find_references, read_tools
 from fast.flows.report.campaign.queries import Result, fetch
 from fast.flows.report.folder import Folder
 from fast.flows.report.html import Markup, columns, count, number, paragraph, section, table, tiles
@@ -58,9 +58,20 @@ def headline(content: Content) -> Markup:
         ),
         (number(reference, 1, "N"), f"mean of the first batch, {count(len(content.first), 'tool')}"),
         *([(f"{100 * gain:+.0f} %", "best tool against that mean")] if round(100 * gain) else []),
+        *_reference_tile(content),
         *numbers,
     ]
     return Markup(paragraph(_verdict(content, best, reference, gain), "lead") + _caution(content) + tiles(numbers))
+
+
+def _reference_tile(content: Content) -> list[tuple[Markup | str, str]]:
+    """Best tool over reference finger, where both are measured."""
+    found = content.times_reference
+    if found is None:
+        return []
+    value, _, rest = found.times.partition(" times the reference finger")
+    what = f"times the reference finger {found.references[0].reference}: {number(found.reference_n, 1, 'N')}"
+    return [(Markup(f"{value} <small>{rest}</small>"), what)]
 
 
 def describe_quality(tool: Tool, digits: int = 2) -> str:
@@ -72,6 +83,8 @@ def describe_quality(tool: Tool, digits: int = 2) -> str:
 
 def _verdict(content: Content, best: Tool, reference: float, gain: float) -> str:
     opening = f"{best.label} holds best: it takes {describe_quality(best)} on average to pull an object out of its grip"
+    if content.times_reference is not None:
+        opening += f", {content.times_reference.times}"
     if best in content.first:
         if len(content.first) == 1:
             return f"{opening}. It is the only tool of the first batch; none beats it."
@@ -98,6 +111,10 @@ def _caution(content: Content) -> Markup:
     notes = [
         "± is a 95 % interval from the scatter between repeats; it does not cover another print of the same design."
     ]
+    if content.times_reference is not None:
+        notes.append(content.times_reference.sentence)
+    elif content.best is not None and any(t.reference for t in content.tools):
+        notes.append("The reference finger is not measured on every object yet, or is all that was measured.")
     if "virtual" in benches:
         notes.insert(0, "Measured on the virtual bench: these forces come from a simulated world, not from a machine.")
     if partial:
@@ -200,7 +217,7 @@ class Approach:
     @property
     def complete(self) -> list[Tool]:
         """The tools that were measured on every object."""
-        return [t for t in self.tools if t.is_complete]
+        return [t for t in self.tools if t.is_complete and t.reference is None]
 
     @property
     def n_batches(self) -> int:
@@ -263,7 +280,8 @@ def _find_approaches(lake: Lake, content: Content, objects: set[int]) -> list[Ap
         if (is_own and campaign_id == content.campaign.campaign_id) or _object_ids(lake, campaign_id) != objects:
             continue
         name, seed = _parse_name(campaign_id if is_own else lake.root.name)
-        tools = read_tools(fetch(lake, "tool_quality", queries.TOOL_QUALITY, campaign_id).rows)
+        references = find_references(fetch(lake, "designs", queries.DESIGNS, campaign_id).rows)
+        tools = read_tools(fetch(lake, "tool_quality", queries.TOOL_QUALITY, campaign_id).rows, references)
         cost = fetch(lake, "simulations", queries.SIMULATION_COST, campaign_id)
         approach = Approach(name, seed, tools, cost)
         if approach.complete:

@@ -1,6 +1,7 @@
 """The closed loop on the virtual bench, killed in the middle and continued: the same set of grasps, once each."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
+from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import FastError
 from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.state import derive_state
@@ -26,6 +28,9 @@ tools_per_batch = 2
 guided_batches = 1
 initial_simulations = 2
 simulations_per_batch = 1
+reference = "fin-ray"
+[print]
+recipe = "printed.toml"
 [objects]
 ids = [0]
 repeats = 2
@@ -46,6 +51,7 @@ SMALLEST = CONFIG.replace("repeats = 2", "repeats = 4").replace("poll_s = 0.5", 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "tiny.toml").write_text(CONFIG)
+    shutil.copy(ROOT / "recipes" / "fdm-tpu.toml", tmp_path / "printed.toml")
     (tmp_path / "world.toml").write_text((ROOT / "worlds" / "quick.toml").read_text().replace("5.0", "8.0"))
     return tmp_path
 
@@ -125,6 +131,10 @@ def test_killed_and_continued_gives_every_grasp_once(folder, moments):
     assert sorted(row["status"] for row in runs if row["ended_at"] is not None) == ["completed"]
     assert {row["status"] for row in runs if row["ended_at"] is None} <= {"died"}  # one may be killed before it starts
     assert "best tool" in output
+    assert re.search(r"reference  B0\dT\d holds \d+\.\d\d times the reference finger \[\d+\.\d\d, \d+\.\d\d\]", output)
+    tools = Lake.open(folder / "lake").rows(ToolRow)
+    assert {row["recipe"] for row in tools} == {"printed"}
+    assert [r["tool_id"] for r in tools if r["design_id"] == BEST_PUBLISHED.design_id] == ["tiny/B01T0"]
     assert (folder / "lake" / "outputs" / "tiny" / "report" / "index.html").is_file()
     assert (folder / "lake" / "outputs" / "tiny" / "tiny.rrd").is_file()
 
@@ -194,7 +204,7 @@ def test_killed_among_simulations_it_proposes_what_it_would_have_uninterrupted(f
         wait_for(folder, lambda lake: is_simulated(lake, 3))  # nobody confirms B02, so the bench stands still
     finally:
         end(campaign)
-    for name in ("tiny.toml", "world.toml"):
+    for name in ("tiny.toml", "world.toml", "printed.toml"):
         shutil.copy(folder / name, folder / "killed")
     continued = start(folder / "killed")
     try:

@@ -2,46 +2,80 @@ from types import SimpleNamespace
 
 import pytest
 
-from fast.flows.campaign import progress
+from fast.flows.campaign import pace, progress
+from fast.flows.campaign.pace import StageLeft
 from fast.flows.campaign.progress import MOST_CPU, CampaignProgress, Workload
 from fast.flows.progress import UNKNOWN, ProgressReporter
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Seconds, and CPU seconds, that the test sets."""
+    now = SimpleNamespace(s=0.0, cpu_s=0.0)
+    fake_time = SimpleNamespace(monotonic=lambda: now.s, thread_time=lambda: now.cpu_s)
+    monkeypatch.setattr(progress, "time", fake_time)
+    monkeypatch.setattr(pace, "time", fake_time)
+    monkeypatch.setattr(progress, "at_present", lambda campaign: SimpleNamespace(state=lambda: None))
+    return now
+
+
+@pytest.fixture
+def lines():
+    return []
+
+
+@pytest.fixture
+def reporter(lines):
+    return CampaignProgress(SimpleNamespace(object_ids=(0, 1)), ProgressReporter(lines.append, lines.append).report)
 
 
 def test_share_of_work_done():
     assert Workload(5, 10, 15, 30).fraction == 0.5
 
 
-def test_lines_that_cost_much_come_seldom(monkeypatch):
+def test_the_lake_is_read_seldom_and_grasps_are_counted_between(monkeypatch, clock, lines, reporter):
     """A bench measures for days: what people read of it must not cost more than the rest."""
-    clock, cpu_s, lines = [0.0], [0.0], []
-    fake_time = SimpleNamespace(monotonic=lambda: clock[0], thread_time=lambda: cpu_s[0])
-    monkeypatch.setattr(progress, "time", fake_time)
-    monkeypatch.setattr(progress, "at_present", lambda campaign: SimpleNamespace(state=lambda: None))
+    n_made, looks = [0], []
 
     def count(campaign, state) -> Workload:
-        cpu_s[0] += 0.03
-        return Workload(1, 2, 3, 4)
+        clock.cpu_s += 0.12
+        looks.append(clock.s)
+        return Workload(n_made[0], 1000, 30, 30)
 
     monkeypatch.setattr(progress, "count_work", count)
-    reporter = CampaignProgress(SimpleNamespace(), ProgressReporter(lines.append, lines.append).report)
-    for _ in range(200):
-        clock[0] += 1.0
-        reporter.line("a grasp")
-    assert len(lines) == 7  # at 1 s, and then every 30 s
-    assert cpu_s[0] / clock[0] == pytest.approx(MOST_CPU, rel=0.1)
-    reporter.line("a design", force=True)
-    assert len(lines) == 8
+    left = lambda campaign, state: [StageLeft(1000 - n_made[0], 0, is_guided=False)]  # noqa: E731
+    monkeypatch.setattr(progress, "count_left", left)
+    for _ in range(500):
+        clock.s += 2.0
+        n_made[0] += 1
+        reporter.grasp("a grasp")
+    assert len(looks) == 9  # at 2 s, and then every 120 s
+    assert clock.cpu_s / clock.s == pytest.approx(MOST_CPU, rel=0.1)
+    assert len(lines) == 167  # every 6 s, the first grasp after five
+    assert lines[-1].endswith("grasps 499/1000, simulated 30/30  |  17 min left")
+    reporter.simulated("a design")
+    assert len(looks) == 10
+    assert "grasps 500/1000" in lines[-1]
 
 
-def test_after_a_break_no_time_is_said_until_the_rate_of_the_grasps_is_known_again(monkeypatch):
+def test_grasps_that_the_schedule_does_not_owe_are_not_counted(monkeypatch, clock, lines, reporter):
+    monkeypatch.setattr(progress, "count_work", lambda campaign, state: Workload(0, 9, 0, 0))
+    monkeypatch.setattr(progress, "count_left", lambda campaign, state: [StageLeft(9, 0, is_guided=False)])
+    reporter.simulated("a design")
+    monkeypatch.setattr(reporter, "_next_look_s", 1e9)
+    for is_owed in (True, False, True):
+        clock.s += 10.0
+        reporter.grasp("a grasp", is_owed=is_owed)
+    assert [line.split("grasps ")[1].split(",")[0] for line in lines] == ["0/9", "1/9", "1/9", "2/9"]
+
+
+def test_a_break_is_no_part_of_the_pace_of_the_grasps(monkeypatch, clock, lines, reporter):
     """The simulations of the stage are done, half of the grasps are left, and their first came after a print."""
-    clock, grasps, lines = [0.0], [0], []
-    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: clock[0], thread_time=lambda: 0.0))
-    monkeypatch.setattr(progress, "at_present", lambda campaign: SimpleNamespace(state=lambda: None))
+    grasps = [0]
     monkeypatch.setattr(progress, "count_work", lambda campaign, state: Workload(grasps[0], 20, 30, 30))
-    reporter = CampaignProgress(SimpleNamespace(), ProgressReporter(lines.append, lines.append).report)
+    monkeypatch.setattr(progress, "count_left", lambda campaign, state: [StageLeft(20 - grasps[0], 0, is_guided=False)])
     for at_s, done in ((0.0, 8), (10.0, 9), (20.0, 10), (4000.0, 11), (4010.0, 12)):
-        clock[0], grasps[0] = at_s, done
-        reporter.line("a grasp")
+        clock.s, grasps[0] = at_s, done
+        reporter.grasp("a grasp")
     said = [line.rpartition("  |  ")[2] for line in lines]
-    assert said == [UNKNOWN, UNKNOWN, "2 min left", UNKNOWN, "80 s left"]
+    assert said == [UNKNOWN, "2 min left", "2 min left", "2 min left", "80 s left"]

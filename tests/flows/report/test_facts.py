@@ -12,6 +12,8 @@ from fast.flows.report.campaign.facts import (
     find_first_batch,
     measure_agreement,
 )
+from fast.flows.report.campaign.reference import compare_with_reference
+from fast.models.traces.quality import ratio_of_means
 
 TOOL = Tool(
     label="B01T0", batch=1, slot=0, kind="random", tool_id="x/B01T0", design_id="D", status="printed", reason="",
@@ -34,6 +36,35 @@ def test_first_batch_is_the_first_random_one():
     tools = [tool("B03T0", 9), tool("B02T0", 8), tool("B01T0", 7, kind="guided"), tool("B02T1", 6, is_complete=False)]
     assert [t.label for t in find_first_batch(tools)] == ["B02T0"]
     assert find_first_batch([]) == []
+
+
+def test_a_reference_finger_is_no_tool_of_the_campaign():
+    reference = tool("B01T0", 30.0, half_width_n=0.6, reference="fin-ray")
+    others = [tool("B01T1", 9), tool("B02T0", 54.0, kind="guided", half_width_n=0.9)]
+    tools = [reference, *others]
+    assert find_best_tool(tools).label == "B02T0"
+    assert [t.label for t in find_first_batch(tools)] == ["B01T1"]
+    assert find_best_tool([reference]) is reference
+    found = compare_with_reference(tools, find_best_tool(tools))
+    assert found.times == "1.80 times the reference finger [1.75, 1.85]"
+    assert found.ratio == ratio_of_means(54.0, 0.9, 30.0, 0.6)
+    assert "The reference finger is fin-ray (B01T0, 30.0\N{NO-BREAK SPACE}N)" in found.sentence
+
+
+def test_two_prints_of_the_reference_count_by_their_mean():
+    prints = [tool("B01T0", 28.0, half_width_n=0.6, reference="fin-ray"),
+              tool("B02T0", 32.0, half_width_n=0.8, reference="fin-ray")]  # fmt: skip
+    found = compare_with_reference(prints, tool("B02T1", 60.0, half_width_n=1.0))
+    assert found.ratio == ratio_of_means(60.0, 1.0, 30.0, 0.5)
+
+
+def test_without_repeats_the_ratio_has_no_interval():
+    best = tool("B02T0", 20.0, half_width_n=None)
+    found = compare_with_reference([best, tool("B01T0", 10.0, half_width_n=None, reference="fin-ray")], best)
+    assert found.times == "2.00 times the reference finger"
+    assert "its interval is not known: it needs repeats of both tools" in found.sentence
+    assert compare_with_reference([best], best) is None
+    assert compare_with_reference([best, tool("B01T0", 10.0, is_complete=False, reference="fin-ray")], best) is None
 
 
 def test_objects_won_counts_only_shared_objects():

@@ -1,14 +1,22 @@
 import io
+import tomllib
+from html import escape
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
 from fast.models.design.finger import finger_bodies
+from fast.models.design.recipe import Recipe
 from fast.models.design.sheet import batch_sheet_html
 from fast.models.design.space import BEST_PUBLISHED, random_designs
-from fast.models.design.tray import BED_MM, GAP_MM, PrintItem, tray_files, tray_layout
+from fast.models.design.tray import BED_MM, GAP_MM, PrintItem, name_trays, tray_files, tray_layout
 from fast.models.errors import UsageError
+
+RECIPES = Path(__file__).parents[3] / "recipes"
+TPU = Recipe(name="fdm-tpu", **tomllib.loads((RECIPES / "fdm-tpu.toml").read_text()))
 
 
 @pytest.fixture
@@ -27,9 +35,21 @@ def test_ten_tools_fit_without_overlap(batch):
             assert a[0] >= b[2] + GAP_MM or b[0] >= a[2] + GAP_MM or a[1] >= b[3] + GAP_MM or b[1] >= a[3] + GAP_MM
 
 
-def test_a_batch_that_does_not_fit_is_refused(batch):
-    with pytest.raises(UsageError, match="10 tools do not fit on a build plate of 200 x 150 mm"):
-        tray_layout(batch, (200, 150))
+def test_a_batch_takes_as_many_plates_as_it_needs(batch):
+    layout = tray_layout(batch, (250, 210))
+    assert name_trays(layout) == [f"tray-{number}.3mf" for number in range(1, 2 + layout[-1].plate)]
+    assert len(layout) == 20
+    assert all(first.plate == second.plate for first, second in zip(layout[::2], layout[1::2], strict=True))
+    for plate in range(1 + layout[-1].plate):
+        spans = sorted((p.x_mm, p.x_mm + p.length_mm) for p in layout if p.plate == plate)  # one row of fingers a plate
+        assert spans
+        assert spans[-1][1] <= 250 - GAP_MM
+        assert all(right[0] - left[1] == pytest.approx(GAP_MM) for left, right in pairwise(spans))
+
+
+def test_a_finger_larger_than_the_plate_is_refused(batch):
+    with pytest.raises(UsageError, match="a finger of B03T0 needs .* the plate has 100 x 100 mm: give a larger one"):
+        tray_layout(batch, (100, 100))
 
 
 def test_files_hold_every_body_and_the_tray_lies_on_the_plate():
@@ -46,9 +66,10 @@ def test_files_hold_every_body_and_the_tray_lies_on_the_plate():
     assert high[2] == pytest.approx(BEST_PUBLISHED.width_mm, abs=1e-3)
 
 
-def test_the_tray_says_of_what_each_body_is_made_and_an_independent_reader_takes_it_strictly(tmp_path):
+@pytest.mark.parametrize("recipe", [None, TPU], ids=["no recipe", "fdm-tpu"])
+def test_the_tray_says_of_what_each_body_is_made_and_an_independent_reader_takes_it_strictly(tmp_path, recipe):
     lib3mf = pytest.importorskip("lib3mf")
-    files = tray_files([PrintItem("B01T0", BEST_PUBLISHED)])
+    files = tray_files([PrintItem("B01T0", BEST_PUBLISHED)], recipe)
     (tmp_path / "tray.3mf").write_bytes(files["tray.3mf"])
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
@@ -64,10 +85,23 @@ def test_the_tray_says_of_what_each_body_is_made_and_an_independent_reader_takes
         _, place, has_material = body.GetObjectLevelProperty()
         assert has_material
         assert body.IsManifoldAndOriented()
-        found[body.GetName()] = group.GetName(place)
-    soft, base = "compliant (soft fingers)", "rigid (mounting bases)"
+        colour = group.GetDisplayColor(place)
+        found[body.GetName()] = group.GetName(place), f"#{colour.Red:02X}{colour.Green:02X}{colour.Blue:02X}"
+    soft, base = ("compliant (soft fingers)", "#303030"), ("rigid (mounting bases)", "#F0F0F0")
+    if recipe is not None:
+        soft, base = ("TPU, Shore A 85 (compliant)", "#1F4E79"), ("PETG (rigid)", "#F0F0F0")
     assert found == {"B01T0a_compliant": soft, "B01T0a_rigid": base, "B01T0b_compliant": soft, "B01T0b_rigid": base}
-    assert tray_files([PrintItem("B01T0", BEST_PUBLISHED)])["tray.3mf"] == files["tray.3mf"]
+    # Bodies of a finger are one part, which a printer's program does not take apart; each part lies on the plate once.
+    parts, n_parts = model.GetComponentsObjects(), 0
+    while parts.MoveNext():
+        part, n_parts = parts.GetCurrentComponentsObject(), n_parts + 1
+        assert part.GetComponentCount() == 2
+    assert n_parts == 2
+    placed, n_placed = model.GetBuildItems(), 0
+    while placed.MoveNext():
+        n_placed += 1
+    assert n_placed == 2
+    assert tray_files([PrintItem("B01T0", BEST_PUBLISHED)], recipe)["tray.3mf"] == files["tray.3mf"]
 
 
 def test_sheet_names_every_tool_and_needs_no_network(batch):
@@ -87,3 +121,26 @@ def test_sheet_gives_mass_and_volume_and_draws_fingers_at_one_scale(batch):
     bodies = finger_bodies(batch[0].design)
     assert f"{bodies.volume_mm3 / 1e3:.1f} cm&sup3;" in html
     assert html.count(' 37 122" role="img" aria-label="profile"') == len(batch)
+
+
+def test_sheet_prints_the_recipe_and_what_breaks_its_rules(batch):
+    html = batch_sheet_html("quick/B03", batch, [], TPU)
+    assert "<h2>Recipe fdm-tpu</h2>" in html
+    assert all(escape(step) in html for step in TPU.post_processing)
+    assert "TPU, Shore A 85" in html
+    assert "PETG" in html
+    assert 'class="warn"' not in html
+    volumes = [finger_bodies(item.design) for item in batch]
+    grams = 2 * sum(1.21 * f.compliant.volume + 1.27 * f.rigid.volume for f in volumes) / 1e3
+    assert f"{grams:.0f} g of material" in html
+    thick = TPU.model_copy(update={"nozzle_mm": 1.2})
+    n_thin = sum(min(item.design.front_thickness_mm, item.design.back_thickness_mm, item.design.rib_thickness_mm) < 2.4
+                 for item in batch)  # fmt: skip
+    assert 0 < n_thin < len(batch)
+    assert batch_sheet_html("quick/B03", batch, [], thick).count("thinner than 2.4 mm") == n_thin
+
+
+def test_sheet_marks_the_reference_finger(batch):
+    items = [PrintItem("B01T0", BEST_PUBLISHED), *batch]
+    assert batch_sheet_html("quick/B01", items, []).count("B01T0 <small>reference finger</small>") == 1
+    assert "reference finger" not in batch_sheet_html("quick/B01", batch, [])

@@ -6,7 +6,8 @@ import pytest
 from fast.models.records import Trace
 from fast.models.traces.anomalies import Labels, find_anomalies
 from fast.models.traces.batch import TraceFeatures, features_of
-from fast.models.traces.departures import p_values, shortfall_to_peers, shortfall_to_repeats
+from fast.models.traces.departures import p_values, shortfall_to_repeats
+from fast.models.traces.expected import find_shortfalls, fit_chance
 from fast.models.traces.flags import KINDS
 from tests.studies.traces.planted import PLANTS
 
@@ -50,13 +51,44 @@ def test_of_three_repeats_the_odd_one_departs() -> None:
 
 
 def test_of_an_additive_table_only_the_odd_cell_departs() -> None:
+    """What the simulator has wrong of a tool or an object is no fault; the cell's own value does not move its own."""
+    rng = np.random.default_rng(1)
     tool, object_id = (part.ravel() for part in np.meshgrid(np.arange(7), np.arange(9), indexing="ij"))
-    values = 3.0 * tool + object_id**2.0
-    values[20] -= 5.0
-    expected = np.zeros(values.size)
-    expected[20] = 5.0
-    assert shortfall_to_peers(values, tool, object_id) == pytest.approx(expected, abs=1e-9)
-    assert np.isnan(shortfall_to_peers(values[:9], tool[:9], object_id[:9])).all()  # one tool has no peers
+    difference = 0.4 + rng.normal(0, 0.3, 7)[tool] + rng.normal(0, 0.3, 9)[object_id] + rng.normal(0, 0.02, tool.size)
+    difference[20] -= 5.0
+    shortfall, _, chance = find_shortfalls(difference, tool, object_id, 0.01)
+    assert shortfall[20] == pytest.approx(5.0, abs=0.1)
+    assert np.abs(np.delete(shortfall, 20)).max() < 0.15
+    assert 0.01 < chance.scale < 0.04
+
+
+def test_the_scale_of_chance_is_found_beside_faults() -> None:
+    rng = np.random.default_rng(2)
+    shortfall = 0.1 * rng.standard_t(4, 2000)
+    shortfall[:100] += rng.uniform(1.0, 5.0, 100)
+    chance = fit_chance(shortfall, 0.01)
+    assert chance.scale == pytest.approx(0.1, rel=0.15)
+    assert 3.0 <= chance.freedom <= 10.0
+    assert 0.01 <= chance.share <= 0.1
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "drifting_cell"])
+@pytest.mark.parametrize("is_simulated", [True, False])
+def test_repeats_that_all_went_wrong_alike_are_found_beside_what_is_expected(sound, kind, is_simulated) -> None:
+    """The simulator is 20 % off; without it the other tools on the object say what to expect."""
+    tool, obj, cell = ODD[0], ODD[1], ODD[0] * N_OBJECTS + ODD[1]
+    true = true_trace(tool, obj)
+    traces = list(sound)
+    for repeat in range(N_REPEATS):
+        rng = np.random.default_rng(7)
+        force_n = PLANTS[kind](true, rng)
+        traces[cell * N_REPEATS + repeat] = measured(true, force_n, np.random.default_rng(repeat))
+    features, labels = grasps(traces)
+    trues = [true_trace(*cell) for cell in np.ndindex(N_TOOLS, N_OBJECTS) for _ in range(N_REPEATS)]
+    simulated = features_of([Trace(one.time_s, one.lift_mm, 0.8 * one.force_n) for one in trues])
+    found = find_anomalies(features, labels, simulated if is_simulated else None)
+    assert {(anomaly.place, anomaly.kind) for anomaly in found} == {(cell * 3 + k, kind) for k in range(N_REPEATS)}
+    assert {anomaly.compared for anomaly in found} == {"expected"}
 
 
 def test_p_values_of_chance_are_not_smaller_than_they_should_be() -> None:

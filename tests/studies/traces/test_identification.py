@@ -5,10 +5,11 @@ import pytest
 
 from fast.flows.benchmarks.base import Options
 from fast.hardware.virtual.world.physics_cache import physics_id
+from fast.models.records import SimulatorVersion
 from fast.models.traces.flags import KINDS
-from tests.studies.traces.anomalies import measure_anomalies
+from tests.studies.traces.anomalies import FIRST_TOOL, WORLDS, measure_anomalies
 from tests.studies.traces.identification import measure_identification
-from tests.studies.traces.world_grasps import WorldGrasp, bench_world, measure_world
+from tests.studies.traces.world_grasps import SIMULATED, WorldGrasp, bench_world, measure_world
 
 N_TOOLS, OBJECTS = 5, (1, 18, 24, 30, 32, 33)
 
@@ -63,7 +64,13 @@ def test_identification_by_tools_that_were_not_learnt_from(results, tmp_path, mo
     assert figure.stat().st_size > 10_000
 
 
-def test_anomalies_by_kind(results) -> None:
+def test_anomalies_by_kind(tmp_path) -> None:
+    results = tmp_path / "grasps.jsonl"
+    made = [grasp(FIRST_TOOL + tool, object_id) for tool in range(N_TOOLS) for object_id in OBJECTS]
+    owners = [{"world_hash": bench_world(name).world_hash} for name in WORLDS]
+    owners.append({"world_hash": SIMULATED, "code": SimulatorVersion().version_id})
+    lines = [one.model_copy(update=owner).model_dump_json() for owner in owners for one in made]
+    results.write_text("\n".join(lines) + "\n", encoding="utf-8")
     tables = measure_anomalies(Options(designs=N_TOOLS, objects=OBJECTS, results=results, worlds=2))
     assert {row["kind"] for row in tables["kinds"]} == set(KINDS)
     assert all(0 <= row["recall"] <= 1 and row["planted"] > 0 for row in tables["kinds"])

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,8 @@ from fast.hardware.virtual.world.physics_cache import physics_id
 from fast.models.design.space import numbered_design
 from fast.models.errors import ConfigError, SimulationFailed
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.records import GraspSetup, GraspSimulation, Record, Trace
+from fast.models.records import GraspSetup, GraspSimulation, Record, SimulatorVersion, Trace
+from fast.models.simulation.grasp import simulate_grasp
 from fast.models.traces import peak_force_n, work_j
 from fast.models.traces.batch import TraceFeatures, features_of_samples
 
@@ -35,7 +37,8 @@ SETUP = GraspSetup()
 N_TOOLS = 24
 N_REPEATS = 3
 _DIGITS = 4  # of kept times, lifts and forces
-WORLD_FILE = Path(__file__).resolve().parents[3] / "worlds" / "quick.toml"
+WORLDS = Path(__file__).resolve().parents[3] / "worlds"
+SIMULATED = "simulator"  # in place of the hash of a world: what the simulator expects
 
 
 class WorldGrasp(Record):
@@ -85,21 +88,50 @@ def leave_alone(grasp: tuple[int, int, int], true: Trace) -> np.ndarray:
     return true.force_n
 
 
-def bench_world() -> World:
-    """The world of the quick campaign.
+def bench_world(name: str = "quick") -> World:
+    """A world of the folder `worlds`; the default is that of the quick campaign.
 
     Raises:
         ConfigError: its file is not beside the code.
     """
+    path = WORLDS / f"{name}.toml"
     try:
-        return load_world(WORLD_FILE.read_text(encoding="utf-8"), str(WORLD_FILE))
+        return load_world(path.read_text(encoding="utf-8"), str(path))
     except OSError as error:
-        raise ConfigError(f"{WORLD_FILE} cannot be read ({error.strerror}); run from a complete checkout.") from error
+        raise ConfigError(f"{path} cannot be read ({error.strerror}); run from a complete checkout.") from error
 
 
 def solve_world(world: World, tools: Sequence[int], objects: Sequence[int], options: Options) -> list[WorldGrasp]:
     """Grasps of these tools on these objects that are solved: from the results file, else now, up to the time limit."""
-    code, world_hash = physics_id(), world.world_hash
+    code = physics_id()
+    return _solve_missing(world.world_hash, code, lambda t, o: _solve(world, t, o, code), tools, objects, options)
+
+
+def simulate_cells(tools: Sequence[int], objects: Sequence[int], options: Options) -> list[WorldGrasp]:
+    """The same grasps by the simulator as it is delivered, which knows none of the worlds."""
+    version = SimulatorVersion()
+
+    def solve(tool: int, object_id: int) -> WorldGrasp:
+        labels: dict[str, Any] = {"tool": tool, "object_id": object_id, "world_hash": SIMULATED, "code": code}
+        started = time.process_time()
+        try:
+            trace = simulate_grasp(numbered_design(tool), OBJECTS[object_id], version, SETUP).trace
+        except SimulationFailed:
+            return WorldGrasp(**labels, cpu_s=round(time.process_time() - started, 3))
+        return WorldGrasp(**labels, cpu_s=round(time.process_time() - started, 3), **_channels(trace))
+
+    code = version.version_id
+    return _solve_missing(SIMULATED, code, solve, tools, objects, options)
+
+
+def _solve_missing(
+    world_hash: str,
+    code: str,
+    solve: Callable[[int, int], WorldGrasp],
+    tools: Sequence[int],
+    objects: Sequence[int],
+    options: Options,
+) -> list[WorldGrasp]:
     kept = read_records(options.results, WorldGrasp, "grasp of a world")
     known = {(g.tool, g.object_id): g for g in kept if (g.code, g.world_hash) == (code, world_hash)}
     cases = [(tool, object_id) for tool in tools for object_id in objects]
@@ -110,7 +142,7 @@ def solve_world(world: World, tools: Sequence[int], objects: Sequence[int], opti
         for n_done, case in enumerate(missing, start=1):
             if time.monotonic() - started > 60.0 * options.limit_minutes:
                 break
-            known[case] = _solve(world, *case, code)
+            known[case] = solve(*case)
             file.append(known[case])
             if n_done % len(objects) == 0:
                 options.tell(f"{n_done} of {len(missing)} grasps solved")
@@ -128,9 +160,25 @@ def _solve(world: World, tool: int, object_id: int, code: str) -> WorldGrasp:
     except SimulationFailed:
         cpu_s = round(time.process_time() - started, 3)
         return WorldGrasp(tool=tool, object_id=object_id, world_hash=world.world_hash, code=code, cpu_s=cpu_s)
-    channels = {name: np.round(getattr(trace, name), _DIGITS).tolist() for name in ("time_s", "lift_mm", "force_n")}
     cpu_s = round(time.process_time() - started, 3)
-    return WorldGrasp(tool=tool, object_id=object_id, world_hash=world.world_hash, code=code, cpu_s=cpu_s, **channels)
+    labels: dict[str, Any] = {"tool": tool, "object_id": object_id, "world_hash": world.world_hash, "code": code}
+    return WorldGrasp(**labels, cpu_s=cpu_s, **_channels(trace))
+
+
+def _channels(trace: Trace) -> dict[str, Any]:
+    return {name: np.round(getattr(trace, name), _DIGITS).tolist() for name in ("time_s", "lift_mm", "force_n")}
+
+
+def simulated_features(measured: WorldTraces, simulated: Sequence[WorldGrasp]) -> TraceFeatures:
+    """Features of the simulated trace of each measured grasp, in order; NaN where the simulator has none."""
+    solved = [grasp for grasp in simulated if grasp.time_s]
+    offsets = np.cumsum([0, *(len(grasp.time_s) for grasp in solved)])
+    lifts, forces = (np.concatenate([getattr(g, name) for g in solved]) for name in ("lift_mm", "force_n"))
+    found = features_of_samples(lifts, forces, offsets)
+    place = {(grasp.tool, grasp.object_id): number for number, grasp in enumerate(solved)}
+    rows = [place.get(cell, -1) for cell in zip(measured.tool.tolist(), measured.object_id.tolist(), strict=True)]
+    nothing = np.full((1, found.values.shape[1]), np.nan), np.zeros((1, found.profile_n.shape[1]))
+    return TraceFeatures(np.vstack([found.values, nothing[0]])[rows], np.vstack([found.profile_n, nothing[1]])[rows])
 
 
 def measure_world(

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
 from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.virtual.world.file import World
 from fast.lake.maintenance import check
 from fast.lake.tables.campaign import GraspRow, TraceRow
 from fast.models.errors import DeviceError
@@ -205,3 +207,18 @@ def test_a_lost_trace_of_a_later_attempt_is_made_again_under_that_attempt(campai
     measure()
     assert_once_each(campaign, n_failed=1)
     assert rows(campaign)[-1]["attempt"] == 1
+
+
+def test_the_files_of_single_grasps_are_merged_after_each_tool(tmp_path):
+    """A file for each grasp would make every look at the lake dearer, until the stage ends."""
+    batch = Batch(2, (0, 7), 2)
+    campaign, n_files = batch.make(tmp_path), []
+
+    def count(tool: ProposedTool, grasp: MeasuredGrasp) -> None:
+        n_files.append(len(list((campaign.lake.root / "grasps").glob("*.parquet"))))
+
+    measure_missing(campaign, World(), count)
+    assert n_files == [1, 2, 3, 4, 2, 3, 4, 5]
+    assert len(list((campaign.lake.root / "traces").glob("*.parquet"))) == 1
+    assert len(rows(campaign)) == 8
+    assert check(campaign.lake) == []

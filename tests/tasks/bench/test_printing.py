@@ -1,8 +1,17 @@
+from pathlib import Path
+
 import pytest
 
+from fast.lake.handoff.export_folder import export_handoff
+from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.tables import HandoffError
+from fast.lake.provenance import current_provenance
+from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, ToolRow
+from fast.models.design.recipe import Recipe
 from fast.models.design.space import FIN_RAYS, PARAMETERS, to_unit
 from fast.models.errors import UsageError
+from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.print import (
     MeasuredTool,
     PrintConfirmation,
@@ -13,8 +22,14 @@ from fast.tasks.bench.print import (
     print_folder,
     write_tray,
 )
+from fast.tasks.bench.told import ToldGrasp, take_told
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.setup import enter
 from fast.tasks.scientist.propose import propose_initial
 from tests.flows.cli.cli_lakes import Fast
+
+RECIPES = Path(__file__).parents[3] / "recipes"
 
 
 @pytest.fixture
@@ -143,3 +158,70 @@ def test_walls_are_told_from_the_command_line(proposed, capsys):
     assert "unknown measure `side`" in Fast(capsys).refused(*words, "side=2", *lake)
     assert "`thick` is not a number" in Fast(capsys).refused(*words, "front=thick", *lake)
     assert "at most 5" in Fast(capsys).refused(*words, "front=26", *lake)
+
+
+@pytest.fixture
+def with_recipe(tmp_path):
+    """A campaign whose config names a recipe file and another colour; its file is gone once it has started."""
+    recipe = tmp_path / "tpu.toml"
+    recipe.write_text((RECIPES / "fdm-tpu.toml").read_text())
+    config = """
+name = "small"
+[schedule]
+initial_tools = 2
+tools_per_batch = 2
+guided_batches = 0
+initial_simulations = 0
+[print]   # how
+recipe = "tpu.toml"
+[print.compliant]
+colour = "#00AA00"
+[bench]
+kind = "folder"
+"""
+    path = tmp_path / "small.toml"
+    path.write_text(config)
+    campaign = Campaign(Lake.open(tmp_path / "lake", create=True), load_config(path), config_path=path)
+    enter(campaign, path)
+    enter(campaign, path)  # the second time it is there
+    recipe.unlink()
+    propose_initial(campaign)
+    return campaign
+
+
+def test_the_recipe_is_kept_with_each_tool_and_printed_on_its_sheet(with_recipe):
+    lake = with_recipe.lake
+    sheet = write_tray(lake, "small", 1, print_folder(lake, "small", 1))
+    assert "Recipe tpu" in sheet.read_text()
+    assert "#00AA00" in sheet.read_text()
+    confirm_print(lake, "small", 1, PrintConfirmation(operator="ada"))
+    rows = lake.rows(ToolRow)
+    assert [row["recipe"] for row in rows] == ["tpu", "tpu"]
+    kept = Recipe.model_validate_json(rows[0]["recipe_json"])
+    assert kept == with_recipe.config.print.model_copy(update={"recipe": None})
+    assert kept.compliant.colour == "#00AA00"
+    assert kept.compliant.material == "TPU, Shore A 85"
+
+
+def test_without_a_recipe_nothing_is_made_up(proposed):
+    sheet = write_tray(proposed.lake, "small", 1, print_folder(proposed.lake, "small", 1))
+    assert "No recipe" in sheet.read_text()
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada"))
+    assert {(row["recipe"], row["recipe_json"]) for row in proposed.lake.rows(ToolRow)} == {(None, None)}
+
+
+def test_a_recipe_travels_with_its_tools(with_recipe, tmp_path):
+    lake = with_recipe.lake
+    confirm_print(lake, "small", 1, PrintConfirmation(operator="ada"))
+    asked = plan_batch(with_recipe, with_recipe.state(), 1)[:1]
+    take_told(with_recipe, [ToldGrasp("row 1", g.tool_id, g.object_id, g.repeat, 9.0) for g in asked], "ada")
+    export_handoff(lake, tmp_path / "out", campaign_id="small")
+    other = Lake.open(tmp_path / "other", create=True)
+    import_handoff(other, tmp_path / "out", current_provenance(), campaign_id="theirs")
+    (row,) = other.rows(ToolRow)
+    assert (row["recipe"], row["recipe_json"]) == ("tpu", lake.rows(ToolRow)[0]["recipe_json"])
+    text = (tmp_path / "out" / "tools.csv").read_text()
+    (tmp_path / "out" / "tools.csv").write_text(text.replace('""fdm""', '""laser""'))
+    third = Lake.open(tmp_path / "third", create=True)
+    with pytest.raises(HandoffError, match="must be a recipe as JSON"):
+        import_handoff(third, tmp_path / "out", current_provenance(), campaign_id="theirs")

@@ -145,3 +145,29 @@ def test_designs_without_a_batch_fill_the_initial_ones() -> None:
         1: ["own 2", "own 0"],
         2: ["own 1"],
     }
+
+
+def test_a_reference_finger_is_the_first_tool_of_the_first_batch_whatever_the_file_says(tmp_path: Path) -> None:
+    config = CONFIG.replace("[schedule]", '[schedule]\nreference = "fin-ray"')
+    campaign = begin(tmp_path, config=config)
+    propose_initial(campaign)
+    rows = {row["slot"]: row for row in campaign.lake.rows(ProposalRow, batch=1)}
+    told = [(row["name"], row["acquisition"]) for _, row in sorted(rows.items())]
+    assert told == [("fin-ray", "reference"), ("published", "own"), ("free", "own")]
+    assert rows[0]["design_id"] == BEST_PUBLISHED.design_id
+    assert begin(tmp_path, config=config).state().tools == campaign.state().tools  # a continued campaign adds nothing
+    with pytest.raises(ConfigError, match="was started with another config .schedule.reference"):
+        begin(tmp_path)
+
+
+def test_a_full_first_batch_has_no_room_for_the_reference_finger(tmp_path: Path) -> None:
+    config = CONFIG.replace("[schedule]", '[schedule]\nreference = "fin-ray"')
+    with pytest.raises(UsageError, match="row 4: batch 1 has 3 tools, and this design is one too many"):
+        begin(tmp_path, PUBLISHED + PUBLISHED.replace("published", "b") + PUBLISHED.replace("published", "c"), config)
+
+
+def test_a_campaign_without_a_file_prints_the_reference_finger_too(tmp_path: Path) -> None:
+    config = CONFIG.replace("[schedule]", '[schedule]\nreference = "fin-ray"').replace('designs = "mine.csv"\n', "")
+    campaign = begin(tmp_path, config=config)
+    propose_initial(campaign)
+    assert campaign.state().tools_of(1)[0].design == BEST_PUBLISHED

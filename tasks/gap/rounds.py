@@ -131,9 +131,7 @@ def doubt_none(wide: SearchInputs, naming: NamingResult, in_model: Sequence[Effe
     decision = doubt.decide()
     gap = decision.probability if doubt.is_alarm else 1.0 - decision.probability
     shares = {NONE: 1.0 - gap, UNKNOWN: gap}
-    candidates = tuple(
-        one.model_copy(update={"probability": shares.get(one.effect, 0.0)}) for one in naming.candidates
-    )
+    candidates = tuple(one.model_copy(update={"probability": shares.get(one.effect, 0.0)}) for one in naming.candidates)
     judged = Judgement(decision=decision, gap=gap, over_line=doubt.over_line)
     return replace(naming, judged=judged, candidates=candidates)
 

@@ -36,10 +36,10 @@ _LENGTHS = {"batch": (30.0, 100.0, 300.0), "tool": (10.0, 30.0), "repeat": (1.0,
 class Candidate:
     """Something that may be missing, and its evidence over nothing in nats.
 
-    name: of an effect, or a pattern or drift in words. effect: of the catalogue, also of a drift that one of them makes;
-    empty without one. value: the effect at its likeliest, a scaled secant of this place; size_n: root mean square of what it changes in the means, N.
-    z: standard deviations of its best amplitude from nothing, with the catalogue's law. change_n: c x b, at its
-    likeliest, in N; None for a drift.
+    name: of an effect, or a pattern or drift in words. effect: of the catalogue, also of a drift that one of them
+    makes; empty without one. value: the effect at its likeliest, a scaled secant of this place. size_n: root mean
+    square of what it changes in the means, N. z: standard deviations of its best amplitude from nothing, with the
+    catalogue's law. change_n: c x b, at its likeliest, in N; None for a drift.
     """
 
     name: str
@@ -260,7 +260,7 @@ def _list_drifts(fit: EvidenceFit) -> list[DriftDirections]:
 
 
 def _weigh_sizes(products: np.ndarray, along: np.ndarray) -> tuple[float, np.ndarray]:
-    """Evidence of columns whose coefficients have a common size, averaged over `SIZES`; and the likeliest coefficients."""
+    """Evidence of columns whose coefficients have a common size, averaged over `SIZES`, and the likeliest ones."""
     values, vectors = np.linalg.eigh(products)
     values, inner = np.maximum(values, 0.0), vectors.T @ along
     nats = [0.5 * float((s**2 * inner**2 / (1.0 + s**2 * values) - np.log1p(s**2 * values)).sum()) for s in SIZES]

@@ -91,7 +91,8 @@ class Doubt:
                 f"cells are {np.sqrt(self.fit.omnibus):.1f} times further off than honest simulators, without a pattern"
             )
         if best.kind == "effect":
-            return f"it looks most like {CATALOGUE[best.effect].title.lower()}, which predicts no designs or objects"
+            title = CATALOGUE[best.effect].title
+            return f"nearest is “{title}”, but that does not predict designs and objects that are left out"
         if best.kind == "drift":
             quantity, clock = best.name.split(" ")
             return f"repeats of the same grasps differ, as if the {quantity} changed with the {clock}"

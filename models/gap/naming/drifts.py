@@ -226,6 +226,7 @@ def _weigh_drift(fit: Fit, quantity: str, clock: str, field: np.ndarray) -> Drif
 
 
 def place_knots(at: np.ndarray, length: float) -> np.ndarray:
+    """Knots of a drift of this length between grasps at places (n)."""
     n = int(np.ceil(np.ptp(at) / (_SPACING * length))) + 1
     return np.linspace(at.min(), at.max(), min(max(n, 2), _MOST_KNOTS))
 

@@ -19,6 +19,7 @@ from fast.models.gap.ask.answers import Answers
 from fast.models.gap.bank.bank import WIDE, BankPlan
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.data import GapData
+from fast.models.gap.evidence.doubt import N_WORLDS
 from fast.models.gap.findings import ParameterEstimate
 from fast.models.ids import canonical_json
 from fast.models.records import EffectValue, SimulatorVersion
@@ -38,7 +39,7 @@ class SearchInputs:
 
     gap_id: of the search. data: with the bank of `bank_plan`. base: the simulator of the bank, without effects.
     simulate: makes what the lake lacks of plans, which the first argument names; it fails if it cannot make all.
-    answers: what came of earlier questions.
+    answers: what came of earlier questions. rehearsed_worlds: made-up worlds from which the lines of "none" come.
     """
 
     lake: Lake
@@ -51,6 +52,7 @@ class SearchInputs:
     bank_plan: BankPlan = WIDE
     answers: Answers | None = None
     progress: Progress | None = None
+    rehearsed_worlds: int = N_WORLDS
 
 
 @dataclass(frozen=True, eq=False)

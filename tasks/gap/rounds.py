@@ -24,10 +24,12 @@ from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evalu
 from fast.models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
 from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.evaluation.rest import describe_rest
-from fast.models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict
+from fast.models.gap.evidence.doubt import Doubt
+from fast.models.gap.findings import NONE, UNKNOWN, Asked, Confound, Decision, RoundFindings, Verdict
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
 from fast.models.gap.local_bank import answer_locally
+from fast.models.gap.naming.decide import Judgement
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.where.locate import Where, locate
 from fast.models.gap.where.residuals import Residuals
@@ -115,7 +117,23 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
 
     proposed = name_effect(wide.data, in_model)
     search, naming, _ = answer_locally(proposed, former, answer)
-    return Settled(search, proposed, *settle_answers(search, naming))
+    naming, asked = settle_answers(search, naming)
+    if naming.named.kind == "none":
+        naming = doubt_none(wide, naming, in_model)
+    return Settled(search, proposed, naming, asked)
+
+
+def doubt_none(wide: SearchInputs, naming: NamingResult, in_model: Sequence[EffectValue]) -> NamingResult:
+    """An answer of "nothing" as the likelihood has it: with what could still hide, or an alarm without a name."""
+    training, known = wide.data.training, {value.effect for value in in_model}
+    names = [name for name in training.names if name not in known]
+    doubt = Doubt.of(training, in_model, names, wide.rehearsed_worlds, wide.settings.seed)
+    decision = doubt.decide()
+    gap = decision.probability if doubt.is_alarm else 1.0 - decision.probability
+    shares = {NONE: 1.0 - gap, UNKNOWN: gap}
+    candidates = tuple(one.model_copy(update={"probability": shares.get(one.effect, 0.0)}) for one in naming.candidates)
+    judged = Judgement(decision=decision, gap=gap, over_line=doubt.over_line)
+    return replace(naming, judged=judged, candidates=candidates)
 
 
 def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingResult, Asked | None]:

@@ -91,7 +91,7 @@ class Drift:
     @property
     def effect(self) -> str:
         """The effect of the catalogue that does this; empty if there is none."""
-        return _find_effect(self.quantity, self.clock)
+        return find_effect(self.quantity, self.clock)
 
     @property
     def words(self) -> str:
@@ -113,9 +113,9 @@ def rank_drifts(fit: Fit) -> list[Drift]:
     places = [(name, clock) for name in fields for clock in CLOCKS]
     free = fit
     for name, clock in places:
-        if _find_effect(name, clock) in own:
+        if find_effect(name, clock) in own:
             free = _weigh_drift(fit, name, clock, fields[name]).pattern.add_to(free)
-    others = [place for place in places if _find_effect(*place) not in own]
+    others = [place for place in places if find_effect(*place) not in own]
     drifts = [_weigh_drift(free, name, clock, fields[name]) for name, clock in others]
     return sorted(drifts, key=lambda drift: -drift.nats)
 
@@ -174,7 +174,7 @@ def draw_drift(fit: Fit, drift: Drift) -> LawCurve:
     freed = drift.pattern.add_to(fit)
     place = len(fit.columns) - fit.n_effect_columns
     place += sum(len(knots) for other, knots in drift.knots.items() if other < longest)
-    basis = _make_basis(drift.knots[longest], states, drift.length)
+    basis = make_basis(drift.knots[longest], states, drift.length)
     basis = (basis - basis[:, :1]).T / drift.share
     columns = slice(place, place + basis.shape[1])
     median = basis @ solve_step(freed)[columns]
@@ -216,8 +216,8 @@ def _weigh_drift(fit: Fit, quantity: str, clock: str, field: np.ndarray) -> Drif
         bases, knots = [], {}
         for one in np.unique(group):
             own = group == one
-            knots[int(one)] = _place_knots(at[own], length)
-            bases.append(_make_basis(knots[int(one)], at, length) * own)
+            knots[int(one)] = place_knots(at[own], length)
+            bases.append(make_basis(knots[int(one)], at, length) * own)
         columns = fit.features.whiten(np.concatenate(bases)[:, :, None] * field / max(share, 1e-12)) * fit.weight
         columns[:, fit.features.is_mean] = 0.0
         words = CHANGING[quantity].words, CLOCKS[clock].words
@@ -225,12 +225,13 @@ def _weigh_drift(fit: Fit, quantity: str, clock: str, field: np.ndarray) -> Drif
     return max(found, key=lambda drift: drift.nats)
 
 
-def _place_knots(at: np.ndarray, length: float) -> np.ndarray:
+def place_knots(at: np.ndarray, length: float) -> np.ndarray:
+    """Knots of a drift of this length between grasps at places (n)."""
     n = int(np.ceil(np.ptp(at) / (_SPACING * length))) + 1
     return np.linspace(at.min(), at.max(), min(max(n, 2), _MOST_KNOTS))
 
 
-def _make_basis(knots: np.ndarray, at: np.ndarray, length: float) -> np.ndarray:
+def make_basis(knots: np.ndarray, at: np.ndarray, length: float) -> np.ndarray:
     """What each weight of unit variance adds to a drift at places (n), k x n."""
     length = max(length, _SPACING * float(knots[1] - knots[0]))
 
@@ -305,6 +306,6 @@ _EFFECTS: Mapping[str, str] = {
 }
 
 
-def _find_effect(quantity: str, clock: str) -> str:
+def find_effect(quantity: str, clock: str) -> str:
     """The effect of the catalogue by which a quantity changes along a clock; empty if there is none."""
     return "temperature_softening" if (quantity, clock) == ("modulus", "batch") else _EFFECTS.get(quantity, "")

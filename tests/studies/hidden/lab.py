@@ -190,9 +190,12 @@ def retime(trace: Trace, setup: GraspSetup) -> Trace:
 
 
 def _moved(variants: Variants, friction: float, wider_mm: float, raised_mm: float) -> Trace:
-    """The base trace changed in proportion to the differences of its variants, on its own samples."""
+    """The base trace changed in proportion to the differences of its variants, on its own samples.
+
+    Traces are compared from the start of their lifts: jaws that stop early have closed earlier, and wait.
+    """
     base = variants.base
-    force_n = base.force_n.copy()
+    force_n, base_s = base.force_n.copy(), base.time_s - base.time_s[base.is_lift][0]
     changes = (
         (variants.lower, friction / (variants.lower_factor - 1.0), friction),
         (variants.wider, wider_mm / variants.wider_by_mm, wider_mm),
@@ -200,7 +203,8 @@ def _moved(variants: Variants, friction: float, wider_mm: float, raised_mm: floa
     )
     for other, share, amount in changes:
         if amount != 0.0 and other is not None:
-            force_n += share * (np.interp(base.time_s, other.time_s, other.force_n) - base.force_n)
+            other_s = other.time_s - other.time_s[other.is_lift][0]
+            force_n += share * (np.interp(base_s, other_s, other.force_n) - base.force_n)
     return Trace(base.time_s, base.lift_mm, force_n)
 
 

@@ -1,0 +1,113 @@
+"""What honest simulators, prints, placements and sensors differ by, as covariances of what the likelihood reads.
+
+Nothing here is fitted on panels of known truth. What two simulators of the same physics differ by is taken from the
+bank's own numerical variants, and from what its surfaces over theta miss at the points that they were fitted to; how
+much cells and repeats scatter is estimated from the data.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fast.models.gap.bank.bank import DEEPER_MM
+from fast.models.gap.bank.sensor_effects import N_LEAD
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, Reading
+
+TOOL_SD = 0.04  # of the modulus of a print, relative
+TARE_SD_N = 0.03  # what taring leaves
+PLACEMENT_SD_MM = 0.15  # of the height at which an object stands, and again of each of its cells
+LEAST_SHARE = 1e-3  # of the peak: an error that every simulator has
+_LEAST_FORCE = 0.1  # of the median cell's: below it, changes do not grow with the force of a cell
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Relative standard deviations of what varies by itself: of cells, and of repeats of a cell.
+
+    solver: how many times larger than the bank's own variants the simulator's errors are.
+    """
+
+    cell: float = 0.02
+    repeat: float = 0.01
+    solver: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of c cells at the bank's centre.
+
+    solver: b x b, covariance over the peak of a cell squared. variants_n: c x v x 120, what each numerical variant
+    changes; missed_n: c x g x 120, what the surfaces miss; placed_n: c x 120, what 1 mm deeper changes. noise,
+    contrast_noise: covariances of one grasp's noise, N^2. size_n: c, root mean square of the centre's force.
+    """
+
+    solver: np.ndarray
+    variants_n: np.ndarray
+    missed_n: np.ndarray
+    placed_n: np.ndarray
+    noise: np.ndarray
+    contrast_noise: np.ndarray
+    size_n: np.ndarray
+
+    @staticmethod
+    def of(surrogate: Surrogate, reading: Reading) -> "Errors":
+        """The errors of these cells, from the bank of the surrogate."""
+        bank, grasps = surrogate.bank, reading.grasps
+        centre_n = bank.centre_steps_n
+        known = np.isfinite(centre_n).all(axis=-1)
+        peak_n = np.abs(centre_n @ OF_BINS.T).max(axis=-1)[..., None, None]
+        variants_n, missed_n = bank.numerical_steps_n - centre_n[:, :, None], _find_missed(surrogate)
+        solver = _pool(variants_n @ OF_BINS.T / peak_n, known).sum(axis=0)
+        solver = solver + _pool(missed_n @ OF_BINS.T / peak_n, known).mean(axis=0)
+        tool, column = grasps.tool[reading.rows], surrogate.column[reading.rows]
+        less_n, more_n = np.moveaxis(bank.placed_steps_n, 2, 0)
+        of_steps = grasps.noise.step_covariance(OF_BINS.shape[1], float(np.median(grasps.lift_speed_mm_per_s)))
+        size_n = np.sqrt(((centre_n @ OF_BINS.T) ** 2).mean(axis=-1))
+        return Errors(
+            solver=solver + LEAST_SHARE**2 * np.eye(len(solver)),
+            variants_n=np.nan_to_num(variants_n[tool, column]),
+            missed_n=np.nan_to_num(missed_n[tool, column]),
+            placed_n=np.nan_to_num((more_n - less_n)[tool, column]) / (DEEPER_MM[1] - DEEPER_MM[0]),
+            noise=OF_BINS @ of_steps @ OF_BINS.T,
+            contrast_noise=OF_CONTRASTS @ of_steps @ OF_CONTRASTS.T,
+            size_n=np.maximum(size_n, _LEAST_FORCE * np.nanmedian(size_n[known]))[tool, column],
+        )
+
+    def grow(self, force_n: np.ndarray) -> np.ndarray:
+        """How many times larger the forces of cells (c x b) are than at the centre, c."""
+        return np.asarray(np.sqrt((force_n**2).mean(axis=1)) / self.size_n)
+
+    def cover_means(self, force_n: np.ndarray, n_repeats: np.ndarray, scatter: Scatter) -> np.ndarray:
+        """Covariances of means of cells (c x b x b) with these forces (c x b)."""
+        peak_n = np.abs(force_n).max(axis=1)[:, None, None]
+        moved_n = PLACEMENT_SD_MM * (self.placed_n @ OF_BINS.T) * self.grow(force_n)[:, None]
+        relative = (scatter.cell**2 + scatter.repeat**2 / n_repeats)[:, None, None]
+        return np.asarray(
+            scatter.solver**2 * self.solver * peak_n**2
+            + moved_n[:, :, None] * moved_n[:, None]
+            + relative * force_n[:, :, None] * force_n[:, None]
+            + (self.noise + TARE_SD_N**2) / n_repeats[:, None, None]
+        )
+
+    def cover_contrasts(self, force_n: np.ndarray, scatter: Scatter) -> np.ndarray:
+        """Covariances of contrasts of repeats (r x d x d) of cells with these forces (r x d)."""
+        relative = scatter.repeat**2 * force_n[:, :, None] * force_n[:, None]
+        return np.asarray(relative + self.contrast_noise + TARE_SD_N**2)
+
+
+def _find_missed(surrogate: Surrogate) -> np.ndarray:
+    """What the surfaces miss at the grid's points, t x k x g x 120, as large as at points that were not fitted."""
+    bank, surfaces = surrogate.bank, surrogate.surfaces
+    basis = surfaces.rows(bank.grid[:, 0], bank.grid[:, 1])
+    fitted_n = np.einsum("gk,tokf->togf", basis, surfaces.coefficients[..., N_LEAD:])
+    q, _ = np.linalg.qr(basis)
+    leverage = np.minimum((q**2).sum(axis=1), 1.0 - 1e-6)
+    return np.asarray((fitted_n - bank.grid_steps_n) / np.sqrt(1.0 - leverage)[:, None])
+
+
+def _pool(shares: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Outer products of errors (t x k x v x b) by variant, v x b x b: their mean over the cells that are known."""
+    rows = shares[known]
+    rows = rows[np.isfinite(rows).all(axis=(1, 2))]
+    return np.asarray(np.einsum("cvb,cvd->vbd", rows, rows) / max(len(rows), 1))

@@ -1,0 +1,313 @@
+"""The likelihood of a panel: theta, moduli of prints and the simulator's own errors fitted, then integrated out.
+
+At the fit everything is linear: what is measured less what is predicted is a sum of columns with normal weights (theta,
+moduli, variants, a small smooth error that all grasps share) and of normal errors by cell, whose tails are wide: a cell
+counts less the larger its misfit (a multivariate t with `TAILS` degrees of freedom). A change of the forces by anything
+else is weighed with what these columns can make up for taken out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD, Errors, Scatter
+from fast.models.gap.evidence.reading import N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
+from fast.models.records import EffectValue, GraspContext
+
+TAILS = 8.0  # degrees of freedom of a cell's errors
+SHARED_SD = 0.005  # of the force: a smooth error over the lift that all grasps share
+LARGEST_SOLVER = 2.0  # how many times larger than the bank's variants a simulator's errors may be, and still be errors
+_N_STEPS = 7  # of Gauss-Newton; the last two change weights alone
+_N_WEIGHTS = 4
+_STEPS = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
+_LARGEST = np.array([0.5, 0.1, 0.05])  # step of ln E, friction, Poisson's ratio
+_PRIOR_SD = np.array([3.0, 0.5, 0.15])  # of the same from where the fit began: next to none
+_LEAST_REPEAT, _CELL = 0.002, (0.01, 0.05)  # ends of estimated scatters
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is measured (means_n: c x b, contrasts_n: r x ...), and what it is compared with.
+
+    in_model: effects that the simulator has already.
+    """
+
+    surrogate: Surrogate
+    reading: Reading
+    errors: Errors
+    means_n: np.ndarray
+    contrasts_n: np.ndarray
+    in_model: tuple[EffectValue, ...] = ()
+
+    @staticmethod
+    def of(surrogate: Surrogate, in_model: Sequence[EffectValue] = ()) -> "Problem":
+        """The problem of the grasps of a surrogate, all of them usable."""
+        reading = Reading.of(surrogate.grasps)
+        errors = Errors.of(surrogate, reading)
+        blank = Problem(surrogate, reading, errors, np.zeros(0), np.zeros(0), tuple(in_model))
+        return blank.measured(surrogate.grasps.steps_n)
+
+    def measured(self, steps_n: np.ndarray) -> "Problem":
+        """The same problem with other forces of the grasps, n x 120."""
+        return replace(self, means_n=self.reading.average(steps_n), contrasts_n=self.reading.contrast(steps_n))
+
+    @cached_property
+    def tool(self) -> np.ndarray:
+        """Tool of each cell, c."""
+        return np.asarray(self.reading.grasps.tool[self.reading.rows])
+
+    @cached_property
+    def obj(self) -> np.ndarray:
+        """Object of each cell, c."""
+        return np.asarray(self.reading.grasps.obj[self.reading.rows])
+
+    @cached_property
+    def of_cells(self) -> Surrogate:
+        """The surrogate of one grasp of each cell that nothing came before."""
+        found = self.surrogate.select(self.reading.rows)
+        return replace(found, grasps=replace(found.grasps, contexts=(GraspContext(),) * self.reading.n_cells))
+
+    def predict_steps(self, theta: np.ndarray, effects: Sequence[EffectValue] = ()) -> np.ndarray:
+        """Step means of every grasp with the model's effects and these, n x 120."""
+        return self.surrogate.predict_steps(theta, [*self.in_model, *effects])
+
+    def predict_means(self, theta: np.ndarray) -> np.ndarray:
+        """Means of cells, c x b."""
+        if not self.in_model:
+            return np.asarray(self.of_cells.predict_steps(theta) @ OF_BINS.T)
+        return self.reading.average(self.predict_steps(theta))
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceFit:
+    """A problem at its fit; what is measured is one vector of d values, means of cells and then contrasts.
+
+    theta: 3. moduli: t, ln of each print's modulus over Young's. force_n: c x b, as predicted. weights: c, how much
+    each cell counts. columns: k x d, whitened, of what is free, with prior standard deviation 1. gap: d, what is
+    measured less what is predicted, whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per
+    value by the bank's own errors. mean_roots, contrast_roots: whiten means and contrasts.
+    """
+
+    problem: Problem
+    scatter: Scatter
+    theta: np.ndarray
+    moduli: np.ndarray
+    force_n: np.ndarray
+    weights: np.ndarray
+    columns: np.ndarray
+    gap: np.ndarray
+    rest_n: np.ndarray
+    misfit: np.ndarray
+    mean_roots: np.ndarray
+    contrast_roots: np.ndarray
+
+    @property
+    def omnibus(self) -> float:
+        """How much is left as a whole: the geometric mean of the cells' misfits, so that one that snaps is one."""
+        return float(np.exp(np.log(self.misfit).mean()))
+
+    @property
+    def factor(self) -> np.ndarray:
+        """Modulus of the print of each cell over Young's, c."""
+        return np.asarray(np.exp(self.moduli)[self.problem.tool])
+
+    @property
+    def of_contrasts(self) -> slice:
+        """Where contrasts are among the d values."""
+        return slice(self.force_n.size, None)
+
+    def whiten(self, means_n: np.ndarray, contrasts_n: np.ndarray | None = None) -> np.ndarray:
+        """Changes of means (k x c x b) and of contrasts (k x r x ...; none by default) over their errors, k x d."""
+        found = np.zeros((len(means_n), len(self.gap)))
+        found[:, : self.force_n.size] = np.einsum("cij,kcj->kci", self.mean_roots, means_n).reshape(len(means_n), -1)
+        if contrasts_n is not None:
+            found[:, self.of_contrasts] = self.whiten_contrasts(contrasts_n)
+        return found
+
+    def whiten_contrasts(self, contrasts_n: np.ndarray) -> np.ndarray:
+        """Changes of contrasts alone over their errors, k x (r ...)."""
+        found = np.einsum("rij,krj->kri", self.contrast_roots, contrasts_n)
+        return np.asarray(found.reshape(len(contrasts_n), -1))
+
+    def multiply(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of k changes: their products (k x k) and those with the gap (k), what is free integrated out."""
+        heavy = white * self._heavy
+        inner = np.linalg.solve(self._root, self.columns @ heavy.T)
+        return np.asarray(white @ heavy.T - inner.T @ inner), np.asarray(heavy @ self.gap - inner.T @ self._own)
+
+    def multiply_contrasts(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for changes of contrasts alone, k x (r ...)."""
+        columns = self.columns[:, self.of_contrasts]
+        products, along = white @ white.T, white @ self.gap[self.of_contrasts]
+        if columns.any():
+            inner = np.linalg.solve(self._root, columns @ white.T)
+            products, along = products - inner.T @ inner, along - inner.T @ self._own
+        return np.asarray(products), np.asarray(along)
+
+    def add(self, white: np.ndarray) -> "EvidenceFit":
+        """The fit with more that is free: changes (k x d) with prior standard deviation 1.
+
+        Theta stays the point about which all is linear; how much each cell counts is found again.
+        """
+        columns, weights = np.concatenate([self.columns, white]), self.weights
+        for _ in range(_N_WEIGHTS):
+            heavy = columns * _spread_weights(weights, len(self.gap))
+            moved = np.linalg.solve(heavy @ columns.T + np.eye(len(columns)), heavy @ self.gap)
+            left = (self.gap - moved @ columns)[: self.force_n.size].reshape(self.force_n.shape)
+            chi = (left**2).sum(axis=1)
+            weights = _weigh_cells(chi)
+        return replace(self, columns=columns, weights=weights, misfit=chi * self.scatter.solver**2 / N_BINS)
+
+    @cached_property
+    def _heavy(self) -> np.ndarray:
+        return _spread_weights(self.weights, len(self.gap))
+
+    @cached_property
+    def _root(self) -> np.ndarray:
+        return np.linalg.cholesky((self.columns * self._heavy) @ self.columns.T + np.eye(len(self.columns)))
+
+    @cached_property
+    def _own(self) -> np.ndarray:
+        return np.asarray(np.linalg.solve(self._root, (self.columns * self._heavy) @ self.gap))
+
+
+def _weigh_cells(chi: np.ndarray) -> np.ndarray:
+    return np.minimum(1.0, (TAILS + N_BINS) / (TAILS + chi))
+
+
+def _spread_weights(weights: np.ndarray, n: int) -> np.ndarray:
+    """Weights of cells as those of n values; contrasts all count."""
+    found = np.ones(n)
+    found[: len(weights) * N_BINS] = np.repeat(weights, N_BINS)
+    return found
+
+
+def fit_evidence(problem: Problem) -> EvidenceFit:
+    """Theta, moduli and the simulator's errors at the most probable point, with scatters as the data have them."""
+    fit = _fit(problem, Scatter(), None, _N_STEPS)
+    scatter = Scatter(_estimate_cell(fit), _estimate_repeat(fit), 1.0)
+    fit = _fit(problem, scatter, fit, 3)
+    solver = float(np.clip(np.sqrt(fit.omnibus), 1.0, LARGEST_SOLVER))
+    found = _fit(problem, replace(scatter, solver=solver), fit, 3)
+    return replace(found, misfit=fit.misfit)
+
+
+def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps: int) -> EvidenceFit:
+    bank, errors, reading, tool = problem.surrogate.bank, problem.errors, problem.reading, problem.tool
+    low, high = bank.grid.min(axis=0), bank.grid.max(axis=0)
+    n_tools, n_cells = len(problem.surrogate.grasps.tools), reading.n_cells
+    if start is None:
+        theta = np.array([bank.centre.young_modulus_mpa, bank.centre.friction, bank.centre.poisson_ratio])
+        theta[0] *= _find_scale(problem, theta)
+        moduli, weights = np.zeros(n_tools), np.ones(n_cells)
+    else:
+        theta, moduli, weights = start.theta.copy(), start.moduli, start.weights
+    began = theta.copy()
+    variants_n = np.moveaxis(errors.variants_n @ OF_BINS.T, 1, 0)
+    n_fixed = 3 + n_tools
+    n_objects = len(problem.surrogate.grasps.objects)
+    columns = np.zeros((n_fixed + len(variants_n) + 2 * len(SMOOTH) + n_objects, n_cells, N_BINS))
+    placed_n = PLACEMENT_SD_MM * errors.placed_n @ OF_BINS.T
+    for step in range(n_steps):
+        factor = np.exp(moduli)[tool][:, None]
+        force_n = problem.predict_means(theta) * factor
+        peak_n = np.abs(force_n).max(axis=1)[:, None]
+        columns[0] = _PRIOR_SD[0] * force_n
+        for place, by in enumerate(_STEPS, start=1):
+            more, less = (problem.predict_means(_moved(theta, place, side * by)) for side in (1.0, -1.0))
+            columns[place] = _PRIOR_SD[place] * factor * (more - less) / (2.0 * by)
+        for number in range(n_tools):
+            columns[3 + number] = TOOL_SD * force_n * (tool == number)[:, None]
+        at = n_fixed + len(variants_n)
+        columns[n_fixed:at] = variants_n * errors.grow(force_n)[:, None]
+        columns[at : at + len(SMOOTH)] = SHARED_SD * SMOOTH[:, None] * force_n
+        columns[at + len(SMOOTH) : at + 2 * len(SMOOTH)] = SHARED_SD * SMOOTH[:, None] * peak_n
+        at += 2 * len(SMOOTH)
+        for number in range(n_objects):
+            columns[at + number] = placed_n * errors.grow(force_n)[:, None] * (problem.obj == number)[:, None]
+        inverse = np.linalg.inv(np.linalg.cholesky(errors.cover_means(force_n, reading.n_repeats, scatter)))
+        gone = np.zeros(len(columns))
+        gone[:3] = np.array([np.log(theta[0] / began[0]), *(theta[1:] - began[1:])]) / _PRIOR_SD
+        gone[3:n_fixed] = moduli / TOOL_SD
+        white = np.einsum("cij,kcj->kci", inverse, columns)
+        gap = np.einsum("cij,cj->ci", inverse, problem.means_n - force_n)
+        flat = white.reshape(len(columns), -1)
+        heavy = flat * np.repeat(weights, N_BINS)
+        moved = np.linalg.solve(heavy @ flat.T + np.eye(len(flat)), heavy @ gap.ravel() - gone)
+        left = gap - np.tensordot(moved, white, 1)
+        chi = (left**2).sum(axis=1)
+        if step < n_steps - 1:
+            weights = _weigh_cells(chi)
+        if step < n_steps - 2:
+            by = np.clip(moved[:3] * _PRIOR_SD, -_LARGEST, _LARGEST)
+            theta[0] *= np.exp(by[0])
+            theta[1:] = np.clip(theta[1:] + by[1:], low, high)
+            moduli = moduli + TOOL_SD * moved[3:n_fixed]
+    contrast_n = problem.of_cells.predict_steps(theta) @ OF_CONTRASTS.T * factor
+    contrast_roots = np.linalg.inv(np.linalg.cholesky(errors.cover_contrasts(contrast_n[reading.of_cell], scatter)))
+    known_n = reading.contrast(problem.predict_steps(theta)) if problem.in_model else 0.0
+    of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
+    return EvidenceFit(
+        problem=problem,
+        scatter=scatter,
+        theta=theta,
+        moduli=moduli,
+        force_n=force_n,
+        weights=weights,
+        columns=np.concatenate([flat, np.zeros((len(flat), len(of_contrasts)))], axis=1),
+        gap=np.concatenate([gap.ravel(), of_contrasts]),
+        rest_n=problem.means_n - force_n - np.tensordot(moved, columns, 1),
+        misfit=chi / N_BINS,
+        mean_roots=inverse,
+        contrast_roots=contrast_roots,
+    )
+
+
+def _estimate_cell(fit: EvidenceFit) -> float:
+    """Scatter of cells: how much the factors on their forces differ, tools and objects apart."""
+    own = (fit.force_n**2).sum(axis=1)
+    share = (fit.rest_n * fit.force_n).sum(axis=1) / np.maximum(own, 1e-12)
+    for group in (fit.problem.tool, fit.problem.obj, fit.problem.tool):
+        for one in np.unique(group):
+            share[group == one] -= np.median(share[group == one])
+    return float(np.clip(_spread(share), *_CELL))
+
+
+def _estimate_repeat(fit: EvidenceFit) -> float:
+    """Scatter of repeats: how much the factors on their forces differ, less what noise does to them."""
+    problem = fit.problem
+    if not len(problem.contrasts_n):
+        return Scatter().repeat
+    force_n = (problem.of_cells.predict_steps(fit.theta) @ OF_CONTRASTS.T * fit.factor[:, None])[
+        problem.reading.of_cell
+    ]
+    noise = problem.errors.contrast_noise + TARE_SD_N**2
+    along = np.linalg.solve(noise, force_n.T).T
+    own = np.maximum((along * force_n).sum(axis=1), 1e-12)
+    share = (along * problem.contrasts_n).sum(axis=1) / own
+    place = np.concatenate(
+        [np.arange(np.count_nonzero(problem.reading.of_cell == one)) for one in np.unique(problem.reading.of_cell)]
+    )
+    for one in np.unique(place):
+        share[place == one] -= np.median(share[place == one])
+    return float(np.sqrt(max(_spread(share) ** 2 - float(np.median(1.0 / own)), _LEAST_REPEAT**2)))
+
+
+def _spread(values: np.ndarray) -> float:
+    return 1.4826 * float(np.median(np.abs(values)))
+
+
+def _moved(theta: np.ndarray, place: int, by: float) -> np.ndarray:
+    moved = theta.copy()
+    moved[place] += by
+    return moved
+
+
+def _find_scale(problem: Problem, theta: np.ndarray) -> float:
+    """Measured over predicted force, the median of cells."""
+    force_n = problem.predict_means(theta)
+    along = (force_n * problem.means_n).sum(axis=1) / np.maximum((force_n**2).sum(axis=1), 1e-9)
+    return float(np.clip(np.median(along), 0.05, 20.0))

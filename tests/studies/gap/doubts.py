@@ -11,7 +11,6 @@ import numpy as np
 
 from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.models.gap.evidence.candidates import weigh_candidates
-from fast.models.gap.evidence.doubt import N_WORLDS
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse
 from tests.studies.gap.development import open_panels
@@ -20,6 +19,7 @@ from tests.studies.gap.worlds import Group, Worlds
 from tests.studies.traces.anomalies import wilson
 
 N_WORLDS_OF: dict[Group, int] = {"null": 50, "single": 60, "unlisted": 40}
+N_REHEARSED = 120
 VISIBLE = (0.01, 0.02, 0.04, 0.1)
 
 
@@ -74,4 +74,4 @@ def count_doubts(doubted: Sequence[Doubted]) -> Rows:
 
 def _rehearse(worlds: Worlds) -> Rehearsal:
     usable = worlds.problem(worlds.draw("null", 0)).usable
-    return rehearse(Problem.of(usable), usable.names, N_WORLDS, seed=0)
+    return rehearse(Problem.of(usable), usable.names, N_REHEARSED, seed=0)

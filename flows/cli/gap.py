@@ -50,6 +50,9 @@ def gap(
     objects: Annotated[
         int | None, Parameter(help="Search with so many objects, spread over their classes; default: all.")
     ] = None,
+    rehearse: Annotated[
+        int, Parameter(help="Made-up worlds that say what could still hide.", validator=Number(gte=8, lte=10_000))
+    ] = 120,
     dry_run: Annotated[bool, Parameter(negative="", help="Only say what would be simulated and how long.")] = False,
     json: AsJson = False,
 ) -> None:
@@ -78,7 +81,8 @@ def gap(
     else:
         found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
-    order = GapOrder(name, seed, rounds, budget_minutes, PanelSize(tools, objects)).with_workers(workers)
+    panel = PanelSize(tools, objects)
+    order = GapOrder(name, seed, rounds, budget_minutes, panel, rehearsed=rehearse).with_workers(workers)
     if dry_run:
         with open_reporter() as reporter:
             cost = tell_cost(found, order, reporter)

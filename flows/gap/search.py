@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from fast.tasks.gap.rounds import Round
 
 MOST_ROUNDS = 4
+REHEARSED = 120  # made-up worlds of the panel: half a minute
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ class GapOrder:
     """What is asked for. `campaign_id` None: all measurements of the lake. `budget_minutes`: of simulating.
 
     `panel`: of how many designs and objects. `asking`: what the bench may be asked for, which changes no answer.
+    `rehearsed`: made-up worlds from which the lines come beyond which *none* is not said.
     """
 
     campaign_id: str | None = None
@@ -67,6 +69,7 @@ class GapOrder:
     budget_minutes: float | None = None
     panel: PanelSize = WHOLE
     asking: AskSettings = AskSettings()
+    rehearsed: int = REHEARSED
     settings: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(chains=4, draws=1000, tune=1000, target_accept=0.95)
     )
@@ -168,6 +171,7 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
     settings = {
         "rounds": order.rounds,
         "seed": order.seed,
+        **({} if order.rehearsed == REHEARSED else {"rehearsed": order.rehearsed}),
         **order.settings.model_dump(mode="json", exclude={"workers"}),
     }
     return _Search(order, split, measured, version, make_gap_id(measured, version, split, settings))
@@ -258,6 +262,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         simulate=simulator.simulate,
         answers=search.measured.answers,
         progress=reporter.progress,
+        rehearsed=order.rehearsed,
     )
     rounds = _repeat_rounds(wide, start.effects, order.rounds, reporter)
     following = ask_next(rounds, order.asking)

@@ -15,7 +15,8 @@ class GapData:
     """Grasps and the bank of the same tools and objects.
 
     held_out_tools (t) and held_out_objects (o): masks, frozen before anything is looked at; a grasp that touches
-    either is never used before the evaluation.
+    either is not used before the evaluation, but for the question whether anything is missing at all, which adds
+    nothing to a simulator.
     """
 
     grasps: Grasps
@@ -42,6 +43,11 @@ class GapData:
     def held_out(self) -> Surrogate:
         """The surrogate of the grasps that are kept for the evaluation: held out, finite, with simulations."""
         return self.surrogate.select(np.flatnonzero(self._is_usable & self.is_held_out))
+
+    @cached_property
+    def usable(self) -> Surrogate:
+        """The surrogate of all grasps that are finite and have simulations, held out or not."""
+        return self.surrogate.select(np.flatnonzero(self._is_usable))
 
     @property
     def _is_usable(self) -> np.ndarray:

@@ -17,8 +17,6 @@ from fast.tasks.bench.plan import ToolWork, plan_asked
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.state import CampaignState, ProposedTool, tuples
-from fast.tasks.traces.anomalies import update_anomalies
-from fast.tasks.traces.features import update_features
 
 AGAIN_DUE, MEASURED_AGAIN = "again_due", "measured_again"  # kinds of events
 FAULT, SO, NOT_MADE = "fault", "so", "not_made"  # what is decided of a cell
@@ -109,6 +107,10 @@ def _ask(campaign: Campaign, tools: Sequence[ProposedTool], search: str) -> None
 
 def _look(campaign: Campaign) -> list[dict[str, Any]]:
     """Flags on the campaign's grasps, surest first; none where no grasp lifts."""
+    # A second of imports, which a command that only counts what is owed does not wait for.
+    from fast.tasks.traces.anomalies import update_anomalies
+    from fast.tasks.traces.features import update_features
+
     try:
         update_features(campaign.lake, campaign.campaign_id)
     except UsageError:

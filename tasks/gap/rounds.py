@@ -125,9 +125,9 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
 
 def doubt_none(wide: SearchInputs, naming: NamingResult, in_model: Sequence[EffectValue]) -> NamingResult:
     """An answer of "nothing" as the likelihood has it: with what could still hide, or an alarm without a name."""
-    training, known = wide.data.training, {value.effect for value in in_model}
-    names = [name for name in training.names if name not in known]
-    doubt = Doubt.of(training, in_model, names, wide.rehearsed_worlds, wide.settings.seed)
+    usable, known = wide.data.usable, {value.effect for value in in_model}
+    names = [name for name in usable.names if name not in known]
+    doubt = Doubt.of(usable, in_model, names, wide.rehearsed, wide.settings.seed)
     decision = doubt.decide()
     gap = decision.probability if doubt.is_alarm else 1.0 - decision.probability
     shares = {NONE: 1.0 - gap, UNKNOWN: gap}

@@ -17,8 +17,6 @@ from fast.models.gap.findings import Decision
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
-N_WORLDS = 120  # of a rehearsal: half a minute
-
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
@@ -33,7 +31,7 @@ class Doubt:
         surrogate: Surrogate,
         in_model: Sequence[EffectValue],
         names: Sequence[str],
-        n_worlds: int = N_WORLDS,
+        n_worlds: int,
         seed: int = 0,
     ) -> "Doubt":
         """The doubt of a simulator with effects `in_model`, by the grasps of a surrogate, all of them usable."""

@@ -68,7 +68,7 @@ def search(root: Path) -> None:
     from fast.flows.progress import ProgressReporter
 
     make_up()
-    outcome = run_gap(Lake.open(root), GapOrder("demo"), ProgressReporter(lambda _: None, lambda _: None))
+    outcome = run_gap(Lake.open(root), GapOrder("demo", rehearsed=8), ProgressReporter(lambda _: None, lambda _: None))
     sys.stdout.write(f"{outcome.sentence}\n")
 
 

@@ -1,6 +1,6 @@
 """Machines that are not ours: settings, proxies, folders and rights under which a campaign has to run.
 
-In variables and commands `{folder}` is the folder of the run, `{checkout}` a copy of the sources that nobody may write.
+In variables `{folder}` is the folder of the run.
 """
 
 import os
@@ -12,7 +12,9 @@ NOWHERE = "http://127.0.0.1:9"  # the port of `discard`: nobody listens
 UNWRITABLE = "/proc/nothing"  # not even root makes a folder there
 NOBODY = "65534"
 _BAD_TOML = "this is = no [ TOML\n"
-_PROFILE = f'active = "other"\n[profiles.other]\nPREFECT_API_URL = "{NOWHERE}/api"\nPREFECT_LOGGING_LEVEL = "nonsense"\n'
+_PROFILE = (
+    f'active = "other"\n[profiles.other]\nPREFECT_API_URL = "{NOWHERE}/api"\nPREFECT_LOGGING_LEVEL = "nonsense"\n'
+)
 # Rights of a person: root may write everywhere, whatever the bits of a folder say.
 _NO_RIGHTS = ("setpriv", "--bounding-set=-all", "--inh-caps=-all")
 # Another user, who may read everywhere (an interpreter in root's home could not even be started), and write nowhere.
@@ -64,7 +66,7 @@ def _prefect(name: str, *settings: str) -> Environment:
 _PREFECT = (
     _prefect("address", f"API_URL={NOWHERE}/api"),
     _prefect("address that is none", "API_URL=lab"),
-    _prefect("keys", "API_KEY=pnu_other", "API_AUTH_STRING=a:b", "CLIENT_CUSTOM_HEADERS={{"),
+    _prefect("keys", "API_KEY=pnu_other", "API_AUTH_STRING=a:b", "CLIENT_CUSTOM_HEADERS={"),
     _prefect("profile", "PROFILE=other"),
     _prefect("home", f"HOME={UNWRITABLE}", f"PROFILES_PATH={UNWRITABLE}", f"LOCAL_STORAGE_PATH={UNWRITABLE}"),
     _prefect(
@@ -168,7 +170,7 @@ _PYTHON = (
     Environment("PYTHONDEVMODE=1", {"PYTHONDEVMODE": "1"}),
     Environment("time zone far away", {"TZ": "Pacific/Kiritimati"}),
     Environment("time zone that is none", {"TZ": "Nowhere/Nothing"}),
-    Environment("threads that are none", {"OMP_NUM_THREADS": "many", "OPENBLAS_NUM_THREADS": "0", "MKL_NUM_THREADS": ""}),
+    Environment("threads that are none", {"OMP_NUM_THREADS": "many", "OPENBLAS_NUM_THREADS": "0"}),
     Environment("64 threads", dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "64")),
     Environment("terminal that can nothing", {"TERM": "dumb", "COLUMNS": "1", "LINES": "x", "NO_COLOR": "1"}),
     Environment("no stdin", command=_shell("exec 0<&-")),

@@ -1,17 +1,19 @@
 """A tiny campaign in each environment of `environment_list`, end to end by the command that people give.
 
-Two tools on one object in a coarse world, with the report. Each environment has a folder, a lake and a server of its own.
+Two tools on one object in a coarse world, with the report. Each environment has its folder, lake and server.
 """
 
 import os
 import re
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from fast.flows.benchmarks.base import Options, Tables
@@ -48,7 +50,10 @@ _SKIPPED = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "*.egg-i
 
 
 class Run(Record):
-    """A campaign in an environment. `said`: what it said that it does not say in ours; `problem`: empty where all is well."""
+    """A campaign in an environment.
+
+    `said`: what it said that it does not say in ours. `problem`: empty where all is well.
+    """
 
     environment: str
     wall_s: float
@@ -66,7 +71,7 @@ def measure_environments(options: Options) -> Tables:
     with tempfile.TemporaryDirectory(prefix="fast-environments-") as name, RecordFile(options.results) as file:
         folder = Path(name)
         folder.chmod(0o755)
-        ours = run_in(OURS, folder)[1]
+        ours = run_in(replace(OURS, folder="before"), folder)[1]  # it also compiles what the others find compiled
         for number, environment in enumerate(chosen, start=1):
             if environment.name in known or environment.missing:
                 continue
@@ -121,7 +126,7 @@ def run_in(environment: Environment, folder: Path) -> tuple[int, list[str]]:
             os.chown(path, environment.owner, environment.owner)
     with _checkout(environment, folder) as checkout:
         kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
-        wanted = {**kept, "PYTHONPATH": str(checkout), **environment.variables}
+        wanted: dict[str, str | None] = {**kept, "PYTHONPATH": str(checkout), **environment.variables}
         variables = {name: value.replace("{folder}", str(place)) for name, value in wanted.items() if value is not None}
         words = ("-m", "fast.flows.cli.main", "campaign", "run", "tiny.toml", "--lake", "lake", "--auto-print")
         try:
@@ -165,3 +170,27 @@ def _lake_of(environment: Environment, folder: Path) -> Path:
 
 def _mask(line: str) -> str:
     return _NUMBERS.sub("#", line)
+
+
+def _row(environment: Environment, run: Run | None) -> dict[str, object]:
+    if run is None:
+        return {"environment": environment.name, "problem": f"left out: {environment.missing or 'no time'}"}
+    said = next((line for line in run.said if environment.says and environment.says in line), "")
+    return {
+        "environment": run.environment,
+        "wall_s": run.wall_s,
+        "status": run.status,
+        "grasps": run.n_grasps,
+        "said": said,
+        "problem": run.problem,
+    }
+
+
+def _count(runs: Iterable[Run]) -> dict[str, object]:
+    runs = list(runs)
+    return {
+        "environments": len(runs),
+        "well": sum(not run.problem for run in runs),
+        "median_s": round(statistics.median(run.wall_s for run in runs), 1),
+        "largest_s": max(run.wall_s for run in runs),
+    }

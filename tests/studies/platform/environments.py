@@ -44,8 +44,9 @@ simulate_tools = false
 world = "world.toml"
 """
 _WORLD = "[mesh]\nedge_mm = 20.0\nlayers = 1\n"
-# What a run says of itself, which differs from run to run.
-_NUMBERS = re.compile(r"\d+|key=\S+")
+# What differs from run to run: numbers, keys, and where the report lies; how far a campaign is, is not said at once.
+_NUMBERS = re.compile(r"\d+|key=\S+|file://\S+")
+_PROGRESS = re.compile(r"\d\d:\d\d:\d\d ")
 _SKIPPED = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "*.egg-info", "tests", "docs")
 
 
@@ -89,7 +90,7 @@ def judge(environment: Environment, folder: Path, ours: Sequence[str]) -> Run:
     status, lines = run_in(environment, folder)
     wall_s = time.monotonic() - started_s
     usual = {_mask(line) for line in ours}
-    said = tuple(dict.fromkeys(line for line in lines if _mask(line) not in usual))
+    said = tuple(line for line in lines if _mask(line) not in usual and not _PROGRESS.match(line))
     lake = _lake_of(environment, folder)
     n_grasps = len(Lake.open(lake).rows(GraspRow)) if lake.is_dir() and any(lake.iterdir()) else 0
     run = Run(

@@ -1,10 +1,11 @@
 """The features of the how-tos as factors of a tiny campaign: what each level adds to its config, and what is refused.
 
-Two tools at first, two that the scientist chooses, one simulation for each, on two objects, with a coarse simulator in a coarse
-world.
+Two tools at first, two that the scientist chooses, one simulation for each stage, on two objects; simulator and world
+are coarse.
 """
 
 import json
+import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -101,7 +102,8 @@ def _pair(one: str, level: str, other: str, other_level: str) -> Pair:
 REFUSED: Mapping[Pair, str] = {
     _pair("bench", "folder", "diagnostics", "protocol"): 'a bench of kind "folder" makes grasps alone',
     _pair("bench", "arm", "diagnostics", "protocol"): "an arm makes no diagnostic runs",
-    **{_pair("reference finger", "fin-ray", "family", family): "fin-ray" for family in _RANGE if family != "fin-ray"},
+    _pair("reference finger", "fin-ray", "family", "free-form"): "the family `free-form` cannot draw",
+    _pair("reference finger", "fin-ray", "family", "slotted:Slotted"): "the family `slotted:Slotted` cannot draw",
     _pair("objects", "own on a place", "diagnostics", "protocol"): "object 14",
 }
 
@@ -137,7 +139,7 @@ def write_case(case: Case, folder: Path) -> Path:
     (folder / "dumbbell.toml").write_text(OBJECT, encoding="utf-8")
     shutil.copy(CHECKOUT / "recipes" / "polyjet.toml", folder / "polyjet.toml")
     shutil.copy(CHECKOUT / "materials" / "paper.toml", folder / "lot.toml")
-    (folder / "mine.csv").write_text(_own_designs(_space_of(case)), encoding="utf-8")
+    (folder / "mine.csv").write_text(_own_designs(_space_of(case, folder)), encoding="utf-8")
     path = folder / f"{NAME}.toml"
     path.write_text(write_toml(make_config(case)), encoding="utf-8")
     return path
@@ -184,9 +186,15 @@ def _merge(config: Config, more: Config) -> None:
             config[key] = json.loads(json.dumps(value))
 
 
-def _space_of(case: Case) -> DesignSpace:
+def _space_of(case: Case, folder: Path) -> DesignSpace:
+    """The narrow ranges of a case's family; one of a user's own is found in the folder."""
     name, (low, high) = _RANGE[case["family"]]
-    return DesignSpace.of(find_family(case["family"]), {name: (low, high)}, ())
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        return DesignSpace.of(find_family(case["family"]), {name: (low, high)}, ())
+    finally:
+        os.chdir(before)
 
 
 def _own_designs(space: DesignSpace) -> str:

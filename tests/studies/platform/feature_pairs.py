@@ -1,7 +1,7 @@
 """Every feature of the how-tos with every other, in as few tiny campaigns as hold all pairs.
 
-Each campaign runs by the commands that people give, up to its report. Pairs that are refused by design must be refused in
-one sentence, before anything is written.
+Each campaign runs by the commands that people give, up to its report. Pairs that are refused by design must be refused
+in one sentence, before anything is written.
 """
 
 import csv

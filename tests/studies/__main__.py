@@ -24,7 +24,7 @@ app = App(
 class StudyChosen(Chosen):
     """What only studies take."""
 
-    n: Annotated[int | None, Parameter(help="How many kills.")] = None
+    n: Annotated[int | None, Parameter(help="How many kills, or cases.")] = None
     worlds: Annotated[int | None, Parameter(help="How many made-up problems of known truth.")] = None
 
 

@@ -15,6 +15,8 @@ from tests.studies.gap.intervals import measure_gap_intervals
 from tests.studies.gap.sealed import measure_gap_sealed
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.platform.day import measure_day
+from tests.studies.platform.environments import measure_environments
+from tests.studies.platform.feature_pairs import measure_feature_pairs
 from tests.studies.platform.paper_schedule import measure_paper_schedule
 from tests.studies.scientist.lab_bounds import measure_lab_bounds
 from tests.studies.scientist.lab_world import measure_lab_world
@@ -65,5 +67,7 @@ STUDIES: dict[str, Benchmark] = {
     "host-kills": benchmark(measure_host_kills, "n"),
     "server-kills": benchmark(measure_server_kills, "n", "results", "limit_minutes"),
     "day": benchmark(measure_day, "figure"),
+    "environments": benchmark(measure_environments, "n", "results"),
+    "feature-pairs": benchmark(measure_feature_pairs, "n", "results"),
     "paper-schedule": benchmark(measure_paper_schedule, "results", "limit_minutes", "figure"),
 }

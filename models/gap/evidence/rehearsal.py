@@ -22,9 +22,9 @@ from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 SCATTER = Scatter()  # of cells and repeats of made-up worlds
 FALSE_SHARE = 0.01  # of worlds with nothing hidden, that each line lets pass
-# Below these nothing is an alarm, however few worlds were rehearsed: panels of two other solvers of the same physics,
-# with nothing hidden, gave up to 27 nats (the second largest of 90: 24), and 2.2 of what is left.
-LEAST_NATS, LEAST_OMNIBUS = 25.0, 2.5
+# Below these nothing is an alarm, however few worlds were rehearsed: other solvers of the same physics, with nothing
+# hidden, gave up to 48 nats (the second largest of 140 worlds: 37), and 2.2 of what is left.
+LEAST_NATS, LEAST_OMNIBUS = 60.0, 2.5
 SEEN = 0.9
 _FEWEST_SEEN = 10
 SMALLEST, LARGEST = 0.01, 0.2  # of the force: sizes of what is hidden

@@ -6,6 +6,7 @@ Lines are those of one rehearsal per number of designs and objects: of the first
 import secrets
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -14,10 +15,13 @@ from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse
 from tests.studies.gap.development import open_panels
+from tests.studies.gap.small import read_small
 from tests.studies.gap.truth import results_folder
 from tests.studies.gap.worlds import Group, Worlds
 from tests.studies.traces.anomalies import wilson
 
+PANEL = Path(__file__).parents[2] / "data" / "gap-panel.npz"  # 9 designs, 7 objects, 23 sets of true grasps; opened
+PUBLIC_SEED = 7
 N_WORLDS_OF: dict[Group, int] = {"null": 50, "single": 60, "unlisted": 40}
 N_REHEARSED = 120
 VISIBLE = (0.01, 0.02, 0.04, 0.1)
@@ -36,8 +40,11 @@ class Doubted:
 
 
 def measure_doubts(options: Options) -> Tables:
-    """Alarms of the likelihood on worlds of a study's panel, drawn from a secret."""
-    worlds = Worlds(*open_panels(results_folder(options)), secrets.token_hex(16), has_other_laws=True)
+    """Alarms of the likelihood: on the panel for development from a public seed, or on a study's own from a secret."""
+    if options.results is None:
+        worlds = Worlds(*read_small(PANEL), PUBLIC_SEED, has_other_laws=True)
+    else:
+        worlds = Worlds(*open_panels(results_folder(options)), secrets.token_hex(16), has_other_laws=True)
     return {"doubts": count_doubts(list_doubts(worlds, N_WORLDS_OF, options.tell))}
 
 

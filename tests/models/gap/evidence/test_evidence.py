@@ -94,10 +94,13 @@ def test_an_effect_has_the_most_evidence_where_it_is_hidden(worlds: Worlds, hidd
 
 def test_nothing_is_said_with_what_could_still_hide(worlds: Worlds) -> None:
     usable = worlds.problem(worlds.draw("null", 0)).usable
-    doubt = Doubt.of(usable, (), ("load_cell_offset", "object_edge_radius"), n_worlds=24)
-    decision = doubt.decide()
-    assert decision.kind == "none"
-    assert "nine of ten of 24 rehearsed worlds" in decision.sentence
+    doubt = Doubt.of(usable, (), ("load_cell_offset", "object_edge_radius"), n_worlds=8)
+    assert doubt.decide().kind == "none"
+    hidden = tuple(Rehearsed("listed", "edges", 0.01 * n, 20.0 * n, 1.0) for n in range(1, 31))
+    told = replace(doubt, rehearsal=replace(doubt.rehearsal, worlds=hidden)).decide()
+    assert told.kind == "none"
+    force_n = np.sqrt((doubt.fit.force_n**2).mean())
+    assert f"by 1 % ({0.01 * force_n:.2g} N) or more was seen in nine of ten of 30 rehearsed worlds" in told.sentence
 
 
 def test_a_cause_of_no_catalogue_is_an_alarm_with_its_size(worlds: Worlds) -> None:
@@ -121,10 +124,10 @@ def test_a_law_in_the_model_is_no_alarm(worlds: Worlds) -> None:
 
 
 def test_lines_are_those_of_worlds_with_nothing_hidden() -> None:
-    nothing = [Rehearsed("nothing", "", 0.0, 20.0 + n, 1.0 + 0.1 * n) for n in range(40)]
-    hidden = [Rehearsed("listed", "edges", 0.01 * n, 10.0 * n, 1.0) for n in range(1, 21)]
+    nothing = [Rehearsed("nothing", "", 0.0, 50.0 + n, 1.0 + 0.1 * n) for n in range(40)]
+    hidden = [Rehearsed("listed", "edges", 0.01 * n, 15.0 * n, 1.0) for n in range(1, 21)]
     rehearsal = Rehearsal.of([*nothing, *hidden])
-    assert rehearsal.nats_line == 59.0
+    assert rehearsal.nats_line == 89.0
     assert rehearsal.omnibus_line == pytest.approx(4.9)
     assert rehearsal.find_seen_size() == pytest.approx(0.05)  # of 16 from here on, 15 were seen
     assert rehearsal.estimate_hidden(is_alarm=True) > 0.95

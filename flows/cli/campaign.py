@@ -183,7 +183,7 @@ def _outcome_text(data: dict[str, Any], lake: Path) -> str:
     best = data["best_tool"]
     if best:
         lines.append(f"best tool  {best['tool_id']}  {best['tool_quality_n']:.2f} N mean peak pull-off force")
-    if data.get("times_reference"):
+    if data["times_reference"]:
         lines.append(f"reference  {data['times_reference']['sentence']}")
     lines += [f"report     {data['report']}", f"recording  {data['recording']}"]
     return "\n".join([*lines, "", *_next_lines(data, lake)])

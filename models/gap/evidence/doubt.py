@@ -12,6 +12,7 @@ import numpy as np
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.evidence.candidates import Candidate, weigh_candidates
 from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, fit_evidence
+from fast.models.gap.evidence.reading import compute_rms
 from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse
 from fast.models.gap.findings import Decision
 from fast.models.records import EffectValue
@@ -55,7 +56,7 @@ class Doubt:
         return self._decide_unknown() if self.is_alarm else self._decide_none()
 
     def _decide_none(self) -> Decision:
-        size, force_n = self.rehearsal.find_seen_size(), _rms(self.fit.force_n)
+        size, force_n = self.rehearsal.find_seen_size(), compute_rms(self.fit.force_n)
         hides = "What could still hide is not known: too little of what was rehearsed was seen."
         if size is not None:
             hides = (
@@ -71,8 +72,8 @@ class Doubt:
     def _decide_unknown(self) -> Decision:
         best, fit = self.best, self.fit
         change_n = fit.rest_n if best.change_n is None or best.nats <= self.rehearsal.nats_line else best.change_n
-        size_n = _rms(change_n)
-        share = 100.0 * size_n / _rms(fit.force_n)
+        size_n = compute_rms(change_n)
+        share = 100.0 * size_n / compute_rms(fit.force_n)
         return Decision(
             kind="unknown",
             probability=self.rehearsal.estimate_hidden(is_alarm=True),
@@ -106,7 +107,3 @@ class Doubt:
 
         obj, tool = most(problem.obj, len(grasps.objects)), most(problem.tool, len(grasps.tools))
         return f"most on object {grasps.objects[obj]} and tool {grasps.tools[tool]}"
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))

@@ -14,10 +14,9 @@ from fast.models.gap.bank.sensor_effects import N_LEAD
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, Reading
 
-TOOL_SD = 0.04  # of the modulus of a print, relative
 TARE_SD_N = 0.03  # what taring leaves
 PLACEMENT_SD_MM = 0.15  # of the height at which an object stands, and again of each of its cells
-LEAST_SHARE = 1e-3  # of the peak: an error that every simulator has
+_LEAST_SHARE = 1e-3  # of the peak: an error that every simulator has
 _LEAST_FORCE = 0.1  # of the median cell's: below it, changes do not grow with the force of a cell
 
 
@@ -65,7 +64,7 @@ class Errors:
         of_steps = grasps.noise.step_covariance(OF_BINS.shape[1], float(np.median(grasps.lift_speed_mm_per_s)))
         size_n = np.sqrt(((centre_n @ OF_BINS.T) ** 2).mean(axis=-1))
         return Errors(
-            solver=solver + LEAST_SHARE**2 * np.eye(len(solver)),
+            solver=solver + _LEAST_SHARE**2 * np.eye(len(solver)),
             variants_n=np.nan_to_num(variants_n[tool, column]),
             missed_n=np.nan_to_num(missed_n[tool, column]),
             placed_n=np.nan_to_num((more_n - less_n)[tool, column]) / (DEEPER_MM[1] - DEEPER_MM[0]),

@@ -13,15 +13,15 @@ from functools import cached_property
 import numpy as np
 
 from fast.models.gap.bank.surrogate import Surrogate
-from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD, Errors, Scatter
+from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, Errors, Scatter
 from fast.models.gap.evidence.reading import N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
+from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.records import EffectValue, GraspContext
 
 TAILS = 8.0  # degrees of freedom of a cell's errors
 SHARED_SD = 0.005  # of the force: a smooth error over the lift that all grasps share
 LARGEST_SOLVER = 2.0  # how many times larger than the bank's variants a simulator's errors may be, and still be errors
 _N_STEPS = 7  # of Gauss-Newton; the last two change weights alone
-_N_WEIGHTS = 4
 _STEPS = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
 _LARGEST = np.array([0.5, 0.1, 0.05])  # step of ln E, friction, Poisson's ratio
 _PRIOR_SD = np.array([3.0, 0.5, 0.15])  # of the same from where the fit began: next to none
@@ -74,10 +74,14 @@ class Problem:
         """Step means of every grasp with the model's effects and these, n x 120."""
         return self.surrogate.predict_steps(theta, [*self.in_model, *effects])
 
+    def predict_cells(self, theta: np.ndarray, effects: Sequence[EffectValue] = ()) -> np.ndarray:
+        """Step means of one grasp of each cell that nothing came before, c x 120."""
+        return self.of_cells.predict_steps(theta, [*self.in_model, *effects])
+
     def predict_means(self, theta: np.ndarray) -> np.ndarray:
         """Means of cells, c x b."""
         if not self.in_model:
-            return np.asarray(self.of_cells.predict_steps(theta) @ OF_BINS.T)
+            return np.asarray(self.predict_cells(theta) @ OF_BINS.T)
         return self.reading.average(self.predict_steps(theta))
 
 
@@ -147,20 +151,6 @@ class EvidenceFit:
             products, along = products - inner.T @ inner, along - inner.T @ self._own
         return np.asarray(products), np.asarray(along)
 
-    def add(self, white: np.ndarray) -> "EvidenceFit":
-        """The fit with more that is free: changes (k x d) with prior standard deviation 1.
-
-        Theta stays the point about which all is linear; how much each cell counts is found again.
-        """
-        columns, weights = np.concatenate([self.columns, white]), self.weights
-        for _ in range(_N_WEIGHTS):
-            heavy = columns * _spread_weights(weights, len(self.gap))
-            moved = np.linalg.solve(heavy @ columns.T + np.eye(len(columns)), heavy @ self.gap)
-            left = (self.gap - moved @ columns)[: self.force_n.size].reshape(self.force_n.shape)
-            chi = (left**2).sum(axis=1)
-            weights = _weigh_cells(chi)
-        return replace(self, columns=columns, weights=weights, misfit=chi * self.scatter.solver**2 / N_BINS)
-
     @cached_property
     def _heavy(self) -> np.ndarray:
         return _spread_weights(self.weights, len(self.gap))
@@ -198,45 +188,26 @@ def fit_evidence(problem: Problem) -> EvidenceFit:
 def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps: int) -> EvidenceFit:
     bank, errors, reading, tool = problem.surrogate.bank, problem.errors, problem.reading, problem.tool
     low, high = bank.grid.min(axis=0), bank.grid.max(axis=0)
-    n_tools, n_cells = len(problem.surrogate.grasps.tools), reading.n_cells
     if start is None:
         theta = np.array([bank.centre.young_modulus_mpa, bank.centre.friction, bank.centre.poisson_ratio])
         theta[0] *= _find_scale(problem, theta)
-        moduli, weights = np.zeros(n_tools), np.ones(n_cells)
+        moduli, weights = np.zeros(len(problem.surrogate.grasps.tools)), np.ones(reading.n_cells)
     else:
         theta, moduli, weights = start.theta.copy(), start.moduli, start.weights
     began = theta.copy()
-    variants_n = np.moveaxis(errors.variants_n @ OF_BINS.T, 1, 0)
-    n_fixed = 3 + n_tools
-    n_objects = len(problem.surrogate.grasps.objects)
-    columns = np.zeros((n_fixed + len(variants_n) + 2 * len(SMOOTH) + n_objects, n_cells, N_BINS))
-    placed_n = PLACEMENT_SD_MM * errors.placed_n @ OF_BINS.T
     for step in range(n_steps):
         factor = np.exp(moduli)[tool][:, None]
         force_n = problem.predict_means(theta) * factor
-        peak_n = np.abs(force_n).max(axis=1)[:, None]
-        columns[0] = _PRIOR_SD[0] * force_n
-        for place, by in enumerate(_STEPS, start=1):
-            more, less = (problem.predict_means(_moved(theta, place, side * by)) for side in (1.0, -1.0))
-            columns[place] = _PRIOR_SD[place] * factor * (more - less) / (2.0 * by)
-        for number in range(n_tools):
-            columns[3 + number] = TOOL_SD * force_n * (tool == number)[:, None]
-        at = n_fixed + len(variants_n)
-        columns[n_fixed:at] = variants_n * errors.grow(force_n)[:, None]
-        columns[at : at + len(SMOOTH)] = SHARED_SD * SMOOTH[:, None] * force_n
-        columns[at + len(SMOOTH) : at + 2 * len(SMOOTH)] = SHARED_SD * SMOOTH[:, None] * peak_n
-        at += 2 * len(SMOOTH)
-        for number in range(n_objects):
-            columns[at + number] = placed_n * errors.grow(force_n)[:, None] * (problem.obj == number)[:, None]
+        columns = _list_columns(problem, theta, force_n, factor)
         inverse = np.linalg.inv(np.linalg.cholesky(errors.cover_means(force_n, reading.n_repeats, scatter)))
-        gone = np.zeros(len(columns))
-        gone[:3] = np.array([np.log(theta[0] / began[0]), *(theta[1:] - began[1:])]) / _PRIOR_SD
-        gone[3:n_fixed] = moduli / TOOL_SD
+        from_prior = np.zeros(len(columns))
+        from_prior[:3] = np.array([np.log(theta[0] / began[0]), *(theta[1:] - began[1:])]) / _PRIOR_SD
+        from_prior[3 : 3 + len(moduli)] = moduli / TOOL_SD
         white = np.einsum("cij,kcj->kci", inverse, columns)
         gap = np.einsum("cij,cj->ci", inverse, problem.means_n - force_n)
         flat = white.reshape(len(columns), -1)
         heavy = flat * np.repeat(weights, N_BINS)
-        moved = np.linalg.solve(heavy @ flat.T + np.eye(len(flat)), heavy @ gap.ravel() - gone)
+        moved = np.linalg.solve(heavy @ flat.T + np.eye(len(flat)), heavy @ gap.ravel() - from_prior)
         left = gap - np.tensordot(moved, white, 1)
         chi = (left**2).sum(axis=1)
         if step < n_steps - 1:
@@ -245,8 +216,8 @@ def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps:
             by = np.clip(moved[:3] * _PRIOR_SD, -_LARGEST, _LARGEST)
             theta[0] *= np.exp(by[0])
             theta[1:] = np.clip(theta[1:] + by[1:], low, high)
-            moduli = moduli + TOOL_SD * moved[3:n_fixed]
-    contrast_n = problem.of_cells.predict_steps(theta) @ OF_CONTRASTS.T * factor
+            moduli = moduli + TOOL_SD * moved[3 : 3 + len(moduli)]
+    contrast_n = problem.predict_cells(theta) @ OF_CONTRASTS.T * factor
     contrast_roots = np.linalg.inv(np.linalg.cholesky(errors.cover_contrasts(contrast_n[reading.of_cell], scatter)))
     known_n = reading.contrast(problem.predict_steps(theta)) if problem.in_model else 0.0
     of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
@@ -266,6 +237,35 @@ def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps:
     )
 
 
+def _list_columns(problem: Problem, theta: np.ndarray, force_n: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Changes of means (k x c x b) by what is free, one prior standard deviation of each.
+
+    Theta first, then moduli of prints, variants of the simulator, smooth errors of all grasps, heights of objects.
+    force_n: c x b, as predicted; factor: c x 1, moduli of prints.
+    """
+    errors, grasps = problem.errors, problem.surrogate.grasps
+    grows = errors.grow(force_n)[:, None]
+    peak_n = np.abs(force_n).max(axis=1)[:, None]
+    slopes_n = []
+    for place, by in enumerate(_STEPS, start=1):
+        more_n, less_n = (problem.predict_means(_moved(theta, place, side * by)) for side in (1.0, -1.0))
+        slopes_n.append(factor * (more_n - less_n) / (2.0 * by))
+    is_tool, is_object = (
+        (own == np.arange(n)[:, None])[:, :, None]
+        for own, n in ((problem.tool, len(grasps.tools)), (problem.obj, len(grasps.objects)))
+    )
+    return np.concatenate(
+        [
+            _PRIOR_SD[:, None, None] * np.array([force_n, *slopes_n]),
+            TOOL_SD * force_n * is_tool,
+            np.moveaxis(errors.variants_n @ OF_BINS.T, 1, 0) * grows,
+            SHARED_SD * SMOOTH[:, None] * force_n,
+            SHARED_SD * SMOOTH[:, None] * peak_n,
+            PLACEMENT_SD_MM * (errors.placed_n @ OF_BINS.T) * grows * is_object,
+        ]
+    )
+
+
 def _estimate_cell(fit: EvidenceFit) -> float:
     """Scatter of cells: how much the factors on their forces differ, tools and objects apart."""
     own = (fit.force_n**2).sum(axis=1)
@@ -281,9 +281,7 @@ def _estimate_repeat(fit: EvidenceFit) -> float:
     problem = fit.problem
     if not len(problem.contrasts_n):
         return Scatter().repeat
-    force_n = (problem.of_cells.predict_steps(fit.theta) @ OF_CONTRASTS.T * fit.factor[:, None])[
-        problem.reading.of_cell
-    ]
+    force_n = (problem.predict_cells(fit.theta) @ OF_CONTRASTS.T * fit.factor[:, None])[problem.reading.of_cell]
     noise = problem.errors.contrast_noise + TARE_SD_N**2
     along = np.linalg.solve(noise, force_n.T).T
     own = np.maximum((along * force_n).sum(axis=1), 1e-12)

@@ -7,16 +7,19 @@ tools or single cells, or a drift. Sizes are drawn from a hundredth to a fifth o
 that a world costs no simulation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from fast.models.gap.evidence.candidates import LAW_SD, scale_value, weigh_candidates
-from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, TOOL_SD, Scatter
+from fast.models.gap.evidence.candidates import scale_value, weigh_candidates
+from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, Scatter
 from fast.models.gap.evidence.likelihood import SHARED_SD, Problem, fit_evidence
-from fast.models.gap.evidence.reading import KNOTS_MM, OF_BINS
+from fast.models.gap.evidence.reading import OF_BINS, compute_rms
+from fast.models.gap.fit.law_freedom import LAW_SD
+from fast.models.gap.fit.recalibrate import TOOL_SD
+from fast.models.gap.naming.patterns import KNOTS_MM
 from fast.models.gap.naming.rank_effects import list_secants
 from fast.models.traces.step_features import N_STEPS, STEP_MM
 
@@ -29,9 +32,7 @@ SEEN = 0.9
 _FEWEST_SEEN = 10
 SMALLEST, LARGEST = 0.01, 0.2  # of the force: sizes of what is hidden
 _SOLVER_SD = 0.4  # of ln of how many times larger than the bank's variants a solver's errors are
-_OTHER_SOLVER = (
-    0.3  # by how much another solver differs from cell to cell and along the lift, of what a variant changes
-)
+_OTHER_SOLVER = 0.3  # of what a variant changes: by how much another solver differs from cell to cell and over the lift
 _MODULUS_SD = 0.25  # of ln E
 _INNER = 0.1  # of the grid: thetas lie farther from its ends
 
@@ -46,14 +47,13 @@ _LIFT_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
 class World:
     """A made-up world. steps_n: n x 120. cause: an effect or a kind of unlisted cause, empty for nothing.
 
-    size: root mean square of what it changes, as a share of the force. is_other_law: whether an effect has another law.
+    size: root mean square of what it changes, as a share of the force.
     """
 
     group: Group
     steps_n: np.ndarray
     cause: str = ""
     size: float = 0.0
-    is_other_law: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,6 @@ class Rehearsed:
     """What the likelihood said of a world: the largest evidence of any candidate, and how much is left as a whole."""
 
     group: Group
-    cause: str
     size: float
     nats: float
     omnibus: float
@@ -115,34 +114,29 @@ def rehearse(problem: Problem, names: Sequence[str], n: int, seed: int) -> Rehea
         world = make_world(problem, names, np.random.default_rng([seed, number]), number)
         fit = fit_evidence(problem.measured(world.steps_n))
         nats = weigh_candidates(fit, names)[0].nats
-        found.append(Rehearsed(world.group, world.cause, world.size, nats, fit.omnibus))
+        found.append(Rehearsed(world.group, world.size, nats, fit.omnibus))
     return Rehearsal.of(found)
 
 
 def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator, number: int) -> World:
     """The world of a number: nothing in every other; an effect and a cause of no catalogue in turn."""
-    surrogate = problem.surrogate
     theta = _draw_theta(problem, rng)
-    base_n = surrogate.predict_steps(theta)
+    base_n = problem.predict_steps(theta)
     group = (NOTHING, LISTED, NOTHING, UNLISTED)[number % 4]
-    cause, change_n, is_other = "", np.zeros_like(base_n), False
+    cause, change_n = "", np.zeros_like(base_n)
     size = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
     if group == LISTED:
         cause = names[(number // 4) % len(names)]
-        is_other = bool(rng.uniform() < 0.5)
+        has_other_law = rng.uniform() < 0.5
         change_n = _draw_effect(problem, theta, base_n, cause, size, rng)
-        if is_other:
+        if has_other_law:
             change_n = change_n * _draw_law(problem, rng)
     elif group == UNLISTED:
-        cause = _UNLISTED[(number // 4) % len(_UNLISTED)]
-        change_n = _draw_unlisted(problem, theta, base_n, cause, rng)
-        change_n = change_n * size * _rms(base_n) / max(_rms(change_n), 1e-9)
+        cause = tuple(_UNLISTED)[(number // 4) % len(_UNLISTED)]
+        change_n = _UNLISTED[cause](_Draw.of(problem, base_n, rng))
+        change_n = change_n * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9)
     steps_n = _measure(problem, base_n + change_n, base_n, rng)
-    return World(group, steps_n, cause, _rms(change_n) / _rms(base_n), is_other)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))
+    return World(group, steps_n, cause, compute_rms(change_n) / compute_rms(base_n))
 
 
 def _draw_theta(problem: Problem, rng: np.random.Generator) -> np.ndarray:
@@ -202,7 +196,7 @@ def _draw_effect(
     scale, change_n = 1.0, np.zeros_like(base_n)
     for _ in range(3):
         change_n = problem.predict_steps(theta, [scale_value(value, scale)]) - base_n
-        scale = float(np.clip(scale * size * _rms(base_n) / max(_rms(change_n), 1e-9), 0.05, 1.7))
+        scale = float(np.clip(scale * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9), 0.05, 1.7))
     return problem.predict_steps(theta, [scale_value(value, scale)]) - base_n
 
 
@@ -214,62 +208,83 @@ def _draw_law(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(1.0 + LAW_SD * (along + tools))
 
 
-_UNLISTED = (
-    "a force in every grasp",
-    "a factor that bends over the lift",
-    "a factor of each object",
-    "a force of each object",
-    "a delay of each object",
-    "a factor of each tool over the lift",
-    "a force that grows with the force",
-    "a zero that wanders",
-    "objects that rise",
-    "jaws that close less over the batch",
-    "a factor of each cell",
-    "a force of each cell",
-)
+@dataclass(frozen=True, eq=False)
+class _Draw:
+    """What causes of no catalogue are drawn from. base_n: n x 120; rising: n x 1, from 0 to 1 over the batch."""
 
+    problem: Problem
+    base_n: np.ndarray
+    rng: np.random.Generator
+    rising: np.ndarray
 
-def _draw_unlisted(
-    problem: Problem, theta: np.ndarray, base_n: np.ndarray, cause: str, rng: np.random.Generator
-) -> np.ndarray:
-    """What a cause of no catalogue changes, n x 120, of any size."""
-    reading = problem.reading
-    grasps, cell = reading.grasps, reading.cell
-    peak_n = float(np.median(np.abs(base_n).max(axis=1)))
+    @staticmethod
+    def of(problem: Problem, base_n: np.ndarray, rng: np.random.Generator) -> "_Draw":
+        clock = np.array([context.batch_grasps for context in problem.reading.grasps.contexts], dtype=float)
+        scale = max(float(clock.max()) * rng.uniform(0.15, 0.6), 1.0)
+        return _Draw(problem, base_n, rng, (1.0 - np.exp(-clock / scale))[:, None])
 
-    def per(group: np.ndarray, *, is_bent: bool) -> np.ndarray:
+    @property
+    def peak_n(self) -> float:
+        """The median peak of the grasps."""
+        return float(np.median(np.abs(self.base_n).max(axis=1)))
+
+    @property
+    def level_n(self) -> np.ndarray:
+        """Root mean square force of each grasp, n x 1."""
+        return np.asarray(np.sqrt((self.base_n**2).mean(axis=1))[:, None])
+
+    def draw_smooth(self) -> np.ndarray:
+        """The same smooth function of the lift in every grasp, 1 x 120."""
+        return _draw_smooth(self.rng, 1)
+
+    def draw_each(self, group: np.ndarray) -> np.ndarray:
+        """A number for each group, that varies little over the lift, n x 120; group: n, of each grasp."""
         n = int(group.max()) + 1
-        level = rng.standard_normal((n, 1))
-        return np.asarray((_draw_smooth(rng, n) if is_bent else level + 0.4 * _draw_smooth(rng, n))[group])
+        return np.asarray((self.rng.standard_normal((n, 1)) + 0.4 * _draw_smooth(self.rng, n))[group])
 
-    clock = np.array([context.batch_grasps for context in grasps.contexts], dtype=float)
-    rising = (1.0 - np.exp(-clock / max(float(clock.max()) * rng.uniform(0.15, 0.6), 1.0)))[:, None]
-    errors = problem.errors
-    if cause == "a force in every grasp":
-        return np.asarray(peak_n * _draw_smooth(rng, 1) * np.ones_like(base_n))
-    if cause == "a factor that bends over the lift":
-        return np.asarray(base_n * _draw_smooth(rng, 1))
-    if cause == "a factor of each object":
-        return base_n * per(grasps.obj, is_bent=False)
-    if cause == "a force of each object":
-        return np.asarray(peak_n * per(grasps.obj, is_bent=False))
-    if cause == "a delay of each object":
-        return np.asarray(
-            -np.gradient(base_n, STEP_MM, axis=1) * rng.standard_normal(len(grasps.objects))[grasps.obj][:, None]
-        )
-    if cause == "a factor of each tool over the lift":
-        return base_n * per(grasps.tool, is_bent=True)
-    if cause == "a force that grows with the force":
-        level = np.sqrt((base_n**2).mean(axis=1))[:, None]
-        return np.asarray(level * (level / level.mean()) ** rng.uniform(0.5, 1.5) * _draw_smooth(rng, 1))
-    if cause == "a zero that wanders":
-        return np.asarray(np.ones_like(base_n) * rising)
-    if cause == "objects that rise":
-        return np.asarray(errors.placed_n[cell] * rising)
-    if cause == "jaws that close less over the batch":
-        surrogate = problem.surrogate
-        return np.asarray(surrogate.wider_n[grasps.tool, surrogate.column, 1] * rising)
-    if cause == "a factor of each cell":
-        return base_n * per(cell, is_bent=False)
-    return np.asarray(peak_n * per(cell, is_bent=False))
+    @property
+    def obj(self) -> np.ndarray:
+        """Object of each grasp, n."""
+        return self.problem.reading.grasps.obj
+
+    @property
+    def cell(self) -> np.ndarray:
+        """Cell of each grasp, n."""
+        return self.problem.reading.cell
+
+
+def _delay_objects(draw: _Draw) -> np.ndarray:
+    late = draw.rng.standard_normal(len(draw.problem.reading.grasps.objects))[draw.obj][:, None]
+    return np.asarray(-np.gradient(draw.base_n, STEP_MM, axis=1) * late)
+
+
+def _bend_tools(draw: _Draw) -> np.ndarray:
+    grasps = draw.problem.reading.grasps
+    return np.asarray(draw.base_n * _draw_smooth(draw.rng, len(grasps.tools))[grasps.tool])
+
+
+def _grow_with_force(draw: _Draw) -> np.ndarray:
+    power = draw.rng.uniform(0.5, 1.5)
+    return np.asarray(draw.level_n * (draw.level_n / draw.level_n.mean()) ** power * draw.draw_smooth())
+
+
+def _close_less(draw: _Draw) -> np.ndarray:
+    surrogate = draw.problem.surrogate
+    return np.asarray(surrogate.wider_n[surrogate.grasps.tool, surrogate.column, 1] * draw.rising)
+
+
+# Causes of no catalogue: what each changes, n x 120, of any size.
+_UNLISTED: Mapping[str, Callable[[_Draw], np.ndarray]] = {
+    "a force in every grasp": lambda draw: draw.peak_n * draw.draw_smooth() * np.ones_like(draw.base_n),
+    "a factor that bends over the lift": lambda draw: draw.base_n * draw.draw_smooth(),
+    "a factor of each object": lambda draw: draw.base_n * draw.draw_each(draw.obj),
+    "a force of each object": lambda draw: draw.peak_n * draw.draw_each(draw.obj),
+    "a delay of each object": _delay_objects,
+    "a factor of each tool over the lift": _bend_tools,
+    "a force that grows with the force": _grow_with_force,
+    "a zero that wanders": lambda draw: np.ones_like(draw.base_n) * draw.rising,
+    "objects that rise": lambda draw: draw.problem.errors.placed_n[draw.cell] * draw.rising,
+    "jaws that close less over the batch": _close_less,
+    "a factor of each cell": lambda draw: draw.base_n * draw.draw_each(draw.cell),
+    "a force of each cell": lambda draw: draw.peak_n * draw.draw_each(draw.cell),
+}

@@ -67,8 +67,8 @@ def test_the_last_lines_of_a_campaign_say_what_to_open_and_what_to_try(tmp_path,
     monkeypatch.delenv("FAST_LAKE", raising=False)
     report = tmp_path / "outputs" / "demo" / "report" / "index.html"
     best = {"tool_id": "demo/B02T1", "tool_quality_n": 16.2, "n_objects": 4}
-    data = {"campaign": "demo", "complete": True, "best_tool": best, "tools": [best], "report": str(report),
-            "recording": str(tmp_path / "demo.rrd"), "ended_by": None}  # fmt: skip
+    data = {"campaign": "demo", "complete": True, "best_tool": best, "times_reference": None, "tools": [best],
+            "report": str(report), "recording": str(tmp_path / "demo.rrd"), "ended_by": None}  # fmt: skip
     lines = _outcome_text(data, tmp_path).splitlines()
     assert f"Open the report: {report.as_uri()}" in lines
     tried = [line.strip().partition("   ")[0] for line in lines if line.startswith("    fast ")]

@@ -57,11 +57,11 @@ class Doubt:
 
     def _decide_none(self) -> Decision:
         size, force_n = self.rehearsal.find_seen_size(), compute_rms(self.fit.force_n)
-        hides = "What could still hide is not known: too little of what was rehearsed was seen."
+        hides = "What could still hide is not known: of too few made-up worlds too little was seen."
         if size is not None:
             hides = (
-                f"What changes the force by {100.0 * size:.2g} % ({size * force_n:.2g} N) or more was seen in nine of "
-                f"ten of {len(self.rehearsal.worlds)} rehearsed worlds of this panel."
+                f"A cause that changes the force by {100.0 * size:.2g} % ({size * force_n:.2g} N) or more was seen in nine "
+                f"of ten of {len(self.rehearsal.worlds)} made-up worlds of these tools and objects."
             )
         return Decision(
             kind="none",

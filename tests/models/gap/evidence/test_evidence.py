@@ -92,7 +92,7 @@ def test_nothing_is_said_with_what_could_still_hide(worlds: Worlds) -> None:
     told = replace(doubt, rehearsal=replace(doubt.rehearsal, worlds=hidden)).decide()
     assert told.kind == "none"
     force_n = np.sqrt((doubt.fit.force_n**2).mean())
-    assert f"by 1 % ({0.01 * force_n:.2g} N) or more was seen in nine of ten of 30 rehearsed worlds" in told.sentence
+    assert f"by 1 % ({0.01 * force_n:.2g} N) or more was seen in nine of ten of 30 made-up worlds" in told.sentence
 
 
 def test_a_cause_of_no_catalogue_is_an_alarm_with_its_size(worlds: Worlds) -> None:

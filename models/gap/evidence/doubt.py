@@ -60,8 +60,8 @@ class Doubt:
         hides = "What could still hide is not known: of too few made-up worlds too little was seen."
         if size is not None:
             hides = (
-                f"A cause that changes the force by {100.0 * size:.2g} % ({size * force_n:.2g} N) or more was seen in nine "
-                f"of ten of {len(self.rehearsal.worlds)} made-up worlds of these tools and objects."
+                f"A cause that changes the force by {100.0 * size:.2g} % ({size * force_n:.2g} N) or more was seen in "
+                f"nine of ten of {len(self.rehearsal.worlds)} made-up worlds of these tools and objects."
             )
         return Decision(
             kind="none",

@@ -13,8 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from fast.models.gap.evidence.candidates import scale_value, weigh_candidates
+from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, Scatter
+from fast.models.gap.evidence.laws import scale_value
 from fast.models.gap.evidence.likelihood import SHARED_SD, Problem, fit_evidence
 from fast.models.gap.evidence.reading import OF_BINS, compute_rms
 from fast.models.gap.fit.law_freedom import LAW_SD
@@ -121,7 +122,7 @@ def rehearse(problem: Problem, names: Sequence[str], n: int, seed: int) -> Rehea
 def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator, number: int) -> World:
     """The world of a number: nothing in every other; an effect and a cause of no catalogue in turn."""
     theta = _draw_theta(problem, rng)
-    base_n = problem.predict_steps(theta)
+    base_n = problem.predict_steps(theta, problem.effects)
     group = (NOTHING, LISTED, NOTHING, UNLISTED)[number % 4]
     cause, change_n = "", np.zeros_like(base_n)
     size = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
@@ -195,9 +196,9 @@ def _draw_effect(
     value = values[int(rng.integers(len(values)))]
     scale, change_n = 1.0, np.zeros_like(base_n)
     for _ in range(3):
-        change_n = problem.predict_steps(theta, [scale_value(value, scale)]) - base_n
+        change_n = problem.predict_steps(theta, [*problem.effects, scale_value(value, scale)]) - base_n
         scale = float(np.clip(scale * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9), 0.05, 1.7))
-    return problem.predict_steps(theta, [scale_value(value, scale)]) - base_n
+    return problem.predict_steps(theta, [*problem.effects, scale_value(value, scale)]) - base_n
 
 
 def _draw_law(problem: Problem, rng: np.random.Generator) -> np.ndarray:

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fast.models.gap.evidence.drifts import CLOCKS, describe_drift, find_effect, make_basis, place_knots
 from fast.models.gap.evidence.laws import find_level, has_memory, list_law_changes, scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit
 from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, SMOOTH, compute_rms
-from fast.models.gap.naming.drifts import CLOCKS, find_effect, make_basis, place_knots
-from fast.models.gap.naming.rank_effects import list_secants
+from fast.models.gap.evidence.secants import list_secants
 from fast.models.records import EffectValue
 from fast.models.traces.step_features import STEP_MM
 
@@ -23,7 +23,6 @@ SCALES = np.array([0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.3, 1.7])  # of a secant's a
 SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)  # of patterns and drifts, of the force
 ALIKE = 0.9  # correlation of an object's or a tool's coefficients along the lift, where they are alike
 _N_FREED = 2  # secants of an effect whose law is freed: those that fit best
-_LENGTHS = {"batch": (30.0, 100.0, 300.0), "tool": (10.0, 30.0), "repeat": (1.0,)}  # of drifts, in grasps
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +31,7 @@ class Candidate:
 
     name: of an effect, or a pattern or drift in words. effect: of the catalogue, also of a drift that one of them
     makes; empty without one. value: the effect at its likeliest. change_n: c x b, what it then changes in the means, in
-    N; None for a drift.
+    N; None for a drift. visible: of an effect, the share of its change that theta, prints and variants cannot make.
     """
 
     name: str
@@ -41,6 +40,7 @@ class Candidate:
     effect: str = ""
     value: EffectValue | None = None
     change_n: np.ndarray | None = None
+    visible: float | None = None
 
 
 def weigh_candidates(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
@@ -59,16 +59,18 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     means_n, contrasts_n = _predict_changes(fit, values)
     white = fit.whiten(means_n, contrasts_n)
     products, along = fit.multiply(white)
+    whole = (white**2 * fit.spread_weights()).sum(axis=1)
+    visible = np.sqrt(np.diag(products) / np.maximum(whole, 1e-12))
     plain = (along[:, None] * SCALES - 0.5 * np.diag(products)[:, None] * SCALES**2).max(axis=1)
     places, tried = np.argsort(-plain)[:_N_FREED].tolist(), []
     for place in places:
         law_n = list_law_changes(fit.problem.tool, len(fit.moduli), fit.force_n, means_n[place])
         law = fit.whiten(law_n)
-        products, along = fit.multiply(np.concatenate([white[place : place + 1], law]))
+        freed, pulls = fit.multiply(np.concatenate([white[place : place + 1], law]))
         for scale in SCALES:
-            pull = scale * (along[1:] - scale * products[1:, 0])
-            nats = scale * along[0] - 0.5 * scale**2 * products[0, 0]
-            tried.append((nats + _integrate(scale**2 * products[1:, 1:], pull), place, scale))
+            pull = scale * (pulls[1:] - scale * freed[1:, 0])
+            nats = scale * pulls[0] - 0.5 * scale**2 * freed[0, 0]
+            tried.append((nats + _integrate(scale**2 * freed[1:, 1:], pull), place, scale))
     all_nats = np.array([nats for nats, _, _ in tried])
     _, place, scale = tried[int(np.argmax(all_nats))]
     return Candidate(
@@ -78,6 +80,7 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
         effect=name,
         value=scale_value(values[place], float(scale)),
         change_n=scale * means_n[place],
+        visible=float(visible[place]),
     )
 
 
@@ -145,11 +148,11 @@ def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
         ("delay", -np.gradient(force_n, STEP_MM, axis=1)),
     ]
     found = []
-    for clock, lengths in _LENGTHS.items():
-        group, at = CLOCKS[clock].place(reading.grasps)
+    for name, clock in CLOCKS.items():
+        group, at = clock.place(reading.grasps)
         if np.ptp(at) == 0.0:
             continue
-        for length in lengths:
+        for length in clock.lengths:
             bases = []
             for one in np.unique(group):
                 knots = place_knots(at[group == one], length)
@@ -162,8 +165,8 @@ def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
                     continue
                 columns = mixed[:, :, None] * own[reading.of_cell] / share
                 nats, _ = _weigh_sizes(*fit.multiply_contrasts(fit.whiten_contrasts(columns)))
-                effect = find_effect(quantity, clock)
-                found.append(Candidate(f"{quantity} {clock}", "drift", nats, effect=effect))
+                words, effect = describe_drift(quantity, name), find_effect(quantity, name)
+                found.append(Candidate(words, "drift", nats, effect=effect))
     return found
 
 

@@ -177,6 +177,10 @@ class EvidenceFit:
             products, along = products - inner.T @ inner, along - inner.T @ self._own
         return np.asarray(products), np.asarray(along)
 
+    def spread_weights(self) -> np.ndarray:
+        """How much each of the d values counts."""
+        return self._heavy
+
     @cached_property
     def _heavy(self) -> np.ndarray:
         return _spread_weights(self.weights, len(self.gap))

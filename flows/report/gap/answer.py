@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from fast.models.gap.evaluation.evaluate import FEWEST_HELD_OUT, Evaluation
 from fast.models.gap.evaluation.power import VisibleSize
 from fast.models.gap.findings import UNKNOWN, Decision, Findings, Gap, RoundFindings
-from fast.models.gap.naming.families import WORDS
 from fast.models.gap.naming.rank_effects import Separability
 from fast.models.gap.where.cells import UnsureCell
 from fast.models.gap.where.locate import Where
@@ -194,7 +193,8 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
 
 def _describe_possible(named: Decision) -> list[str]:
     """What an alarm does not exclude besides what it says, a sentence; none if that is not known."""
-    families = list(dict.fromkeys(WORDS.get(name, describe_effect(name)) for name in named.possible if name != UNKNOWN))
+    known = (name for name in named.possible if name != UNKNOWN)
+    families = list(dict.fromkeys(CATALOGUE[e].family if e in CATALOGUE else describe_effect(e) for e in known))
     if not named.possible:
         return []
     excluded = "less than 10 % probable" if named.drift else "excluded at 90 %"  # drifts have no conformal set

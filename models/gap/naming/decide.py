@@ -8,11 +8,11 @@ from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.naming.candidates import FittedCandidate, Score, compute_gain_nats, compute_lead, compute_size
 from fast.models.gap.naming.drifts import Drift, average_evidence, draw_drift, find_strongest, share_evidence
-from fast.models.gap.naming.families import WORDS, find_families, is_one_curve
+from fast.models.gap.naming.families import find_families
 from fast.models.gap.naming.patterns import Pattern
 from fast.models.gap.naming.second_look import SecondLook
 from fast.models.gap.naming.thresholds import Thresholds
-from fast.models.simulation.effects.catalogue import CATALOGUE, list_confusable
+from fast.models.simulation.effects.catalogue import CATALOGUE, is_one_curve, list_confusable
 
 _LARGEST_SET = 3
 _ADVICE = {
@@ -177,7 +177,7 @@ def list_possible(chosen: Sequence[str], name: float, thresholds: Thresholds) ->
     chosen: effects that the name stands for; name: probability that it is right.
     """
     is_named = name >= _EVEN
-    names = chosen if is_named or thresholds.is_name_possible(name, WORDS[chosen[0]]) else ()
+    names = chosen if is_named or thresholds.is_name_possible(name, CATALOGUE[chosen[0]].family) else ()
     is_open = not is_named or thresholds.is_unknown_possible(name)
     return (*names, UNKNOWN) if is_open else tuple(names)
 
@@ -218,7 +218,7 @@ def answer_effect(look: SecondLook, probability: float) -> Decision:
     return Decision(
         kind="effect",
         effects=(look.effect,),
-        family=WORDS[look.effect],
+        family=CATALOGUE[look.effect].family,
         probability=probability,
         parameters=parameters,
         sentence=f"{spec.title}: {first} = {parameters[first].median:.3g} [{low:.3g}, {high:.3g}].",
@@ -233,7 +233,7 @@ def answer_set(chosen: Sequence[str], look: SecondLook, probability: float) -> D
     return Decision(
         kind="set",
         effects=tuple(chosen),
-        family=WORDS[look.effect],
+        family=CATALOGUE[look.effect].family,
         probability=probability,
         sentence=f"One of these, not told apart: {titles}.",
         left_share=look.left_share,

@@ -5,10 +5,10 @@ their catalogue laws may lie tens of nats apart, but so does the bench from eith
 candidates is what is left of the change that the better one makes when the other stands in for it, with theta, tools
 and numerical error, its parameters, its other shapes and its law free (`models.gap.fit.law_freedom`), each at the cost
 of its prior. Below `LEAST_NATS` they are kin. Membership is measured in these data; only the words for a family are
-fixed.
+fixed, in the catalogue.
 """
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,57 +18,13 @@ from fast.models.gap.fit.law_freedom import LAW_SD, LawFreedom
 from fast.models.gap.naming.candidates import FittedCandidate
 from fast.models.gap.naming.rank_effects import LEAST_NATS, list_secants
 from fast.models.records import EffectValue
-from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.simulation.effects.sensor import SHIFT_SPEED_MM_PER_S
-
-_DELAY, _ZERO = "delay between lift and force", "constant force of the load cell"
-_SLIDING, _PRESSURE = "friction that varies with sliding", "friction or adhesion that varies with pressure"
-_CLOSING, _FINGER = "closing force that gives way", "shape of the printed finger"
-_MATERIAL, _MEMORY = "stiffness of the material", "stiffness that changes from grasp to grasp"
-# What an effect is one form of, in plain words.
-WORDS: Mapping[str, str] = {
-    "wall_thickness_offset": _FINGER,
-    "rib_imperfection": _FINGER,
-    "stress_relaxation": "force that fades while it is held",
-    "mullins_softening": _MEMORY,
-    "hyperelastic_stiffening": _MATERIAL,
-    "temperature_softening": _MEMORY,
-    "batch_ageing": _MATERIAL,
-    "print_anisotropy": _MATERIAL,
-    "static_kinetic_friction": _SLIDING,
-    "velocity_strengthening_friction": _SLIDING,
-    "pressure_dependent_friction": _PRESSURE,
-    "shear_adhesion": _PRESSURE,
-    "friction_wear": "friction that changes from grasp to grasp",
-    "object_edge_radius": "shape of the objects' edges",
-    "finger_finger_contact": "contact between the fingers",
-    "object_post_compliance": "compliance in series",
-    "base_compliance": _CLOSING,
-    "force_limited_closing": _CLOSING,
-    "pressure_droop": _CLOSING,
-    "lift_start_error": _DELAY,
-    "lift_misalignment": _DELAY,
-    "load_cell_lag": _DELAY,
-    "load_cell_gain": "scale of the load cell",
-    "load_cell_offset": _ZERO,
-    "load_cell_drift": _ZERO,
-    "tool_weight": _ZERO,
-}
-
-# A shear stress s of adhesion under a pressure p is a friction of mu + s / p: only the curve differs, and it is free.
-_ONE_CURVE = ({"pressure_dependent_friction", "shear_adhesion"},)
+from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.models.simulation.effects.sensor import LIFT_MISALIGNMENT, SHIFT_SPEED_MM_PER_S
 
 _PARAMETER_PRECISION = 0.25  # of a coordinate, as in a fit
 _STEP = 0.04  # of finite differences, of a coordinate
-_SHIFT = "lift_misalignment"
 _DELAY_SHARES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0)
 _MIXTURE_SD = 3.0  # of what an effect and shares of its delay add: next to no prior
-# By how much an effect delays the force, mm of lift, of its parameters and the speed of the lift in mm/s.
-_DELAYS_MM: Mapping[str, Callable[[Mapping[str, float], float], float]] = {
-    "load_cell_lag": lambda p, speed: speed * p["time_constant_s"],
-    "lift_misalignment": lambda p, speed: p["shift_mm"] * speed / SHIFT_SPEED_MM_PER_S,
-    "lift_start_error": lambda p, speed: p["backlash_mm"] + speed * p["ramp_s"] / (p["ramp_power"] + 1.0),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +46,6 @@ class Families:
             for other in near
             if self.nats[place, other] < LEAST_NATS and len(self.effects[other]) == 1
         )
-
-
-def is_one_curve(first: str, second: str) -> bool:
-    """Whether two effects are the same quantity along the same state, so that only the form of a law differs."""
-    return first != second and any({first, second} <= effects for effects in _ONE_CURVE)
 
 
 def find_families(base: Fit, candidates: Sequence[FittedCandidate]) -> Families:
@@ -164,18 +115,18 @@ def _list_delays(fit: Fit, rest: Sequence[EffectValue], value: EffectValue) -> n
     these mix as they please. Nothing for other effects.
     """
     base, speeds = fit.predict_features(rest), fit.features.surrogate.grasps.lift_speed_mm_per_s
-    delay = _DELAYS_MM.get(value.effect)
-    late_mm = {speed: delay(value.parameters, speed) for speed in np.unique(speeds)} if delay is not None else {}
+    (effect,) = build_effects([value])
+    late_mm = {speed: effect.delay_mm(speed) for speed in np.unique(speeds)}
     if not any(late_mm.values()):
         return np.zeros((0, *base.shape))
     found = np.zeros((1 + len(_DELAY_SHARES), *base.shape))
     found[0] = fit.predict_features([*rest, value]) - base
-    limit = CATALOGUE[_SHIFT].parameters[0].upper
+    shift = LIFT_MISALIGNMENT.parameters[0]
     for place, share in enumerate(_DELAY_SHARES, start=1):
         for speed, own_mm in late_mm.items():
             at_usual_mm = own_mm * SHIFT_SPEED_MM_PER_S / speed
-            shift_mm = float(np.clip(share * at_usual_mm, -limit, limit))
-            shifted = EffectValue(effect=_SHIFT, parameters={CATALOGUE[_SHIFT].parameters[0].name: shift_mm})
+            shift_mm = float(np.clip(share * at_usual_mm, -shift.upper, shift.upper))
+            shifted = EffectValue(effect=LIFT_MISALIGNMENT.effect, parameters={shift.name: shift_mm})
             rows = speeds == speed
             found[place, rows] = (fit.predict_features([*rest, shifted]) - base)[rows] * at_usual_mm / shift_mm
     return found

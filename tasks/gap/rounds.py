@@ -16,7 +16,7 @@ from fast.lake.store import Lake
 from fast.models.gap.ask.answers import believe
 from fast.models.gap.ask.hypotheses import list_hypotheses
 from fast.models.gap.ask.settle import settle, tell_asked
-from fast.models.gap.bank.bank import AMPLITUDES, BankPlan
+from fast.models.gap.bank.bank import BankPlan
 from fast.models.gap.bank.surrogate import N_BINS
 from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.confounds import find_confounds
@@ -199,7 +199,7 @@ def plan_held_out(data: GapData, versions: Sequence[SimulatorVersion]) -> tuple[
 
 def keep_simulated_effects(version: SimulatorVersion) -> SimulatorVersion:
     """The version with those effects alone that have simulations of their own."""
-    solid = tuple(value for value in version.effects if value.effect in AMPLITUDES)
+    solid = tuple(value for value in version.effects if CATALOGUE[value.effect].bank_runs)
     return version.model_copy(update={"effects": solid})
 
 

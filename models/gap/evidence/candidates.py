@@ -19,7 +19,6 @@ from fast.models.gap.fit.law_freedom import LAW_SD
 from fast.models.gap.naming.drifts import CLOCKS, find_effect, make_basis, place_knots
 from fast.models.gap.naming.rank_effects import list_secants
 from fast.models.records import EffectValue
-from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import STEP_MM
 
@@ -109,7 +108,7 @@ def _list_law_changes(fit: EvidenceFit, change_n: np.ndarray) -> np.ndarray:
 def _predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
     """What an effect at s values changes in means (s x c x b), and in contrasts (s x r x ...) if it has a memory."""
     problem, reading = fit.problem, fit.problem.reading
-    if CATALOGUE[values[0].effect].kind.in_grasp is Effect.in_grasp:
+    if not CATALOGUE[values[0].effect].kind.overrides("in_grasp"):
         base_n = problem.predict_cells(fit.theta)
         found = [problem.predict_cells(fit.theta, [value]) - base_n for value in values]
         return np.array([fit.factor[:, None] * (change_n @ OF_BINS.T) for change_n in found]), None

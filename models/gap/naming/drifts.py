@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fast.models.gap.bank.bank import CLOSED_LESS, DEEPER_MM
+from fast.models.gap.bank.bank import DEEPER_MM
 from fast.models.gap.bank.surrogate import N_BINS, with_own_lead
 from fast.models.gap.findings import LawCurve
 from fast.models.gap.fit.fit import Fit
@@ -24,6 +24,7 @@ from fast.models.gap.grasps import Grasps
 from fast.models.gap.naming.candidates import Score
 from fast.models.gap.naming.patterns import Pattern, weigh
 from fast.models.records import GraspContext
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 LENGTHS = (10.0, 30.0, 100.0, 300.0)  # of a drift, in grasps: all are tried
 _REPEATS_LENGTH = 1.0
@@ -297,15 +298,9 @@ CLOCKS: Mapping[str, Clock] = {
     "tool": Clock("from grasp to grasp of a tool", "grasps of the tool", lambda c: c.tool_grasps, LENGTHS),
     "repeat": Clock("from repeat to repeat", "repeats", lambda c: c.repeat, (_REPEATS_LENGTH,)),
 }
-# What the catalogue calls it when a quantity changes; a modulus that changes over the batch is that of a temperature.
-_EFFECTS: Mapping[str, str] = {
-    "closing": CLOSED_LESS,
-    "modulus": "mullins_softening",
-    "friction": "friction_wear",
-    "zero": "load_cell_drift",
-}
 
 
 def find_effect(quantity: str, clock: str) -> str:
     """The effect of the catalogue by which a quantity changes along a clock; empty if there is none."""
-    return "temperature_softening" if (quantity, clock) == ("modulus", "batch") else _EFFECTS.get(quantity, "")
+    drifts = ((name, spec.drift) for name, spec in CATALOGUE.items() if spec.drift is not None)
+    return next((name for name, drift in drifts if drift.quantity == quantity and clock in drift.clocks), "")

@@ -23,6 +23,11 @@ class Effect:
 
     scales_with_modulus: ClassVar[bool] = True
 
+    @classmethod
+    def overrides(cls, *hooks: str) -> bool:
+        """Whether the effect has any of these hooks of its own."""
+        return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
+
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> "Effect":
         """The effect as it acts in one grasp; what depends on tool, speed or history overrides this.
 

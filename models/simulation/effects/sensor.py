@@ -8,7 +8,7 @@ import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
 from fast.models.simulation.effects.base import Effect
-from fast.models.simulation.effects.spec import DELAY, ZERO, EffectSpec, amplitude
+from fast.models.simulation.effects.spec import DELAY, ZERO, Drift, EffectSpec, amplitude
 from fast.models.units import force_n_from_kg
 
 _HOUR_S = 3600.0
@@ -142,6 +142,7 @@ LOAD_CELL_DRIFT = EffectSpec(
     source="creep and thermal zero shift: OIML R 60",
     cost="P",
     parameters=(amplitude("drift_per_hour_n", -1.0, 1.0, (0.0, 0.2)),),
+    drift=Drift(quantity="zero"),
     family=ZERO,
     confusable_with=("temperature_softening", "friction_wear", "load_cell_offset"),
 )

@@ -3,6 +3,7 @@
 Gap discovery, the bank, the questions to a person and the pages read these entries and know no effect by its name.
 """
 
+from collections.abc import Mapping
 from typing import Literal
 
 from fast.models.records import EffectValue, Record
@@ -43,38 +44,60 @@ class ParameterSpec(Record):
         return self.neutral >= _NO_LIMIT
 
 
-class EffectSpec(Record):
-    """An effect of the catalogue: what it is, where it acts, and how to build it from parameter values.
+class Drift(Record):
+    """How an effect shows where repeats of a grasp differ: a quantity that changes as one of these clocks runs.
 
-    `kind` takes the parameters by name. `code` is its short name, the layer's letter and a number; `formula` its law
-    in one line, in the parameters' names, and `source` where the law is from. `cost` says what simulations it needs.
-    `confusable_with` names effects with a similar trace signature; `alias_of` a quantity that it cannot be told from in
-    pull-off data at all. One that `needs_fin_ray` acts on ribs, which other families of fingers do not have.
-
-    `family` says in plain words what the effect is one form of. Effects with the same `curve` are one quantity along
-    one state, and differ in the form of their law alone.
+    The clocks count grasps of the batch, grasps of the tool, and repeats.
     """
+
+    quantity: Literal["closing", "modulus", "friction", "zero", "height"]
+    clocks: tuple[Literal["batch", "tool", "repeat"], ...] = ("batch", "tool", "repeat")
+
+
+class EffectSpec(Record):
+    """An effect of the catalogue: what it is, where it acts, how to build it, and how a search finds and says it."""
 
     effect: str
     title: str
     code: str
+    """Its short name: the layer's letter and a number."""
     layer: Layer
     version: int = 1
     kind: type[Effect]
+    """Its class, which takes the parameters by name."""
     formula: str
+    """Its law in one line, in the parameters' names."""
     source: str
+    """Where the law is from."""
     cost: Cost
+    """What simulations it needs."""
     parameters: tuple[ParameterSpec, ...]
+    bank_runs: tuple[Mapping[str, float], ...] = ()
+    """Parameters at which the bank of a search simulates it: amplitudes from what is hardly seen to what is plausible,
+    both signs where it has them. An effect without any acts on traces, or through the friction, modulus or closing of
+    single grasps, which the bank spans."""
+    drift: Drift | None = None
+    """How it shows where repeats differ; of two effects with the same drift the first of the catalogue is said."""
     family: str
+    """What it is one form of, in plain words."""
     curve: str | None = None
+    """Effects with the same curve are one quantity along one state, and differ in the form of their law alone."""
     confusable_with: tuple[str, ...] = ()
+    """Effects with a similar trace signature."""
     alias_of: Literal["young_modulus_mpa", "friction", "tool_modulus"] | None = None
+    """What it cannot be told from in pull-off data at all."""
     needs_fin_ray: bool = False
+    """Whether it acts on ribs, which other families of fingers do not have."""
 
     @property
     def neutral(self) -> EffectValue:
         """The effect at amplitude zero."""
         return EffectValue(effect=self.effect, parameters={p.name: p.neutral for p in self.parameters})
+
+    @property
+    def needs_wider_gaps(self) -> bool:
+        """Whether it acts through the gap to which the jaws close, which a bank spans by runs of wider gaps."""
+        return self.kind.overrides("modify_setup") and not self.bank_runs
 
     @property
     def scales_with_modulus(self) -> bool:

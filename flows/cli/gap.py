@@ -195,12 +195,10 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
         rows = [
             {
                 "candidate": "any model" if row.effect == "unknown" else row.effect,
-                "predicts": None if row.grouped_r2 is None else f"{100 * row.grouped_r2:.1f} %",
-                "gain_nats": round(row.held_out_gain_nats, 1),
-                "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
+                "evidence": None if row.nats is None else round(row.nats, 1),
                 "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
-            for row in sorted(tried, key=lambda row: -(row.grouped_r2 or 0.0))[:_MOST_CANDIDATES]
+            for row in sorted(tried, key=lambda row: -(row.nats or 0.0))[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
     lines.append(f"held out: {_held_out(findings)}")

@@ -17,7 +17,6 @@ from fast.models.design.space import numbered_design, to_unit
 from fast.models.gap.ask.answers import Answers
 from fast.models.gap.ask.predict import Pair, make_grasps
 from fast.models.gap.bank.bank import (
-    AMPLITUDES,
     DEEPER_MM,
     NUMERICAL,
     WIDE,
@@ -142,7 +141,7 @@ def made_up_bank(objects: Sequence[int], shapes: np.ndarray, plan: BankPlan = WI
             np.stack([_steps(shapes, centre, {name: _whole(name, row)}) for row in plan.list_amplitudes(name)], axis=2),
         )
         for name in plan.effects
-        if name in AMPLITUDES and name in _MADE_UP
+        if CATALOGUE[name].bank_runs and name in _MADE_UP
     }
     return Bank(
         targets=Cells.full([], objects, GraspSetup()).targets,

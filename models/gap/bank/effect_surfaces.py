@@ -17,7 +17,6 @@ from fast.models.units import unit_of
 
 # What a quantity of this unit is in a finger k times as stiff, for the same shape of all forces: a power of k.
 _POWER_OF_MODULUS = {"N": -1, "MPa": -1, "mm/N": 1}
-_INVERTED = "force_limited_closing"  # neutral at infinity: what counts is the inverse of its amplitude
 _REFERENCE = "reference_mpa"  # no shape: a pressure scale that acts as a factor on friction
 
 
@@ -60,7 +59,7 @@ class EffectSurface:
         name, shape_name = name_axes(self.effect)
         values = _whole(self.effect, parameters)
         power = 0 if CATALOGUE[self.effect].scales_with_modulus else _POWER_OF_MODULUS.get(unit_of(name) or "", 0)
-        power = -power if self.effect == _INVERTED else power
+        power = -power if CATALOGUE[self.effect].parameters[0].is_limit else power
         amplitude = find_amplitude(self.effect, values[name]) * stiffer**power
         shares = self._shares(values[shape_name] if shape_name else 1.0)
         total = np.zeros((len(tool), self.shapes[0].change_n.shape[-1]))
@@ -107,7 +106,5 @@ def name_axes(effect: str) -> tuple[str, str | None]:
 
 def find_amplitude(effect: str, value: float) -> float:
     """The first parameter of an effect on an axis on which 0 is neutral."""
-    if effect == _INVERTED:
-        unlimited = CATALOGUE[effect].parameters[0].neutral
-        return 1.0 / value - 1.0 / unlimited
-    return value - CATALOGUE[effect].parameters[0].neutral
+    first = CATALOGUE[effect].parameters[0]
+    return 1.0 / value - 1.0 / first.neutral if first.is_limit else value - first.neutral

@@ -55,7 +55,7 @@ def apply_sensor_effect(effects: Sequence[Effect], steps_n: np.ndarray, setup: G
 
 def acts_on_traces(effect: Effect) -> bool:
     """Whether the effect changes finished traces."""
-    return type(effect).modify_trace is not Effect.modify_trace
+    return effect.overrides("modify_trace")
 
 
 def read_lead(trace: Trace, setup: GraspSetup) -> np.ndarray:

@@ -109,11 +109,8 @@ class Surrogate:
     def can_predict(self, effect: str) -> bool:
         """Whether the effect can be predicted: it has a surface, acts on traces, or through a memory."""
         kind = CATALOGUE[effect].kind
-        hooks = ("modify_theta", "friction_factor", "modify_setup", "modify_trace")
-        has_memory = kind.in_grasp is not Effect.in_grasp
-        on_trace = kind.modify_trace is not Effect.modify_trace
-        acts = any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
-        return effect in self.effect_surfaces or on_trace or (has_memory and acts)
+        has_memory = kind.overrides("in_grasp") and kind.overrides("modify_theta", "friction_factor", "modify_setup")
+        return effect in self.effect_surfaces or kind.overrides("modify_trace") or has_memory
 
     def predict_features(
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
@@ -258,12 +255,12 @@ class _Memory:
         for effects in acting:
             kind, designs = type(effects[0]), [grasps.designs[tool] for tool in grasps.tool]
             pairs = list(zip(effects, designs, strict=True))
-            if kind.modify_theta is not Effect.modify_theta:
+            if kind.overrides("modify_theta"):
                 real = [effect.modify_theta(theta, design).young_modulus_mpa for effect, design in pairs]
                 modulus *= np.array(real) / theta.young_modulus_mpa
-            if kind.friction_factor is not Effect.friction_factor:
+            if kind.overrides("friction_factor"):
                 friction *= np.array([float(effect.friction_factor(nowhere, nowhere)) for effect in effects])
-            if kind.modify_setup is not Effect.modify_setup:
+            if kind.overrides("modify_setup"):
                 wider_mm += [
                     effect.modify_setup(setup, design).closed_gap_mm - setup.closed_gap_mm
                     for setup, (effect, design) in zip(setups, pairs, strict=True)

@@ -56,7 +56,7 @@ def weigh_effects(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
 
 def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     values = list_secants(name)
-    means_n, contrasts_n = _predict_changes(fit, values)
+    means_n, contrasts_n = predict_changes(fit, values)
     white = fit.whiten(means_n, contrasts_n)
     products, along = fit.multiply(white)
     whole = (white**2 * fit.spread_weights()).sum(axis=1)
@@ -84,7 +84,7 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     )
 
 
-def _predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
+def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
     """What an effect at s values changes in means (s x c x b), and in contrasts (s x r x ...) if it has a memory."""
     problem, reading, known = fit.problem, fit.problem.reading, fit.effects
     if not has_memory(values[0].effect):

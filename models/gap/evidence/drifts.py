@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.models.gap.bank.bank import CLOSED_LESS
 from fast.models.gap.grasps import Grasps
 from fast.models.records import GraspContext
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 _SPACING = 0.4  # of knots, in lengths
 _MOST_KNOTS = 60  # of a batch
@@ -51,19 +51,12 @@ QUANTITIES: Mapping[str, str] = {
     "height": "as if the objects stood higher or lower",
     "delay": "as if the force came later or sooner",
 }
-# What the catalogue calls it when a quantity changes; a modulus that changes over the batch is that of a temperature.
-_EFFECTS: Mapping[str, str] = {
-    "closing": CLOSED_LESS,
-    "modulus": "mullins_softening",
-    "friction": "friction_wear",
-    "zero": "load_cell_drift",
-    "delay": "lift_misalignment",
-}
 
 
 def find_effect(quantity: str, clock: str) -> str:
     """The effect of the catalogue by which a quantity changes along a clock; empty if there is none."""
-    return "temperature_softening" if (quantity, clock) == ("modulus", "batch") else _EFFECTS.get(quantity, "")
+    drifts = ((name, spec.drift) for name, spec in CATALOGUE.items() if spec.drift is not None)
+    return next((name for name, drift in drifts if drift.quantity == quantity and clock in drift.clocks), "")
 
 
 def describe_drift(quantity: str, clock: str) -> str:

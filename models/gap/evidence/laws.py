@@ -10,7 +10,6 @@ from fast.models.gap.evidence.reading import MIDDLES_MM
 from fast.models.gap.fit.fit import axes_of
 from fast.models.gap.fit.law_freedom import LAW_SD
 from fast.models.records import EffectValue
-from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
 _N_KNOTS = 5
@@ -18,7 +17,7 @@ _N_KNOTS = 5
 
 def has_memory(effect: str) -> bool:
     """Whether what an effect changes depends on what the tool did before."""
-    return CATALOGUE[effect].kind.in_grasp is not Effect.in_grasp
+    return CATALOGUE[effect].kind.overrides("in_grasp")
 
 
 def scale_value(value: EffectValue, scale: float) -> EffectValue:

@@ -108,9 +108,10 @@ class EvidenceFit:
 
     theta: 3; began: 3, about which it is held. moduli: t, ln of each print's modulus over Young's. scales: amplitudes
     of the problem's effects over those they were given with. nats: log of the evidence, to be compared with that of
-    another fit of the same data. force_n: c x b, as predicted. weights: c, how much each cell counts. columns: k x d, whitened, of what is free, with prior standard deviation 1. gap: d, what is
-    measured less what is predicted, whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per
-    value by the bank's own errors. mean_roots, contrast_roots: whiten means and contrasts.
+    another fit of the same data. force_n: c x b, as predicted. weights: c, how much each cell counts. columns: k x d,
+    whitened, of what is free, with prior standard deviation 1. gap: d, what is measured less what is predicted,
+    whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per value by the bank's own errors.
+    mean_roots, contrast_roots: whiten means and contrasts.
     """
 
     problem: Problem

@@ -11,16 +11,19 @@ import numpy as np
 
 from fast.models.calibration.inference.processes import spread
 from fast.models.gap.evidence.candidates import weigh_candidates
+from fast.models.gap.evidence.drifts import find_effect
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.evidence.trials import N_DESCRIBED, Trials
-from fast.models.gap.evidence.worlds import LISTED, NOTHING, UNLISTED, Group, World, make_world
+from fast.models.gap.evidence.worlds import DRIFTS, NOTHING, Group, World, make_world
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 FALSE_SHARE = 0.01  # of worlds with nothing hidden, that each line lets pass
 # Below these nothing is an alarm, however few worlds were rehearsed: other solvers of the same physics, with nothing
 # hidden, gave up to 48 nats (the second largest of 140 worlds: 37), and 2.2 of what is left.
 LEAST_NATS, LEAST_OMNIBUS = 60.0, 2.5
 SEEN = 0.9
+EVEN = 0.5  # a name is said if it is more probable than not
 _FEWEST_SEEN = 10
 
 
@@ -41,17 +44,34 @@ class Named:
 class Rehearsed:
     """What the likelihood said of a world: the largest evidence of any candidate, and how much is left as a whole.
 
-    cause, size: of what is hidden. named: the name of an alarm; left_out: the one that it would have had the catalogue
-    nothing of the family that is hidden.
+    cause, family, size: of what is hidden, the family empty where the catalogue has none. named: the name of an alarm;
+    left_out: the one that it would have had the catalogue nothing of the family that is hidden.
     """
 
     group: Group
     nats: float
     omnibus: float
     cause: str = ""
+    family: str = ""
     size: float = 0.0
     named: Named | None = None
     left_out: Named | None = None
+
+
+@dataclass(frozen=True)
+class FamilyTold:
+    """What became of n rehearsed worlds that hide a family: alarms, and the names that these got.
+
+    taken_for: other families, the most frequent first. seen_size: of the smallest that was an alarm, of the force.
+    """
+
+    family: str
+    n: int
+    n_alarms: int
+    n_right: int
+    n_unknown: int
+    taken_for: tuple[str, ...]
+    seen_size: float | None
 
 
 @dataclass(frozen=True)
@@ -81,8 +101,8 @@ class Rehearsal:
             np.array([_pass_lines(one.nats, one.omnibus, *lines) for one in worlds]),
             [one.group != NOTHING for one in worlds],
         )
-        listed = [one.named for one in worlds if one.group == LISTED and one.named is not None]
-        others = [one.named for one in worlds if one.group == UNLISTED and one.named is not None]
+        listed = [one.named for one in worlds if one.family and one.named is not None]
+        others = [one.named for one in worlds if not one.family and one.named is not None]
         others += [one.left_out for one in worlds if one.left_out is not None]
         name = _learn_names(listed, others)
         right = [name.judge(np.array(one.description)) for one in listed if one.is_right]
@@ -110,6 +130,33 @@ class Rehearsal:
     def judge_gap(self, nats: float, omnibus: float) -> float:
         """Probability that something is hidden in a world with these."""
         return self.gap.judge(_pass_lines(nats, omnibus, self.nats_line, self.omnibus_line))
+
+    def tell_families(self) -> list["FamilyTold"]:
+        """Of each family that was hidden, how often it raised an alarm and got which name, by the words of families."""
+        found = []
+        for family in sorted({one.family for one in self.worlds if one.family}):
+            own = [one for one in self.worlds if one.family == family]
+            alarms = [one for one in own if self.is_alarm(one.nats, one.omnibus)]
+            names = [self._tell_name(one) for one in alarms]
+            others = [name for name in names if name not in (family, "")]
+            found.append(
+                FamilyTold(
+                    family=family,
+                    n=len(own),
+                    n_alarms=len(alarms),
+                    n_right=names.count(family),
+                    n_unknown=names.count(""),
+                    taken_for=tuple(dict.fromkeys(sorted(others, key=lambda name: -others.count(name)))),
+                    seen_size=min((one.size for one in alarms), default=None),
+                )
+            )
+        return found
+
+    def _tell_name(self, one: Rehearsed) -> str:
+        """The family that an alarm is given; empty for *unknown*."""
+        if one.named is None or self.name.judge(np.array(one.named.description)) < EVEN:
+            return ""
+        return CATALOGUE[one.named.name].family
 
     def find_seen_size(self, share: float = SEEN) -> float | None:
         """Size from which on this share of what was hidden raised an alarm, of the force; None if none did."""
@@ -146,12 +193,12 @@ def rehearse_world(panel: Panel, number: int) -> Rehearsed:
     world = make_world(panel.problem, names, np.random.default_rng([panel.seed, number]), number)
     fit = fit_evidence(panel.problem.measured(world.steps_n))
     weighed = weigh_candidates(fit, names)
-    said = Rehearsed(world.group, weighed[0].nats, fit.omnibus, world.cause, world.size)
+    own = _find_family(panel.families, world)
+    said = Rehearsed(world.group, weighed[0].nats, fit.omnibus, world.cause, own, world.size)
     # A name is asked for where the real panel would: beyond the least lines at least.
     if world.group == NOTHING or (said.nats < LEAST_NATS and said.omnibus < LEAST_OMNIBUS):
         return said
     trials = Trials.of(fit, weighed, panel.families)
-    own = panel.families.get(world.cause, "")
     left_out = _name(trials.without(own), panel.families, world) if own else None
     return replace(said, named=_name(trials, panel.families, world), left_out=left_out)
 
@@ -161,14 +208,19 @@ def _name(trials: Trials, families: Mapping[str, str], world: World) -> Named | 
         return None
     looked = trials.look_after_best(families)
     best = looked.tried[0]
-    own = families.get(world.cause)
     true_nats = next((one.nats for one in looked.tried if one.effect == world.cause), None)
     return Named(
         name=best.effect,
         description=tuple(looked.describe().tolist()),
-        is_right=best.family == own,
+        is_right=best.family == _find_family(families, world),
         behind=None if true_nats is None else 1.0 - true_nats / best.nats,
     )
+
+
+def _find_family(families: Mapping[str, str], world: World) -> str:
+    """The family of what a world hides; empty if the catalogue has none."""
+    cause = find_effect(DRIFTS[world.cause], "batch") if world.cause in DRIFTS else world.cause
+    return families.get(cause, "")
 
 
 def _draw_line(worlds: Sequence[Rehearsed], name: str, least: float) -> float:

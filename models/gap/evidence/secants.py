@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from fast.models.gap.bank.bank import AMPLITUDES
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
@@ -13,9 +12,9 @@ _LEAST = 0.3  # of the small size: what turns round with the force at the start 
 
 def list_secants(effect: str) -> list[EffectValue]:
     """Amplitudes, signs and shapes of an effect at which it is tried: the bank's, or spread over its prior."""
-    if effect in AMPLITUDES:
-        return [EffectValue(effect=effect, parameters=dict(row)) for row in AMPLITUDES[effect]]
     spec = CATALOGUE[effect]
+    if spec.bank_runs:
+        return [EffectValue(effect=effect, parameters=dict(row)) for row in spec.bank_runs]
     first, others = spec.parameters[0], spec.parameters[1:]
     sizes = [first.prior_median + _LARGE * first.prior_sd, first.prior_median + _SMALL * first.prior_sd]
     sizes.append(first.neutral + _LEAST * (sizes[-1] - first.neutral))

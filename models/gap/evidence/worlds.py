@@ -203,6 +203,8 @@ def _close_less(draw: _Draw) -> np.ndarray:
     return np.asarray(surrogate.wider_n[surrogate.grasps.tool, surrogate.column, 1] * draw.rising)
 
 
+# Drifts without a law of the catalogue's that are nevertheless what one of its effects does: the quantity that changes.
+DRIFTS: Mapping[str, str] = {"a zero that wanders": "zero", "jaws that close less over the batch": "closing"}
 # Causes of no catalogue: what each changes, n x 120, of any size.
 _UNLISTED: Mapping[str, Callable[[_Draw], np.ndarray]] = {
     "a force in every grasp": lambda draw: draw.peak_n * draw.draw_smooth() * np.ones_like(draw.base_n),

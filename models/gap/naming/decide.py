@@ -1,21 +1,23 @@
 """From evidence to an answer: one effect, effects that cannot be told apart, none, or not in the catalogue."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from fast.models.gap.evidence.candidates import Candidate
 from fast.models.gap.evidence.reading import compute_rms
-from fast.models.gap.evidence.rehearsal import Rehearsal
+from fast.models.gap.evidence.rehearsal import EVEN, Rehearsal
 from fast.models.gap.evidence.trials import Trials
 from fast.models.gap.findings import UNKNOWN, Decision
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
-from fast.models.gap.naming.families import WORDS, is_one_curve
-from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.gap.fit.recalibrate import Fitter, estimate_theta
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE, is_one_curve
 
 _LARGEST_SET = 3
-_EVEN = 0.5  # a name is said if it is more probable than not
 _ADVICE = {
     "by object": " Measure this object and one that is as simulated: size, edges, surface, and how far it gives way.",
     "by tool": " Measure this tool and one that is as simulated: walls, ribs, and how it is mounted.",
@@ -24,12 +26,12 @@ _ADVICE = {
 
 @dataclass(frozen=True, eq=False)
 class Decider:
-    """What an answer is made from. fit: the fit of the grasps to learn from with an effect besides; fits: made so far."""
+    """What an answer is made from. trials: by all grasps. fit: of those to learn from, without what is to be named."""
 
     rehearsal: Rehearsal
     trials: Trials
-    fit: Callable[[str], Fit]
-    fits: dict[str, Fit] = field(default_factory=dict)
+    fit: Fit
+    _fits: dict[str, Fit] = field(default_factory=dict, repr=False)
 
     def decide(self, gap: float, is_alarm: bool) -> tuple[Decision, float]:
         """The answer, and the probability that the best name is right if there is a gap. gap: that there is one."""
@@ -39,7 +41,7 @@ class Decider:
             return self.answer_unknown(gap), 0.0
         name = self.rehearsal.name.judge(self.trials.describe())
         chosen = choose_alike(self.trials, self.rehearsal)
-        named = self.answer_unknown(gap * (1.0 - name)) if name < _EVEN else self.answer_effects(chosen, gap * name)
+        named = self.answer_unknown(gap * (1.0 - name)) if name < EVEN else self.answer_effects(chosen, gap * name)
         possible = self._list_possible(chosen, name)
         return named.model_copy(update={"possible": possible}), name
 
@@ -59,11 +61,11 @@ class Decider:
     def answer_effects(self, chosen: Sequence[str], probability: float) -> Decision:
         """One effect with its parameters, or several that are not told apart, the likeliest first; its law is shown."""
         first, trial = chosen[0], self.trials.find(chosen[0])
-        fit = self._fit_with(first)
+        fit = self.fit_with(first)
         left = max(trial.left_patterns_nats, trial.left_effects_nats) if trial.left else None
-        common = {
+        common: dict[str, Any] = {
             "effects": tuple(chosen),
-            "family": WORDS[first],
+            "family": CATALOGUE[first].family,
             "probability": probability,
             "left_share": None if left is None else max(left, 0.0) / max(trial.nats, 1.0),
             "law": compute_law_curve(fit, first),
@@ -101,12 +103,13 @@ class Decider:
             drift=self._find_drift(),
         )
 
-    def _fit_with(self, effect: str) -> Fit:
-        if effect not in self.fits:
-            self.fits[effect] = self.fit(effect)
-        return self.fits[effect]
+    def fit_with(self, effect: str) -> Fit:
+        """The fit with an effect that was on trial as well, from where its trial ended; made once."""
+        if effect not in self._fits:
+            self._fits[effect] = _fit_effect(self.fit, self.trials.find(effect).value)
+        return self._fits[effect]
 
-    def _find_pattern(self):  # type: ignore[no-untyped-def]
+    def _find_pattern(self) -> Candidate | None:
         """The pattern or drift with most evidence, if that is an alarm of its own."""
         best = next((one for one in self.trials.weighed if one.kind != "effect"), None)
         return best if best is not None and best.nats > self.rehearsal.nats_line else None
@@ -132,8 +135,8 @@ class Decider:
 
         Class by class (split conformal prediction, Vovk 2012).
         """
-        names = tuple(chosen) if name >= min(_EVEN, self.rehearsal.possible_name) else ()
-        return (*names, UNKNOWN) if name <= max(_EVEN, self.rehearsal.possible_unknown) else names
+        names = tuple(chosen) if name >= min(EVEN, self.rehearsal.possible_name) else ()
+        return (*names, UNKNOWN) if name <= max(EVEN, self.rehearsal.possible_unknown) else names
 
 
 def choose_alike(trials: Trials, rehearsal: Rehearsal) -> list[str]:
@@ -146,3 +149,13 @@ def choose_alike(trials: Trials, rehearsal: Rehearsal) -> list[str]:
     same = [one.effect for one in trials.tried if is_one_curve(best.effect, one.effect)]
     near = [one.effect for one in trials.tried if one.family == best.family and one.nats >= least]
     return list(dict.fromkeys([best.effect, *same, *near]))[:_LARGEST_SET]
+
+
+def _fit_effect(base: Fit, value: EffectValue) -> Fit:
+    """The fit with one more effect: the better of two, from the theta without it and from the one that suits it.
+
+    A strong effect has led theta far away, from where no small step is an improvement.
+    """
+    effects = [*base.effects, value]
+    starts = (base.theta, estimate_theta(base.features.surrogate, effects))
+    return min((Fitter(base.features, start, effects).fit() for start in starts), key=lambda fit: fit.loss)

@@ -1,7 +1,7 @@
 """Which effect is missing: evidence weighed, effects on trial, and a decision whose odds come from the rehearsal."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,14 +9,14 @@ from fast.models.gap.data import GapData
 from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, fit_evidence
 from fast.models.gap.evidence.reading import compute_rms
-from fast.models.gap.evidence.rehearsal import LEAST_NATS, Rehearsal
+from fast.models.gap.evidence.rehearsal import Rehearsal
 from fast.models.gap.evidence.trials import Trials
 from fast.models.gap.findings import NONE, UNKNOWN, Candidate, Decision
 from fast.models.gap.fit.fit import Fit
-from fast.models.gap.fit.recalibrate import Fitter, estimate_theta, recalibrate
+from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.naming.decide import Decider
-from fast.models.gap.naming.families import find_families
 from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 _DROPPED_NATS = 3.0  # of an effect in the model: with less evidence than that it is no longer needed
 
@@ -35,8 +35,7 @@ class NamingResult:
     """The decision of a round and what it rests on.
 
     name: probability that the family of the best effect is right, if there is a gap. candidates: `none`, `unknown` and
-    every effect that was weighed; their probabilities sum to 1. fit: of the grasps to learn from, with what was in the
-    model; best: with the named effect or the first of a set, or `fit`. trials: effects on trial, all grasps together.
+    every effect that was weighed; their probabilities sum to 1. decider: by which the same evidence is answered again.
     dropped: effects of the model that explain nothing any more.
     """
 
@@ -44,10 +43,18 @@ class NamingResult:
     named: Decision
     name: float
     candidates: tuple[Candidate, ...]
-    fit: Fit
-    trials: Trials
+    decider: Decider
     dropped: tuple[str, ...]
-    _fits: dict[str, Fit] = field(default_factory=dict, repr=False)
+
+    @property
+    def fit(self) -> Fit:
+        """The fit of the grasps to learn from, with what was in the model."""
+        return self.decider.fit
+
+    @property
+    def trials(self) -> Trials:
+        """Effects on trial, by all grasps."""
+        return self.decider.trials
 
     @property
     def theta(self) -> np.ndarray:
@@ -57,7 +64,7 @@ class NamingResult:
     @property
     def best(self) -> Fit:
         """The fit with the named effect, or the first of a set; without a name, the fit without any."""
-        return self.fit_with(self.named.effects[0]) if self.named.effects else self.fit
+        return self.decider.fit_with(self.named.effects[0]) if self.named.effects else self.fit
 
     @property
     def values(self) -> tuple[EffectValue, ...]:
@@ -69,13 +76,6 @@ class NamingResult:
         """What the pattern without a name that has most evidence changes, as a share of the force."""
         changes = [one.change_n for one in self.trials.weighed if one.kind != "effect" and one.change_n is not None]
         return compute_rms(changes[0]) / compute_rms(self.trials.fit.force_n) if changes else 0.0
-
-    def fit_with(self, effect: str) -> Fit:
-        """The fit with an effect that was on trial as well, from where its trial ended."""
-        if effect not in self._fits:
-            (value,) = (one.value for one in self.trials.tried if one.effect == effect)
-            self._fits[effect] = _fit_effect(self.fit, value)
-        return self._fits[effect]
 
 
 def name_effect(
@@ -97,7 +97,7 @@ def name_effect(
     fit = recalibrate(data.training, in_model)
     usable, taken = data.usable, {value.effect for value in in_model}
     names = [name for name in (usable.names if catalogue is None else catalogue) if name in usable.names]
-    families = find_families([name for name in names if name not in taken])
+    families = {name: CATALOGUE[name].family for name in names if name not in taken}
     evidence = fit_evidence(Problem.of(usable, fit.effects))
     weighed = weigh_candidates(evidence, list(families))
     if alarm is None:
@@ -105,17 +105,15 @@ def name_effect(
     trials = Trials(evidence, tuple(weighed), ())
     if alarm.is_raised:
         trials = Trials.of(evidence, weighed, families).look_after_best(families)
-    decider = Decider(rehearsal, trials, lambda effect: _fit_effect(fit, trials.find(effect).value))
+    decider = Decider(rehearsal, trials, fit)
     named, name = decider.decide(alarm.gap, alarm.is_raised)
     return NamingResult(
         alarm=alarm,
         named=named,
         name=name,
         candidates=_report_candidates(alarm, named, name, trials, rehearsal),
-        fit=fit,
-        trials=trials,
+        decider=decider,
         dropped=_drop_effects(evidence),
-        _fits=decider.fits,
     )
 
 
@@ -149,7 +147,9 @@ def _report_candidates(
     found = [
         Candidate(effect=NONE, probability=1.0 - gap),
         Candidate(
-            effect=UNKNOWN, probability=gap * (1.0 - name) if shares else gap, nats=None if pattern is None else pattern.nats
+            effect=UNKNOWN,
+            probability=gap * (1.0 - name) if shares else gap,
+            nats=None if pattern is None else pattern.nats,
         ),
     ]
     fitted = {trial.effect: trial for trial in trials.tried}
@@ -167,16 +167,6 @@ def _report_candidates(
             )
         )
     return tuple(found)
-
-
-def _fit_effect(base: Fit, value: EffectValue) -> Fit:
-    """The fit with one more effect: the better of two, from the theta without it and from the one that suits it.
-
-    A strong effect has led theta far away, from where no small step is an improvement.
-    """
-    effects = [*base.effects, value]
-    starts = (base.theta, estimate_theta(base.features.surrogate, effects))
-    return min((Fitter(base.features, start, effects).fit() for start in starts), key=lambda fit: fit.loss)
 
 
 def _drop_effects(fit: EvidenceFit) -> tuple[str, ...]:

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, speed_mm_per_s
+from fast.models.simulation.effects.base import Effect, speed_mm_per_s
+from fast.models.simulation.effects.spec import CLOSING, DELAY, Drift, EffectSpec, amplitude, shape
 
 USUAL_PRESSURE_PSI = 30.0  # the paper's supply pressure, at which `max_force_n` is the force of a jaw
 UNLIMITED_N = 1e6  # stands for infinity, which no config file can hold
@@ -42,6 +43,8 @@ BASE_COMPLIANCE = EffectSpec(
     source="springs in series",
     cost="C",
     parameters=(amplitude("compliance_mm_per_n", 0.0, 0.1, (0.02, 0.02)),),
+    bank_runs=({"compliance_mm_per_n": 0.03}, {"compliance_mm_per_n": 0.08}),
+    family=CLOSING,
     confusable_with=("force_limited_closing", "rib_imperfection", "pressure_droop"),
 )
 
@@ -87,6 +90,9 @@ FORCE_LIMITED_CLOSING = EffectSpec(
     source="force = pressure x piston area x efficiency",
     cost="C",
     parameters=(amplitude("max_force_n", 1.0, UNLIMITED_N, (60.0, 40.0), neutral=UNLIMITED_N),),
+    # In the middle of its bank a jaw closes with 1.5 N (one rib, an edge) to 27 N (ten ribs, a wide object).
+    bank_runs=({"max_force_n": 20.0}, {"max_force_n": 12.0}, {"max_force_n": 7.0}, {"max_force_n": 4.0}),
+    family=CLOSING,
     confusable_with=("base_compliance", "rib_imperfection", "wall_thickness_offset"),
 )
 
@@ -127,6 +133,8 @@ PRESSURE_DROOP = EffectSpec(
     source="discharge of a vessel, exponential",
     cost="C",
     parameters=(amplitude("loss_mm", 0.0, 2.0, (0.3, 0.3)), shape("scale_grasps", 10.0, 1000.0, (200.0, 200.0))),
+    drift=Drift(quantity="closing"),
+    family=CLOSING,
     confusable_with=("friction_wear", "temperature_softening", "mullins_softening"),
 )
 
@@ -144,6 +152,10 @@ class LiftStartError(Effect):
     backlash_mm: float
     ramp_s: float
     ramp_power: float = 1.0
+
+    def delay_mm(self, lift_speed_mm_per_s: float) -> float:
+        """By how much the lift is behind after its start, mm."""
+        return self.backlash_mm + lift_speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0)
 
     def behind_mm(self, time_s: np.ndarray, speed_mm_per_s: float) -> np.ndarray:
         """How far the true lift is behind at times (n) from the start of the lift in s."""
@@ -188,6 +200,7 @@ LIFT_START_ERROR = EffectSpec(
         amplitude("ramp_s", 0.0, 0.5, (0.1, 0.1)),
         shape("ramp_power", 0.5, 4.0, (1.0, 1.0)),
     ),
+    family=DELAY,
     confusable_with=("lift_misalignment", "object_post_compliance", "load_cell_lag"),
 )
 

@@ -1,23 +1,16 @@
-"""What an effect is: the hooks by which it reaches into the grasp simulator, and how it describes itself.
+"""What an effect does: the hooks by which it reaches into the grasp simulator.
 
 Every hook's default is "changes nothing", so an effect overrides only what it touches and a list of effects is applied
 by calling each in order. Amplitude zero must reproduce the simulator without the effect.
 """
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from shapely.geometry import Polygon
 
 from fast.models.objects.catalogue import RigidObject
-from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Record, Theta, Trace
-
-# In the order in which the layers act: a relaxing force is relaxed before the load cell adds its offset.
-LAYERS = ("geometry", "material", "contact", "actuation", "time", "sensor")
-Layer = Literal["geometry", "material", "contact", "actuation", "time", "sensor"]
-
-# P: post-processing of a trace. C: closings and frictions of the simulator without it. F: finite elements of its own.
-Cost = Literal["P", "C", "F"]
+from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
 
 
 class Effect:
@@ -29,6 +22,11 @@ class Effect:
     """
 
     scales_with_modulus: ClassVar[bool] = True
+
+    @classmethod
+    def overrides(cls, *hooks: str) -> bool:
+        """Whether the effect has any of these hooks of its own."""
+        return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> "Effect":
         """The effect as it acts in one grasp; what depends on tool, speed or history overrides this.
@@ -88,6 +86,10 @@ class Effect:
         """Contact: how far before the plane between the fingers they stop each other, mm; all effects add up."""
         return 0.0
 
+    def delay_mm(self, lift_speed_mm_per_s: float) -> float:
+        """Time: by how much the force comes late at a speed of the lift, in mm of it; in the end if that varies."""
+        return 0.0
+
     def modify_trace(self, trace: Trace) -> Trace:
         """What is left to do with the true force over time: relaxation, compliance in series, the load-cell chain."""
         return trace
@@ -96,64 +98,6 @@ class Effect:
 def with_modulus(theta: Theta, factor: float) -> Theta:
     """Elastic constants with Young's modulus times a factor."""
     return theta.model_copy(update={"young_modulus_mpa": theta.young_modulus_mpa * factor})
-
-
-class ParameterSpec(Record):
-    """One parameter of an effect; its unit is the suffix of its name.
-
-    At `neutral` the effect vanishes or, for a parameter that only shapes it, takes its prior median.
-    """
-
-    name: str
-    lower: float
-    upper: float
-    neutral: float
-    prior_median: float
-    prior_sd: float
-
-
-class EffectSpec(Record):
-    """An effect of the catalogue: what it is, where it acts, and how to build it from parameter values.
-
-    `kind` takes the parameters by name. `code` is its short name, the layer's letter and a number; `formula` its law
-    in one line, in the parameters' names, and `source` where the law is from. `cost` says what simulations it needs.
-    `confusable_with` names effects with a similar trace signature; `alias_of` a quantity that it cannot be told from in
-    pull-off data at all. One that `needs_fin_ray` acts on ribs, which other families of fingers do not have.
-    """
-
-    effect: str
-    title: str
-    code: str
-    layer: Layer
-    version: int = 1
-    kind: type[Effect]
-    formula: str
-    source: str
-    cost: Cost
-    parameters: tuple[ParameterSpec, ...]
-    confusable_with: tuple[str, ...] = ()
-    alias_of: Literal["young_modulus_mpa", "friction", "tool_modulus"] | None = None
-    needs_fin_ray: bool = False
-
-    @property
-    def neutral(self) -> EffectValue:
-        """The effect at amplitude zero."""
-        return EffectValue(effect=self.effect, parameters={p.name: p.neutral for p in self.parameters})
-
-    @property
-    def scales_with_modulus(self) -> bool:
-        """Whether forces stay in exact proportion to Young's modulus."""
-        return self.kind.scales_with_modulus
-
-
-def amplitude(name: str, lower: float, upper: float, prior: tuple[float, float], neutral: float = 0.0) -> ParameterSpec:
-    """A parameter at whose neutral value the effect vanishes; `prior` is median and standard deviation."""
-    return ParameterSpec(name=name, lower=lower, upper=upper, neutral=neutral, prior_median=prior[0], prior_sd=prior[1])
-
-
-def shape(name: str, lower: float, upper: float, prior: tuple[float, float]) -> ParameterSpec:
-    """A parameter that only shapes the effect, such as a time constant; `prior` is median and standard deviation."""
-    return amplitude(name, lower, upper, prior, neutral=prior[0])
 
 
 def speed_mm_per_s(trace: Trace) -> float:

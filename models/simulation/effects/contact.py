@@ -8,7 +8,8 @@ import numpy as np
 
 from fast.models.objects.catalogue import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, relifted, shape, speed_mm_per_s
+from fast.models.simulation.effects.base import Effect, relifted, speed_mm_per_s
+from fast.models.simulation.effects.spec import PRESSURE, SLIDING, Drift, EffectSpec, amplitude, shape
 
 LEAST_SHARE = 0.05  # of the reference pressure: below it the power law would grow without bound
 LEAST_RADIUS_MM = 0.5  # twice the spacing of contact points (models.simulation.contact.points)
@@ -46,6 +47,13 @@ STATIC_KINETIC_FRICTION = EffectSpec(
         amplitude("kinetic_ratio", 0.3, 1.5, (0.8, 0.2), neutral=1.0),
         shape("slip_scale_mm", 0.2, 10.0, (1.0, 1.0)),
     ),
+    bank_runs=(
+        {"kinetic_ratio": 0.6, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 0.8, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 1.25, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 0.7, "slip_scale_mm": 4.0},
+    ),
+    family=SLIDING,
     confusable_with=("load_cell_lag", "stress_relaxation", "pressure_dependent_friction"),
 )
 
@@ -84,6 +92,7 @@ VELOCITY_STRENGTHENING_FRICTION = EffectSpec(
         amplitude("rate_sensitivity", 0.0, 0.3, (0.1, 0.08)),
         shape("reference_speed_mm_per_s", 0.1, 50.0, (1.0, 2.0)),
     ),
+    family=SLIDING,
     confusable_with=("friction_wear",),
     alias_of="friction",
 )
@@ -119,6 +128,9 @@ PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     source="elastic contact of one asperity: Hertz; rubber: Schallamach 1952",
     cost="F",
     parameters=(amplitude("exponent", 0.0, 1.0 / 3.0, (0.12, 0.1)), shape("reference_mpa", 0.01, 0.2, (0.05, 0.05))),
+    bank_runs=({"exponent": 0.1}, {"exponent": 0.25}),
+    family=PRESSURE,
+    curve="friction over pressure",
     confusable_with=("shear_adhesion", "hyperelastic_stiffening", "static_kinetic_friction"),
 )
 
@@ -150,6 +162,9 @@ SHEAR_ADHESION = EffectSpec(
     source="two-term friction law: Derjaguin 1934; Bowden & Tabor 1950",
     cost="F",
     parameters=(amplitude("shear_strength_mpa", 0.0, 0.05, (0.005, 0.006)),),
+    bank_runs=({"shear_strength_mpa": 0.0007}, {"shear_strength_mpa": 0.003}),
+    family=PRESSURE,
+    curve="friction over pressure",
     confusable_with=("pressure_dependent_friction", "load_cell_offset"),
 )
 
@@ -185,6 +200,8 @@ FRICTION_WEAR = EffectSpec(
     source="running-in curves of friction: Blau 2005",
     cost="C",
     parameters=(amplitude("loss", -0.2, 0.4, (0.1, 0.1)), shape("scale_grasps", 5.0, 500.0, (40.0, 60.0))),
+    drift=Drift(quantity="friction"),
+    family="friction that changes from grasp to grasp",
     confusable_with=("mullins_softening", "pressure_droop", "temperature_softening"),
 )
 
@@ -219,6 +236,8 @@ OBJECT_EDGE_RADIUS = EffectSpec(
     source="tolerance of fused deposition, +-0.2 mm",
     cost="F",
     parameters=(amplitude("extra_radius_mm", -0.5, 2.0, (0.3, 0.4)),),
+    bank_runs=({"extra_radius_mm": 0.4}, {"extra_radius_mm": 1.2}),
+    family="shape of the objects' edges",
     confusable_with=("finger_finger_contact", "wall_thickness_offset"),
 )
 
@@ -250,6 +269,8 @@ FINGER_FINGER_CONTACT = EffectSpec(
     source="unilateral contact (Signorini)",
     cost="F",
     parameters=(amplitude("half_gap_mm", -5.0, 15.0, (10.0, 3.0)),),
+    bank_runs=({"half_gap_mm": 6.0}, {"half_gap_mm": 8.0}),
+    family="contact between the fingers",
     confusable_with=("object_edge_radius",),
 )
 
@@ -286,6 +307,7 @@ OBJECT_POST_COMPLIANCE = EffectSpec(
     source="springs in series",
     cost="P",
     parameters=(amplitude("compliance_mm_per_n", 0.0, 0.2, (0.02, 0.03)),),
+    family="compliance in series",
     confusable_with=("load_cell_lag", "lift_start_error", "lift_misalignment"),
 )
 

@@ -9,7 +9,8 @@ from shapely.geometry import Polygon, box
 
 from fast.models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
 from fast.models.records import Design
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.spec import FINGER, EffectSpec, amplitude
 
 _FADE_MM = 2.0  # over which the bow fades out beside a rib, and towards base and tip
 
@@ -50,6 +51,8 @@ WALL_THICKNESS_OFFSET = EffectSpec(
     source="tolerance of material jetting, +-0.1 mm",
     cost="F",
     parameters=(amplitude("offset_mm", -0.3, 0.3, (0.05, 0.08)),),
+    bank_runs=({"offset_mm": -0.1}, {"offset_mm": 0.1}, {"offset_mm": 0.2}),
+    family=FINGER,
     confusable_with=("load_cell_gain", "print_anisotropy", "batch_ageing"),
 )
 
@@ -97,6 +100,8 @@ RIB_IMPERFECTION = EffectSpec(
     cost="F",
     needs_fin_ray=True,
     parameters=(amplitude("bow_mm", 0.0, 0.5, (0.1, 0.1)),),
+    bank_runs=({"bow_mm": 0.15}, {"bow_mm": 0.4}),
+    family=FINGER,
     confusable_with=("force_limited_closing", "base_compliance", "hyperelastic_stiffening"),
 )
 

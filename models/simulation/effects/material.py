@@ -7,7 +7,8 @@ import numpy as np
 
 from fast.models.design.profile import is_in_rib, take_fin_ray
 from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, with_modulus
+from fast.models.simulation.effects.base import Effect, with_modulus
+from fast.models.simulation.effects.spec import MATERIAL, MEMORY, Drift, EffectSpec, amplitude, shape
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ STRESS_RELAXATION = EffectSpec(
         amplitude("relaxed_share", 0.0, 0.6, (0.15, 0.1)),
         shape("time_constant_s", 0.3, 100.0, (5.0, 10.0)),
     ),
+    family="force that fades while it is held",
     confusable_with=("mullins_softening", "load_cell_lag", "static_kinetic_friction"),
 )
 
@@ -85,6 +87,8 @@ MULLINS_SOFTENING = EffectSpec(
     source="Mullins 1969; Ogden & Roxburgh 1999",
     cost="P",
     parameters=(amplitude("softening", 0.0, 0.3, (0.05, 0.06)), shape("scale_repeats", 1.0, 20.0, (2.0, 3.0))),
+    drift=Drift(quantity="modulus", clocks=("tool", "repeat")),
+    family=MEMORY,
     confusable_with=("friction_wear", "pressure_droop", "stress_relaxation"),
 )
 
@@ -117,6 +121,8 @@ HYPERELASTIC_STIFFENING = EffectSpec(
     source="second-order term after Yeoh 1993",
     cost="F",
     parameters=(amplitude("stiffening", 0.0, 20.0, (1.0, 2.0)),),
+    bank_runs=({"stiffening": 2.0}, {"stiffening": 8.0}),
+    family=MATERIAL,
     confusable_with=("wall_thickness_offset", "load_cell_gain", "force_limited_closing", "rib_imperfection"),
 )
 
@@ -153,6 +159,8 @@ TEMPERATURE_SOFTENING = EffectSpec(
     source="linear softening below the glass transition: Ward & Sweeney 2012; Newton's law of heating",
     cost="P",
     parameters=(amplitude("softening", -0.3, 0.4, (0.1, 0.1)), shape("warm_up_s", 300.0, 36000.0, (3600.0, 3600.0))),
+    drift=Drift(quantity="modulus", clocks=("batch",)),
+    family=MEMORY,
     confusable_with=("load_cell_drift", "friction_wear", "pressure_droop", "batch_ageing"),
 )
 
@@ -182,6 +190,7 @@ BATCH_AGEING = EffectSpec(
     source="physical ageing, logarithmic in time: Struik 1978",
     cost="P",
     parameters=(amplitude("change", -0.3, 0.3, (0.0, 0.1)),),
+    family=MATERIAL,
     confusable_with=("temperature_softening",),
     alias_of="tool_modulus",
 )
@@ -218,6 +227,8 @@ PRINT_ANISOTROPY = EffectSpec(
     cost="F",
     needs_fin_ray=True,
     parameters=(amplitude("rib_excess", -0.4, 0.4, (0.1, 0.15)),),
+    bank_runs=({"rib_excess": -0.25}, {"rib_excess": 0.25}),
+    family=MATERIAL,
     confusable_with=("wall_thickness_offset", "batch_ageing"),
 )
 

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.spec import DELAY, ZERO, Drift, EffectSpec, amplitude
 from fast.models.units import force_n_from_kg
 
 _HOUR_S = 3600.0
@@ -26,6 +27,10 @@ class LiftMisalignment(Effect):
     """
 
     shift_mm: float
+
+    def delay_mm(self, lift_speed_mm_per_s: float) -> float:
+        """By how much the force comes late, mm of lift."""
+        return self.shift_mm * lift_speed_mm_per_s / SHIFT_SPEED_MM_PER_S
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace with the late force, on its own samples and those of the shifted force."""
@@ -48,6 +53,8 @@ LIFT_MISALIGNMENT = EffectSpec(
     source="two clocks with a constant difference",
     cost="P",
     parameters=(amplitude("shift_mm", -3.0, 3.0, (0.0, 0.5)),),
+    drift=Drift(quantity="delay"),
+    family=DELAY,
     confusable_with=("load_cell_lag", "lift_start_error"),
 )
 
@@ -73,6 +80,7 @@ LOAD_CELL_GAIN = EffectSpec(
     source="calibration of force transducers: ISO 376",
     cost="P",
     parameters=(amplitude("gain", 0.8, 1.25, (1.0, 0.02), neutral=1.0),),
+    family="scale of the load cell",
     confusable_with=("wall_thickness_offset",),
     alias_of="young_modulus_mpa",
 )
@@ -101,6 +109,7 @@ LOAD_CELL_OFFSET = EffectSpec(
     source="calibration of force transducers: ISO 376",
     cost="P",
     parameters=(amplitude("offset_n", -1.0, 1.0, (0.0, 0.1)),),
+    family=ZERO,
     confusable_with=("tool_weight", "shear_adhesion", "load_cell_drift"),
 )
 
@@ -134,6 +143,8 @@ LOAD_CELL_DRIFT = EffectSpec(
     source="creep and thermal zero shift: OIML R 60",
     cost="P",
     parameters=(amplitude("drift_per_hour_n", -1.0, 1.0, (0.0, 0.2)),),
+    drift=Drift(quantity="zero"),
+    family=ZERO,
     confusable_with=("temperature_softening", "friction_wear", "load_cell_offset"),
 )
 
@@ -147,6 +158,10 @@ class LoadCellLag(Effect):
     """
 
     time_constant_s: float
+
+    def delay_mm(self, lift_speed_mm_per_s: float) -> float:
+        """By how much the force comes late in the end, mm of lift."""
+        return lift_speed_mm_per_s * self.time_constant_s
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace as the lagging transmitter reports it, starting from the true force."""
@@ -177,6 +192,7 @@ LOAD_CELL_LAG = EffectSpec(
     source="first-order low pass of weight transmitters",
     cost="P",
     parameters=(amplitude("time_constant_s", 0.0, 2.0, (0.1, 0.2)),),
+    family=DELAY,
     confusable_with=("object_post_compliance", "lift_misalignment", "static_kinetic_friction", "stress_relaxation"),
 )
 
@@ -219,6 +235,7 @@ TOOL_WEIGHT = EffectSpec(
     source="weight = density x volume x g",
     cost="P",
     parameters=(amplitude("share", -1.0, 1.0, (0.0, 0.2)),),
+    family=ZERO,
     confusable_with=("load_cell_offset", "shear_adhesion"),
 )
 

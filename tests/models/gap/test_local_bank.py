@@ -9,7 +9,6 @@ import pytest
 from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from fast.models.calibration.traces.theta_grid import ThetaGrid
 from fast.models.gap.bank.bank import (
-    AMPLITUDES,
     CENTRE,
     CLOSED_LESS,
     SIMULATED,
@@ -31,6 +30,7 @@ from fast.models.gap.local_bank import (
     move_bank,
 )
 from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.synthetic.gap import GapTruth, made_up_gap, made_up_steps, with_bank
 
 THETA = np.array([9.23456, 0.61341, 0.43219])
@@ -57,7 +57,9 @@ def naming(base: Any, best: Any, r2: dict[str, float], drift: str = "") -> Any:
 
 def test_the_wide_bank_is_the_default() -> None:
     assert (WIDE.centre, WIDE.grid, WIDE.effects) == (CENTRE, ThetaGrid(), SIMULATED)
-    assert len(list_versions(SimulatorVersion())) == 12 + 1 + 3 + sum(map(len, AMPLITUDES.values()))
+    assert len(list_versions(SimulatorVersion())) == 12 + 1 + 3 + sum(
+        len(spec.bank_runs) for spec in CATALOGUE.values()
+    )
 
 
 def test_a_bank_around_theta_has_its_modulus_and_few_points() -> None:
@@ -67,7 +69,7 @@ def test_a_bank_around_theta_has_its_modulus_and_few_points() -> None:
     assert plan.grid.friction == pytest.approx((0.8 * 0.6, 1.2 * 0.6))
     assert plan.grid.poisson_ratio == pytest.approx((0.4, 0.48))
     versions = list_versions(SimulatorVersion(), plan)
-    assert len(versions) == 5 + 1 + len(AMPLITUDES["shear_adhesion"])
+    assert len(versions) == 5 + 1 + len(CATALOGUE["shear_adhesion"].bank_runs)
     assert {version.theta.young_modulus_mpa for version in versions} == {9.03}
 
 
@@ -133,7 +135,7 @@ def test_only_credible_effects_are_simulated_again_and_those_of_the_model() -> N
     many = choose_bank(naming(fit(THETA), fit(THETA), {name: 0.1 + 0.01 * i for i, name in enumerate(SIMULATED)}))
     assert set(many.effects) == set(SIMULATED[-MOST_EFFECTS:])  # falling pressure among them
     drifting = choose_bank(naming(fit(THETA), fit(THETA), {"shear_adhesion": 0.1}, "repeats differ"))
-    assert set(drifting.effects) == {"shear_adhesion", CLOSED_LESS}
+    assert set(drifting.effects) == {"shear_adhesion", *CLOSED_LESS}
 
 
 def test_a_later_round_adds_effects_and_the_bank_moves_only_if_theta_leaves_it() -> None:

@@ -17,7 +17,6 @@ from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.problem import THETA
 from fast.models.errors import SimulationFailed
-from fast.models.gap.bank.bank import AMPLITUDES
 from fast.models.gap.data import GapData
 from fast.models.ids import seed_from
 from fast.models.records import EffectValue, Record, Theta, Trace
@@ -135,7 +134,7 @@ class OwnWorld:
     def problem(self) -> GapData:
         """The gap problem of this world, of true grasps that are solved now if the effect acts in them."""
         lab, panels = self.worlds.lab(self.key), self.worlds.of(self.key).panels
-        if self.value.effect not in AMPLITUDES:
+        if not CATALOGUE[self.value.effect].bank_runs:
             traces = lab.measure(panels.truth(self.key.base, 1.0), [OwnLaw(self.value)])
         else:
             cells = self._solve_cells()
@@ -166,7 +165,7 @@ def draw_world(worlds: Worlds, number: int) -> OwnWorld | None:
     """A world, always the same for a number; None if no value that is plausible is seen."""
     rng = np.random.default_rng(seed_from("interval world", PUBLIC_SEED, number))
     key = worlds.draw("null", int(rng.integers(2**31))).model_copy(update={"young_modulus_mpa": MODULUS_MPA})
-    names = [name for name in CATALOGUE if name in worlds.bank.effects or name not in AMPLITUDES]
+    names = [name for name in CATALOGUE if name in worlds.bank.effects or not CATALOGUE[name].bank_runs]
     training = worlds.problem(key).training
     names = [name for name in names if name in training.names]
     effect = names[number % len(names)]

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from fast.models.gap.naming.families import WORDS
 from fast.models.gap.naming.thresholds import ANY_FAMILY, LEAST_OVER_LINE
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer
 from tests.studies.gap.worlds import WorldKey
 
@@ -36,7 +36,7 @@ class Judged:
     @property
     def families(self) -> set[str]:
         """Families of what is hidden; what no catalogue lists has none."""
-        return {WORDS[name] for name in self.key.names if name in WORDS}
+        return {CATALOGUE[name].family for name in self.key.names if name in CATALOGUE}
 
     @property
     def is_visible(self) -> bool:
@@ -45,7 +45,7 @@ class Judged:
 
     def is_family_right(self, name: str) -> bool:
         """Whether an effect is of a family that is hidden."""
-        return WORDS.get(name) in self.families
+        return name in CATALOGUE and CATALOGUE[name].family in self.families
 
     @property
     def is_right(self) -> bool:

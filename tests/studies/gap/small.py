@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
+from fast.models.gap.bank.bank import CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Trace
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.panels import Panels
 from tests.studies.gap.truth import CHANNELS, TrueSet
 
@@ -40,7 +41,7 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         arrays = {name: file[name] for name in file.files}
     effects = {
         name: EffectRuns(name, tuple(json.loads(str(arrays[f"amplitudes {name}"]))), _unpacked(arrays[f"field {name}"]))
-        for name in AMPLITUDES
+        for name in CATALOGUE
         if f"field {name}" in arrays
     }
     centre_steps_n = _unpacked(arrays["centre_steps_n"])

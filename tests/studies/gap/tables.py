@@ -7,7 +7,7 @@ from scipy.stats import beta
 
 from fast.flows.benchmarks.base import Rows, Tables
 from fast.models.gap.findings import UNKNOWN
-from fast.models.gap.naming.families import WORDS
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.judgement import Judged
 
 _SURE = 0.9
@@ -142,7 +142,7 @@ def _is_possible(one: Judged) -> bool:
 
 
 def _count_possible(one: Judged) -> int:
-    return len({WORDS.get(name, name) for name in one.said.rounds[0].possible})
+    return len({CATALOGUE[name].family if name in CATALOGUE else name for name in one.said.rounds[0].possible})
 
 
 def _says_unknown_later(one: Judged) -> bool:
@@ -151,7 +151,7 @@ def _says_unknown_later(one: Judged) -> bool:
 
 def _heard(one: Judged) -> set[str]:
     """Families that were said in any round."""
-    return {WORDS[name] for said in one.said.rounds for name in said.effects}
+    return {CATALOGUE[name].family for said in one.said.rounds for name in said.effects}
 
 
 def _has_both(one: Judged) -> bool:

@@ -11,9 +11,8 @@ from fast.models.gap.fit.fit import Fit, axes_of
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.naming.candidates import FittedCandidate, Score, fit_effect
-from fast.models.gap.naming.families import WORDS, Families, find_families
+from fast.models.gap.naming.families import Families, find_families
 from fast.models.gap.naming.rank_effects import LEAST_NATS, rank_effects
-from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.small import read_small
 from tests.studies.gap.worlds import WorldKey, Worlds
 
@@ -98,9 +97,3 @@ def test_a_zero_that_is_off_may_be_a_weight_and_is_no_drift(worlds: Worlds) -> N
     families = find(*fit_world(worlds, "load_cell_offset", effects, 0.03))
     assert families.kin_of("load_cell_offset") == ("tool_weight",)
     assert families.nats[0, 2] > 3.0 * LEAST_NATS
-
-
-def test_every_effect_of_the_catalogue_has_the_words_of_a_family() -> None:
-    """And three delays share theirs."""
-    assert WORDS.keys() == CATALOGUE.keys()
-    assert WORDS["load_cell_lag"] == WORDS["lift_misalignment"] == WORDS["lift_start_error"]

@@ -14,7 +14,6 @@ from fast.models.design.space import numbered_design
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank, BankPlan
 from fast.models.gap.data import GapData
-from fast.models.gap.naming.families import WORDS
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Trace
@@ -430,4 +429,4 @@ def test_what_another_solver_differs_by_is_no_gap(of_another_solver: Worlds) -> 
 def test_a_delay_in_another_solvers_grasps_is_found(of_another_solver: Worlds) -> None:
     problem = of_another_solver.problem(_key(of_another_solver, "load_cell_lag"))
     said = answer(problem, Thresholds(), max_rounds=1).rounds[0]
-    assert WORDS[said.effects[0]] == WORDS["load_cell_lag"]
+    assert CATALOGUE[said.effects[0]].family == CATALOGUE["load_cell_lag"].family

@@ -7,6 +7,7 @@ the lift are compared as 16 features: those of calibration, and the rise of the 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from fast.models.traces.step_features import FORCE_BINS, N_STEPS, START_BINS, ST
 FEATURES = (*START_BINS, *step_features.FEATURES)
 N_BINS = len(START_BINS) + len(FORCE_BINS)
 _LIFT_AT_PEAK = FEATURES.index("lift_at_peak_mm")
+_MOST_KNOWN = 2000  # sets of effects whose actions in each grasp are kept
 _NEAR = 0.04  # of the peak: how much less force counts e times less
 _CENTRES_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
 LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is left alone
@@ -136,8 +138,7 @@ class Surrogate:
     ) -> np.ndarray:
         """The end of closing and step means, n x 132; what an effect of the bank changes first, it changes before."""
         tool = self.grasps.tool
-        acting = self._list_acting(effects)
-        memory = _Memory.of(acting, self.grasps, self.centre)
+        acting, memory = self._find_acting(effects)
         factor = 1.0 if tool_factor is None else tool_factor[tool]
         stiffer = theta[0] / self.centre.young_modulus_mpa * factor * memory.modulus
         friction = theta[1] * memory.friction
@@ -175,6 +176,23 @@ class Surrogate:
         """Supply pressure over the usual one, n."""
         shares = np.array([find_air_share(setup) for setup in self.grasps.setups])
         return np.asarray(shares[self.grasps.setup])
+
+    def _find_acting(self, effects: Sequence[EffectValue]) -> tuple[list[list[Effect]], "_Memory"]:
+        """Effects that no surface stands for as they act in every grasp, and what they make of its closing.
+
+        Both are the same at any theta, and a search asks for the same values again and again.
+        """
+        key = tuple((value.effect, tuple(value.parameters.items())) for value in effects)
+        if key not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            acting = self._list_acting(effects)
+            self._known[key] = acting, _Memory.of(acting, self.grasps, self.centre)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> "dict[tuple[object, ...], tuple[list[list[Effect]], _Memory]]":
+        return {}
 
     def _list_acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
         """Effects that no surface stands for, layer by layer, each as it acts in every grasp."""

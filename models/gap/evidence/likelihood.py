@@ -39,7 +39,8 @@ _AMPLITUDES = (0.05, 1.7)  # of where an effect starts: farther it is not fitted
 class Problem:
     """What is measured (means_n: c x b, contrasts_n: r x ...), and what it is compared with.
 
-    effects: that the simulator has; their amplitudes and laws are fitted along.
+    of_cells: the surrogate of one grasp of each cell that nothing came before. effects: that the simulator has; their
+    amplitudes and laws are fitted along.
     """
 
     surrogate: Surrogate
@@ -47,6 +48,7 @@ class Problem:
     errors: Errors
     means_n: np.ndarray
     contrasts_n: np.ndarray
+    of_cells: Surrogate
     effects: tuple[EffectValue, ...] = ()
 
     @staticmethod
@@ -54,7 +56,10 @@ class Problem:
         """The problem of the grasps of a surrogate, all of them usable."""
         reading = Reading.of(surrogate.grasps)
         errors = Errors.of(surrogate, reading)
-        blank = Problem(surrogate, reading, errors, np.zeros(0), np.zeros(0), tuple(effects))
+        of_cells = surrogate.select(reading.rows)
+        fresh = replace(of_cells.grasps, contexts=(GraspContext(),) * reading.n_cells)
+        of_cells = replace(of_cells, grasps=fresh)
+        blank = Problem(surrogate, reading, errors, np.zeros(0), np.zeros(0), of_cells, tuple(effects))
         return blank.measured(surrogate.grasps.steps_n)
 
     def measured(self, steps_n: np.ndarray) -> "Problem":
@@ -70,12 +75,6 @@ class Problem:
     def obj(self) -> np.ndarray:
         """Object of each cell, c."""
         return np.asarray(self.reading.grasps.obj[self.reading.rows])
-
-    @cached_property
-    def of_cells(self) -> Surrogate:
-        """The surrogate of one grasp of each cell that nothing came before."""
-        found = self.surrogate.select(self.reading.rows)
-        return replace(found, grasps=replace(found.grasps, contexts=(GraspContext(),) * self.reading.n_cells))
 
     def scale_effects(self, scales: np.ndarray) -> tuple[EffectValue, ...]:
         """The effects with other amplitudes."""

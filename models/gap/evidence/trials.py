@@ -14,7 +14,8 @@ from fast.models.gap.evidence.candidates import Candidate, weigh_drifts, weigh_e
 from fast.models.gap.evidence.likelihood import EvidenceFit, add_effect
 from fast.models.records import EffectValue
 
-N_FAMILIES, N_OF_FAMILY = 4, 3  # that are tried: the most evident families, and effects of each
+N_FAMILIES, N_OF_FAMILY = 3, 2  # that are tried: the most evident families, and effects of each
+_N_BESIDES = 6  # effects of other families that are weighed beside the best: the most evident ones
 N_DESCRIBED = 4
 _USUAL_NATS = 100.0
 _LEAST_SHARE, _MOST_SHARE = 0.02, 2.0  # of evidence: less is nothing, more is as good as that
@@ -75,7 +76,8 @@ class Trials:
         if not self.tried or self.tried[0].left:
             return self
         best = self.tried[0]
-        others = [name for name, family in families.items() if family not in (best.family, *self.missing)]
+        seen = [one.name for one in self.weighed if one.kind == "effect"]
+        others = [name for name in seen if families.get(name) not in (None, best.family, *self.missing)][:_N_BESIDES]
         drifts = [one for one in weigh_drifts(best.fit) if families.get(one.effect) != best.family]
         left = [*weigh_effects(best.fit, others), *weigh_patterns(best.fit), *drifts]
         looked = replace(best, left=tuple(sorted(left, key=lambda one: -one.nats)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
 from fast.models.simulation.effects.base import Effect, speed_mm_per_s
-from fast.models.simulation.effects.spec import CLOSING, DELAY, Drift, EffectSpec, amplitude, shape
+from fast.models.simulation.effects.spec import CLOSING, DELAY, Drift, EffectSpec, Measurement, amplitude, shape
 
 USUAL_PRESSURE_PSI = 30.0  # the paper's supply pressure, at which `max_force_n` is the force of a jaw
 UNLIMITED_N = 1e6  # stands for infinity, which no config file can hold
@@ -45,6 +45,20 @@ BASE_COMPLIANCE = EffectSpec(
     parameters=(amplitude("compliance_mm_per_n", 0.0, 0.1, (0.02, 0.02)),),
     bank_runs=({"compliance_mm_per_n": 0.03}, {"compliance_mm_per_n": 0.08}),
     family=CLOSING,
+    experiment="push against a jaw without a finger, 20 N, and read how far it gives way",
+    trends=(
+        ("young_modulus_mpa", "walls"),
+        ("young_modulus_mpa", "force"),
+    ),
+    measurement=Measurement(
+        kind="jaw_push",
+        words="push against a jaw without a finger with 20 N, and read on a dial gauge how far it gives way per N",
+        label="Jaw, mm/N",
+        parameter="compliance_mm_per_n",
+        sd=0.005,
+        minutes=10.0,
+        values=(0.0, 1.0),
+    ),
     confusable_with=("force_limited_closing", "rib_imperfection", "pressure_droop"),
 )
 
@@ -93,6 +107,10 @@ FORCE_LIMITED_CLOSING = EffectSpec(
     # In the middle of its bank a jaw closes with 1.5 N (one rib, an edge) to 27 N (ten ribs, a wide object).
     bank_runs=({"max_force_n": 20.0}, {"max_force_n": 12.0}, {"max_force_n": 7.0}, {"max_force_n": 4.0}),
     family=CLOSING,
+    trends=(
+        ("young_modulus_mpa", "walls"),
+        ("young_modulus_mpa", "force"),
+    ),
     confusable_with=("base_compliance", "rib_imperfection", "wall_thickness_offset"),
 )
 
@@ -135,6 +153,7 @@ PRESSURE_DROOP = EffectSpec(
     parameters=(amplitude("loss_mm", 0.0, 2.0, (0.3, 0.3)), shape("scale_grasps", 10.0, 1000.0, (200.0, 200.0))),
     drift=Drift(quantity="closing"),
     family=CLOSING,
+    trends=(("young_modulus_mpa", "order"),),
     confusable_with=("friction_wear", "temperature_softening", "mullins_softening"),
 )
 

@@ -9,7 +9,7 @@ import numpy as np
 from fast.models.objects.catalogue import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
 from fast.models.simulation.effects.base import Effect, relifted, speed_mm_per_s
-from fast.models.simulation.effects.spec import PRESSURE, SLIDING, Drift, EffectSpec, amplitude, shape
+from fast.models.simulation.effects.spec import PRESSURE, SLIDING, Drift, EffectSpec, Measurement, amplitude, shape
 
 LEAST_SHARE = 0.05  # of the reference pressure: below it the power law would grow without bound
 LEAST_RADIUS_MM = 0.5  # twice the spacing of contact points (models.simulation.contact.points)
@@ -93,6 +93,7 @@ VELOCITY_STRENGTHENING_FRICTION = EffectSpec(
         shape("reference_speed_mm_per_s", 0.1, 50.0, (1.0, 2.0)),
     ),
     family=SLIDING,
+    experiment="lift at 1 and at 20 mm/s, one tool on one straight-sided object",
     confusable_with=("friction_wear",),
     alias_of="friction",
 )
@@ -131,6 +132,10 @@ PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     bank_runs=({"exponent": 0.1}, {"exponent": 0.25}),
     family=PRESSURE,
     curve="friction over pressure",
+    trends=(
+        ("friction", "force"),
+        ("friction", "walls"),
+    ),
     confusable_with=("shear_adhesion", "hyperelastic_stiffening", "static_kinetic_friction"),
 )
 
@@ -165,6 +170,7 @@ SHEAR_ADHESION = EffectSpec(
     bank_runs=({"shear_strength_mpa": 0.0007}, {"shear_strength_mpa": 0.003}),
     family=PRESSURE,
     curve="friction over pressure",
+    trends=(("friction", "force"),),
     confusable_with=("pressure_dependent_friction", "load_cell_offset"),
 )
 
@@ -202,6 +208,11 @@ FRICTION_WEAR = EffectSpec(
     parameters=(amplitude("loss", -0.2, 0.4, (0.1, 0.1)), shape("scale_grasps", 5.0, 500.0, (40.0, 60.0))),
     drift=Drift(quantity="friction"),
     family="friction that changes from grasp to grasp",
+    trends=(
+        ("young_modulus_mpa", "order"),
+        ("friction", "order"),
+        ("friction", "repeat"),
+    ),
     confusable_with=("mullins_softening", "pressure_droop", "temperature_softening"),
 )
 
@@ -238,6 +249,15 @@ OBJECT_EDGE_RADIUS = EffectSpec(
     parameters=(amplitude("extra_radius_mm", -0.5, 2.0, (0.3, 0.4)),),
     bank_runs=({"extra_radius_mm": 0.4}, {"extra_radius_mm": 1.2}),
     family="shape of the objects' edges",
+    measurement=Measurement(
+        kind="edge_photograph",
+        words="photograph an object's edge with a scale, and measure by how much its radius is larger than drawn",
+        label="Radius, mm",
+        parameter="extra_radius_mm",
+        sd=0.1,
+        minutes=8.0,
+        values=(-3.0, 5.0),
+    ),
     confusable_with=("finger_finger_contact", "wall_thickness_offset"),
 )
 
@@ -308,6 +328,15 @@ OBJECT_POST_COMPLIANCE = EffectSpec(
     cost="P",
     parameters=(amplitude("compliance_mm_per_n", 0.0, 0.2, (0.02, 0.03)),),
     family="compliance in series",
+    measurement=Measurement(
+        kind="post_push",
+        words="push up against an object on its post with 20 N, and read on a dial gauge how far it gives way per N",
+        label="Post, mm/N",
+        parameter="compliance_mm_per_n",
+        sd=0.005,
+        minutes=10.0,
+        values=(0.0, 1.0),
+    ),
     confusable_with=("load_cell_lag", "lift_start_error", "lift_misalignment"),
 )
 

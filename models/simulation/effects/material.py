@@ -8,7 +8,7 @@ import numpy as np
 from fast.models.design.profile import is_in_rib, take_fin_ray
 from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
 from fast.models.simulation.effects.base import Effect, with_modulus
-from fast.models.simulation.effects.spec import MATERIAL, MEMORY, Drift, EffectSpec, amplitude, shape
+from fast.models.simulation.effects.spec import MATERIAL, MEMORY, Drift, EffectSpec, Measurement, amplitude, shape
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,8 @@ MULLINS_SOFTENING = EffectSpec(
     parameters=(amplitude("softening", 0.0, 0.3, (0.05, 0.06)), shape("scale_repeats", 1.0, 20.0, (2.0, 3.0))),
     drift=Drift(quantity="modulus", clocks=("tool", "repeat")),
     family=MEMORY,
+    experiment="rest for an hour and grasp the first object again",
+    trends=(("young_modulus_mpa", "repeat"),),
     confusable_with=("friction_wear", "pressure_droop", "stress_relaxation"),
 )
 
@@ -123,6 +125,7 @@ HYPERELASTIC_STIFFENING = EffectSpec(
     parameters=(amplitude("stiffening", 0.0, 20.0, (1.0, 2.0)),),
     bank_runs=({"stiffening": 2.0}, {"stiffening": 8.0}),
     family=MATERIAL,
+    trends=(("young_modulus_mpa", "force"),),
     confusable_with=("wall_thickness_offset", "load_cell_gain", "force_limited_closing", "rib_imperfection"),
 )
 
@@ -161,6 +164,8 @@ TEMPERATURE_SOFTENING = EffectSpec(
     parameters=(amplitude("softening", -0.3, 0.4, (0.1, 0.1)), shape("warm_up_s", 300.0, 36000.0, (3600.0, 3600.0))),
     drift=Drift(quantity="modulus", clocks=("batch",)),
     family=MEMORY,
+    experiment="log the temperature, and grasp a reference object with a reference tool every 36 grasps",
+    trends=(("young_modulus_mpa", "order"),),
     confusable_with=("load_cell_drift", "friction_wear", "pressure_droop", "batch_ageing"),
 )
 
@@ -191,6 +196,7 @@ BATCH_AGEING = EffectSpec(
     cost="P",
     parameters=(amplitude("change", -0.3, 0.3, (0.0, 0.1)),),
     family=MATERIAL,
+    experiment="test a tool of an old batch again, or pull a tensile bar of each batch",
     confusable_with=("temperature_softening",),
     alias_of="tool_modulus",
 )
@@ -229,6 +235,17 @@ PRINT_ANISOTROPY = EffectSpec(
     parameters=(amplitude("rib_excess", -0.4, 0.4, (0.1, 0.15)),),
     bank_runs=({"rib_excess": -0.25}, {"rib_excess": 0.25}),
     family=MATERIAL,
+    experiment="tensile bars printed in two orientations",
+    measurement=Measurement(
+        kind="tensile_bar",
+        words="pull two tensile bars, printed upright and flat, and take the ratio of their moduli, "
+        "upright over flat, less 1",
+        label="Ratio of moduli, less 1",
+        parameter="rib_excess",
+        sd=0.05,
+        minutes=60.0,
+        values=(-0.9, 2.0),
+    ),
     confusable_with=("wall_thickness_offset", "batch_ageing"),
 )
 

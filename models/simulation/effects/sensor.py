@@ -8,7 +8,7 @@ import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
 from fast.models.simulation.effects.base import Effect
-from fast.models.simulation.effects.spec import DELAY, ZERO, Drift, EffectSpec, amplitude
+from fast.models.simulation.effects.spec import DELAY, ZERO, Drift, EffectSpec, Measurement, amplitude
 from fast.models.units import force_n_from_kg
 
 _HOUR_S = 3600.0
@@ -80,6 +80,7 @@ LOAD_CELL_GAIN = EffectSpec(
     cost="P",
     parameters=(amplitude("gain", 0.8, 1.25, (1.0, 0.02), neutral=1.0),),
     family="scale of the load cell",
+    experiment="hang a dead weight of 1 kg on the load cell: force that the cell reads, without a gripper",
     confusable_with=("wall_thickness_offset",),
     alias_of="young_modulus_mpa",
 )
@@ -109,6 +110,15 @@ LOAD_CELL_OFFSET = EffectSpec(
     cost="P",
     parameters=(amplitude("offset_n", -1.0, 1.0, (0.0, 0.1)),),
     family=ZERO,
+    measurement=Measurement(
+        kind="dead_weight",
+        words="take the tool off, tare, hang 1 kg on the load cell, and note by how much it reads more than 9.81 N",
+        label="Reading less 9.81 N, N",
+        parameter="offset_n",
+        sd=0.05,
+        minutes=10.0,
+        values=(-5.0, 5.0),
+    ),
     confusable_with=("tool_weight", "shear_adhesion", "load_cell_drift"),
 )
 

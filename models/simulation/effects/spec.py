@@ -54,6 +54,25 @@ class Drift(Record):
     clocks: tuple[Literal["batch", "tool", "repeat"], ...] = ("batch", "tool", "repeat")
 
 
+class Measurement(Record):
+    """A number that a person measures where no grasp tells: a parameter of the effect, which is 0 without it."""
+
+    kind: str
+    """Its short name, as it is told to `fast gap`."""
+    words: str
+    """What to do."""
+    label: str
+    """What is read, with its unit."""
+    parameter: str
+    """Which parameter of the effect it reads."""
+    sd: float
+    """Standard deviation of a reading."""
+    minutes: float
+    """How long it takes."""
+    values: tuple[float, float]
+    """Bounds of a reading."""
+
+
 class EffectSpec(Record):
     """An effect of the catalogue: what it is, where it acts, how to build it, and how a search finds and says it."""
 
@@ -82,6 +101,12 @@ class EffectSpec(Record):
     """What it is one form of, in plain words."""
     curve: str | None = None
     """Effects with the same curve are one quantity along one state, and differ in the form of their law alone."""
+    experiment: str | None = None
+    """What tells it from theta and tools, which may swallow it in the data of a search."""
+    measurement: Measurement | None = None
+    """What a person can measure of it."""
+    trends: tuple[tuple[Literal["young_modulus_mpa", "friction"], str], ...] = ()
+    """What theta seems to vary with where it is missing: a constant and `walls`, `repeat`, `order` or `force`."""
     confusable_with: tuple[str, ...] = ()
     """Effects with a similar trace signature."""
     alias_of: Literal["young_modulus_mpa", "friction", "tool_modulus"] | None = None

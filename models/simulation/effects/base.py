@@ -4,13 +4,17 @@ Every hook's default is "changes nothing", so an effect overrides only what it t
 by calling each in order. Amplitude zero must reproduce the simulator without the effect.
 """
 
-from typing import ClassVar
+import math
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from shapely.geometry import Polygon
 
 from fast.models.objects.catalogue import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
+
+USUAL_LIFT_MM_PER_S = 5.0
+Number = TypeVar("Number", float, np.ndarray)
 
 
 class Effect:
@@ -86,6 +90,10 @@ class Effect:
         """Contact: how far before the plane between the fingers they stop each other, mm; all effects add up."""
         return 0.0
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """The quantity that the law is of (`EffectSpec.quantity`), at a state or k of them, in a lift of this speed."""
+        raise NotImplementedError(f"{type(self).__name__} has no law of a known quantity.")
+
     def delay_mm(self, lift_speed_mm_per_s: float) -> float:
         """Time: by how much the force comes late at a speed of the lift, in mm of it; in the end if that varies."""
         return 0.0
@@ -93,6 +101,11 @@ class Effect:
     def modify_trace(self, trace: Trace) -> Trace:
         """What is left to do with the true force over time: relaxation, compliance in series, the load-cell chain."""
         return trace
+
+
+def approach(state: Number, scale: float) -> Number:
+    """1 - exp(-state / scale): the share by which most effects with a memory have set in."""
+    return -np.expm1(-state / scale) if isinstance(state, np.ndarray) else -math.expm1(-state / scale)
 
 
 def with_modulus(theta: Theta, factor: float) -> Theta:

@@ -8,8 +8,9 @@ import numpy as np
 
 from fast.models.objects.catalogue import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import Effect, relifted, speed_mm_per_s
+from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, approach, relifted, speed_mm_per_s
 from fast.models.simulation.effects.spec import PRESSURE, SLIDING, Drift, EffectSpec, Measurement, amplitude, shape
+from fast.models.simulation.effects.states import FORCE, LEVEL, Quantity, State, of_context
 
 LEAST_SHARE = 0.05  # of the reference pressure: below it the power law would grow without bound
 LEAST_RADIUS_MM = 0.5  # twice the spacing of contact points (models.simulation.contact.points)
@@ -26,6 +27,10 @@ class StaticKineticFriction(Effect):
 
     kinetic_ratio: float
     slip_scale_mm: float
+
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Friction over friction at rest, after slips in mm."""
+        return 1.0 - (1.0 - self.kinetic_ratio) * approach(state, self.slip_scale_mm)
 
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
         """Factor on the friction coefficient per contact point (n)."""
@@ -47,6 +52,8 @@ STATIC_KINETIC_FRICTION = EffectSpec(
         amplitude("kinetic_ratio", 0.3, 1.5, (0.8, 0.2), neutral=1.0),
         shape("slip_scale_mm", 0.2, 10.0, (1.0, 1.0)),
     ),
+    state=State("slip, mm", "lift", 1.0),
+    quantity=Quantity("friction over friction at rest", 1.0),
     bank_runs=(
         {"kinetic_ratio": 0.6, "slip_scale_mm": 1.0},
         {"kinetic_ratio": 0.8, "slip_scale_mm": 1.0},
@@ -129,6 +136,7 @@ PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     source="elastic contact of one asperity: Hertz; rubber: Schallamach 1952",
     cost="F",
     parameters=(amplitude("exponent", 0.0, 1.0 / 3.0, (0.12, 0.1)), shape("reference_mpa", 0.01, 0.2, (0.05, 0.05))),
+    state=LEVEL,
     bank_runs=({"exponent": 0.1}, {"exponent": 0.25}),
     family=PRESSURE,
     curve="friction over pressure",
@@ -167,6 +175,7 @@ SHEAR_ADHESION = EffectSpec(
     source="two-term friction law: Derjaguin 1934; Bowden & Tabor 1950",
     cost="F",
     parameters=(amplitude("shear_strength_mpa", 0.0, 0.05, (0.005, 0.006)),),
+    state=LEVEL,
     bank_runs=({"shear_strength_mpa": 0.0007}, {"shear_strength_mpa": 0.003}),
     family=PRESSURE,
     curve="friction over pressure",
@@ -191,9 +200,13 @@ class FrictionWear(Effect):
         """The effect after the grasps that the tool has made."""
         return replace(self, tool_grasps=context.tool_grasps)
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Friction over that of a new tool, after so many of its grasps."""
+        return 1.0 - self.loss * approach(state, self.scale_grasps)
+
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> float:
         """Factor on the friction coefficient."""
-        return 1.0 + self.loss * math.expm1(-self.tool_grasps / self.scale_grasps)
+        return self.law(float(self.tool_grasps))
 
 
 FRICTION_WEAR = EffectSpec(
@@ -206,6 +219,8 @@ FRICTION_WEAR = EffectSpec(
     source="running-in curves of friction: Blau 2005",
     cost="C",
     parameters=(amplitude("loss", -0.2, 0.4, (0.1, 0.1)), shape("scale_grasps", 5.0, 500.0, (40.0, 60.0))),
+    state=State("grasps of the tool before", of_context("tool_grasps"), 10.0),
+    quantity=Quantity("friction over that of a new tool", 1.0),
     drift=Drift(quantity="friction"),
     family="friction that changes from grasp to grasp",
     trends=(
@@ -247,6 +262,7 @@ OBJECT_EDGE_RADIUS = EffectSpec(
     source="tolerance of fused deposition, +-0.2 mm",
     cost="F",
     parameters=(amplitude("extra_radius_mm", -0.5, 2.0, (0.3, 0.4)),),
+    state=LEVEL,
     bank_runs=({"extra_radius_mm": 0.4}, {"extra_radius_mm": 1.2}),
     family="shape of the objects' edges",
     measurement=Measurement(
@@ -289,6 +305,7 @@ FINGER_FINGER_CONTACT = EffectSpec(
     source="unilateral contact (Signorini)",
     cost="F",
     parameters=(amplitude("half_gap_mm", -5.0, 15.0, (10.0, 3.0)),),
+    state=LEVEL,
     bank_runs=({"half_gap_mm": 6.0}, {"half_gap_mm": 8.0}),
     family="contact between the fingers",
     confusable_with=("object_edge_radius",),
@@ -308,13 +325,17 @@ class ObjectPostCompliance(Effect):
 
     compliance_mm_per_n: float
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """How far the post gives way under forces in N, mm."""
+        return self.compliance_mm_per_n * state
+
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace over the lift of the gantry instead of that against the object."""
         if self.compliance_mm_per_n == 0.0 or speed_mm_per_s(trace) == 0.0:
             return trace
         lift = trace.is_lift
         force_n = trace.force_n[lift]
-        return relifted(trace, trace.lift_mm[lift] + self.compliance_mm_per_n * (force_n - force_n[0]))
+        return relifted(trace, trace.lift_mm[lift] + self.law(force_n - force_n[0]))
 
 
 OBJECT_POST_COMPLIANCE = EffectSpec(
@@ -327,6 +348,8 @@ OBJECT_POST_COMPLIANCE = EffectSpec(
     source="springs in series",
     cost="P",
     parameters=(amplitude("compliance_mm_per_n", 0.0, 0.2, (0.02, 0.03)),),
+    state=FORCE,
+    quantity=Quantity("how far the post gives way, mm", 0.0),
     family="compliance in series",
     measurement=Measurement(
         kind="post_push",

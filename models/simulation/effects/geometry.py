@@ -11,6 +11,7 @@ from fast.models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres
 from fast.models.records import Design
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.spec import FINGER, EffectSpec, Measurement, amplitude
+from fast.models.simulation.effects.states import RIBS, State, of_design
 
 _FADE_MM = 2.0  # over which the bow fades out beside a rib, and towards base and tip
 
@@ -51,6 +52,7 @@ WALL_THICKNESS_OFFSET = EffectSpec(
     source="tolerance of material jetting, +-0.1 mm",
     cost="F",
     parameters=(amplitude("offset_mm", -0.3, 0.3, (0.05, 0.08)),),
+    state=State("drawn front wall, mm", of_design("front_thickness_mm"), 2.0),
     bank_runs=({"offset_mm": -0.1}, {"offset_mm": 0.1}, {"offset_mm": 0.2}),
     family=FINGER,
     experiment="calliper and scale on three fingers: wall thickness to 0.02 mm",
@@ -112,6 +114,7 @@ RIB_IMPERFECTION = EffectSpec(
     cost="F",
     needs_fin_ray=True,
     parameters=(amplitude("bow_mm", 0.0, 0.5, (0.1, 0.1)),),
+    state=RIBS,
     bank_runs=({"bow_mm": 0.15}, {"bow_mm": 0.4}),
     family=FINGER,
     measurement=Measurement(

@@ -7,13 +7,14 @@ from typing import ClassVar
 import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number
 from fast.models.simulation.effects.spec import DELAY, ZERO, Drift, EffectSpec, Measurement, amplitude
+from fast.models.simulation.effects.states import CLOCK, FORCE, LIFT, Quantity
 from fast.models.units import force_n_from_kg
 
 _HOUR_S = 3600.0
 _LEAST_STEP_S = 0.02
-SHIFT_SPEED_MM_PER_S = 5.0  # the usual lift, on which a disagreement of clocks is told in millimetres
+SHIFT_SPEED_MM_PER_S = USUAL_LIFT_MM_PER_S  # on which a disagreement of clocks is told in millimetres
 DENSITY_KG_PER_MM3 = 1.1e-6  # print material, 1.1 g/cm3
 N_FINGERS = 2
 
@@ -31,6 +32,10 @@ class LiftMisalignment(Effect):
     def delay_mm(self, lift_speed_mm_per_s: float) -> float:
         """By how much the force comes late, mm of lift."""
         return self.shift_mm * lift_speed_mm_per_s / SHIFT_SPEED_MM_PER_S
+
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """How late the force is in the usual lift, the same all along it, mm."""
+        return 0.0 * state + self.shift_mm
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace with the late force, on its own samples and those of the shifted force."""
@@ -53,6 +58,8 @@ LIFT_MISALIGNMENT = EffectSpec(
     source="two clocks with a constant difference",
     cost="P",
     parameters=(amplitude("shift_mm", -3.0, 3.0, (0.0, 0.5)),),
+    state=LIFT,
+    quantity=Quantity("how late the force is, mm of lift", 0.0),
     family=DELAY,
     confusable_with=("load_cell_lag", "lift_start_error"),
 )
@@ -63,6 +70,10 @@ class LoadCellGain(Effect):
     """The reported force is `gain` times the true one: an exact alias of Young's modulus, in any data of forces."""
 
     gain: float
+
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Reported over true force, the same at all forces."""
+        return 0.0 * state + self.gain
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace with the force scaled."""
@@ -79,6 +90,8 @@ LOAD_CELL_GAIN = EffectSpec(
     source="calibration of force transducers: ISO 376",
     cost="P",
     parameters=(amplitude("gain", 0.8, 1.25, (1.0, 0.02), neutral=1.0),),
+    state=FORCE,
+    quantity=Quantity("reported over true force", 1.0),
     family="scale of the load cell",
     experiment="hang a dead weight of 1 kg on the load cell: force that the cell reads, without a gripper",
     confusable_with=("wall_thickness_offset",),
@@ -136,6 +149,10 @@ class LoadCellDrift(Effect):
         """The effect at this time of the batch."""
         return replace(self, clock_s=context.clock_s)
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Zero of the load cell, N, after times in h."""
+        return self.drift_per_hour_n * state
+
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace with the zero as it has drifted."""
         drift = self.drift_per_hour_n * ((self.clock_s + trace.time_s) / _HOUR_S)
@@ -152,6 +169,8 @@ LOAD_CELL_DRIFT = EffectSpec(
     source="creep and thermal zero shift: OIML R 60",
     cost="P",
     parameters=(amplitude("drift_per_hour_n", -1.0, 1.0, (0.0, 0.2)),),
+    state=CLOCK,
+    quantity=Quantity("zero of the load cell, N", 0.0),
     drift=Drift(quantity="zero"),
     family=ZERO,
     confusable_with=("temperature_softening", "friction_wear", "load_cell_offset"),
@@ -171,6 +190,10 @@ class LoadCellLag(Effect):
     def delay_mm(self, lift_speed_mm_per_s: float) -> float:
         """By how much the force comes late in the end, mm of lift."""
         return lift_speed_mm_per_s * self.time_constant_s
+
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Delay of the load cell, the same all along the lift, s."""
+        return 0.0 * state + self.time_constant_s
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace as the lagging transmitter reports it, starting from the true force."""
@@ -201,6 +224,8 @@ LOAD_CELL_LAG = EffectSpec(
     source="first-order low pass of weight transmitters",
     cost="P",
     parameters=(amplitude("time_constant_s", 0.0, 2.0, (0.1, 0.2)),),
+    state=LIFT,
+    quantity=Quantity("delay of the load cell, s", 0.0),
     family=DELAY,
     confusable_with=("object_post_compliance", "lift_misalignment", "static_kinetic_friction", "stress_relaxation"),
 )

@@ -8,6 +8,7 @@ from typing import Literal
 
 from fast.models.records import EffectValue, Record
 from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.states import Quantity, State
 
 # In the order in which the layers act: a relaxing force is relaxed before the load cell adds its offset.
 LAYERS = ("geometry", "material", "contact", "actuation", "time", "sensor")
@@ -91,6 +92,10 @@ class EffectSpec(Record):
     cost: Cost
     """What simulations it needs."""
     parameters: tuple[ParameterSpec, ...]
+    state: State | None = None
+    """What its law runs along; None for an effect that is a plain number."""
+    quantity: Quantity | None = None
+    """What its law is of, where that is a known quantity of the state (`Effect.law`); else the force shows it."""
     bank_runs: tuple[Mapping[str, float], ...] = ()
     """Parameters at which the bank of a search simulates it: amplitudes from what is hardly seen to what is plausible,
     both signs where it has them. An effect without any acts on traces, or through the friction, modulus or closing of

@@ -14,7 +14,7 @@ from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank, EffectRuns
 from fast.models.gap.bank.effect_surfaces import EffectSurface, friction_factor_of_reference
-from fast.models.gap.bank.sensor_effects import N_LEAD, acts_on_traces, apply_sensor_effect, make_lead_map
+from fast.models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, make_lead_map
 from fast.models.gap.grasps import Grasps
 from fast.models.records import EffectValue, Theta
 from fast.models.simulation.effects.actuation import FORCE_LIMITED_CLOSING, find_air_share
@@ -110,7 +110,7 @@ class Surrogate:
         """Whether the effect can be predicted: it has a surface, acts on traces, or through a memory."""
         kind = CATALOGUE[effect].kind
         has_memory = kind.overrides("in_grasp") and kind.overrides("modify_theta", "friction_factor", "modify_setup")
-        return effect in self.effect_surfaces or kind.overrides("modify_trace") or has_memory
+        return effect in self.effect_surfaces or kind.acts_on_traces() or has_memory
 
     def predict_features(
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
@@ -157,7 +157,7 @@ class Surrogate:
             steps = steps + self.moved_n
         steps = steps * stiffer[:, None]
         for of_grasps in acting:
-            if acts_on_traces(of_grasps[0]):
+            if of_grasps[0].acts_on_traces():
                 steps = self.apply_to_traces(of_grasps, steps)
         return steps
 

@@ -6,7 +6,15 @@ from typing import ClassVar
 import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, approach, speed_mm_per_s
+from fast.models.simulation.effects.base import (
+    USUAL_LIFT_MM_PER_S,
+    Effect,
+    Number,
+    Readings,
+    approach,
+    read_at,
+    speed_mm_per_s,
+)
 from fast.models.simulation.effects.spec import CLOSING, DELAY, Drift, EffectSpec, Measurement, amplitude, shape
 from fast.models.simulation.effects.states import LEVEL, LIFT, Quantity, State, of_context
 
@@ -195,6 +203,14 @@ class LiftStartError(Effect):
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
         """How far the lift is behind at lifts in mm, mm."""
         return self.behind_mm(state / lift_speed_mm_per_s, lift_speed_mm_per_s)
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces at the true lift."""
+        is_lift = at.lift_mm > 0.0
+        behind_mm = self.behind_mm(at.since_s[is_lift], at.lift_speed_mm_per_s)
+        found = force_n.copy()
+        found[:, is_lift] = read_at(np.maximum(at.lift_mm[is_lift] - behind_mm, 0.0), at, force_n)
+        return found
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace over the commanded lift."""

@@ -8,7 +8,15 @@ import numpy as np
 
 from fast.models.objects.catalogue import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, approach, relifted, speed_mm_per_s
+from fast.models.simulation.effects.base import (
+    USUAL_LIFT_MM_PER_S,
+    Effect,
+    Number,
+    Readings,
+    approach,
+    relifted,
+    speed_mm_per_s,
+)
 from fast.models.simulation.effects.spec import PRESSURE, SLIDING, Drift, EffectSpec, Measurement, amplitude, shape
 from fast.models.simulation.effects.states import FORCE, LEVEL, Quantity, State, of_context
 
@@ -328,6 +336,16 @@ class ObjectPostCompliance(Effect):
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
         """How far the post gives way under forces in N, mm."""
         return self.compliance_mm_per_n * state
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces over the lift of the gantry; where that goes back, the system has jumped."""
+        start = int(np.argmax(at.lift_mm >= 0.0))
+        lift_n, lift_mm = force_n[:, start:], at.lift_mm[start:]
+        seen_mm = lift_mm + self.law(lift_n - lift_n[:, :1])
+        ahead = np.maximum.accumulate(seen_mm, axis=1)
+        rows = zip(ahead, seen_mm, lift_n, strict=True)
+        found = np.array([np.interp(lift_mm, at_mm[at_mm <= own], force[at_mm <= own]) for at_mm, own, force in rows])
+        return np.concatenate([force_n[:, :start], found], axis=1)
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace over the lift of the gantry instead of that against the object."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fast.models.design.profile import is_in_rib, take_fin_ray
-from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
-from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, approach, with_modulus
+from fast.models.records import Design, GraspContext, GraspSetup, Theta
+from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, Readings, approach, with_modulus
 from fast.models.simulation.effects.spec import MATERIAL, MEMORY, Drift, EffectSpec, Measurement, amplitude, shape
 from fast.models.simulation.effects.states import CLOCK, LEVEL, RIBS, Quantity, State, of_context
 
@@ -35,13 +35,11 @@ class StressRelaxation(Effect):
         """Force over that without relaxation, after times since the end of closing in s."""
         return 1.0 - self.relaxed_share * approach(state, self.time_constant_s)
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the force since the end of the closing relaxed."""
-        if self.relaxed_share == 0.0 or not trace.is_lift.any():
-            return trace
-        held_s = np.maximum(trace.time_s - trace.time_s[trace.is_lift][0] + self.dwell_s, 0.0)
-        factor = 1.0 + self.relaxed_share * np.expm1(-held_s / self.time_constant_s)
-        return Trace(trace.time_s, trace.lift_mm, factor * trace.force_n)
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces, relaxed since the end of the closing."""
+        held_s = np.maximum(at.since_s + self.dwell_s, 0.0)
+        lost = self.relaxed_share * approach(held_s, self.time_constant_s)
+        return np.asarray(force_n - lost * force_n)
 
 
 STRESS_RELAXATION = EffectSpec(

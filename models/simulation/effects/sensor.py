@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number
+from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, Readings, read_at
 from fast.models.simulation.effects.spec import DELAY, ZERO, Drift, EffectSpec, Measurement, amplitude
 from fast.models.simulation.effects.states import CLOCK, FORCE, LIFT, Quantity
 from fast.models.units import force_n_from_kg
@@ -36,6 +36,10 @@ class LiftMisalignment(Effect):
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
         """How late the force is in the usual lift, the same all along it, mm."""
         return 0.0 * state + self.shift_mm
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The late forces."""
+        return read_at(at.lift_mm - self.delay_mm(at.lift_speed_mm_per_s), at, force_n)
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace with the late force, on its own samples and those of the shifted force."""
@@ -75,9 +79,9 @@ class LoadCellGain(Effect):
         """Reported over true force, the same at all forces."""
         return 0.0 * state + self.gain
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the force scaled."""
-        return Trace(trace.time_s, trace.lift_mm, self.gain * trace.force_n)
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces, scaled."""
+        return self.gain * force_n
 
 
 LOAD_CELL_GAIN = EffectSpec(
@@ -107,9 +111,9 @@ class LoadCellOffset(Effect):
 
     offset_n: float
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the offset."""
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + self.offset_n)
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces with the offset."""
+        return force_n + self.offset_n
 
 
 LOAD_CELL_OFFSET = EffectSpec(
@@ -153,10 +157,10 @@ class LoadCellDrift(Effect):
         """Zero of the load cell, N, after times in h."""
         return self.drift_per_hour_n * state
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the zero as it has drifted."""
-        drift = self.drift_per_hour_n * ((self.clock_s + trace.time_s) / _HOUR_S)
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + drift)
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces with the zero as it has drifted."""
+        clock_s = self.clock_s + at.start_s + at.since_s
+        return np.asarray(force_n + self.drift_per_hour_n * clock_s / _HOUR_S)
 
 
 LOAD_CELL_DRIFT = EffectSpec(
@@ -194,6 +198,22 @@ class LoadCellLag(Effect):
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
         """Delay of the load cell, the same all along the lift, s."""
         return 0.0 * state + self.time_constant_s
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces as the lagging transmitter reports them, the true force being linear in time between them."""
+        if self.time_constant_s == 0.0:
+            return force_n
+        return np.asarray(force_n - np.diff(force_n, axis=1) @ self._share_behind(at.since_s))
+
+    def _share_behind(self, at_s: np.ndarray) -> np.ndarray:
+        """Share of the j-th change of force (rows) by which the i-th reading (columns) is behind, (m - 1) x m.
+
+        The force changes evenly from one time to the next; the lag is then behind by tau / step (1 - exp(-step / tau))
+        of the change, and forgets that with time constant tau.
+        """
+        tau_s, steps_s, since_s = self.time_constant_s, np.diff(at_s), at_s - at_s[1:, None]
+        at_end = -tau_s / steps_s * np.expm1(-steps_s / tau_s)
+        return np.asarray(at_end[:, None] * np.where(since_s < 0.0, 0.0, np.exp(-np.maximum(since_s, 0.0) / tau_s)))
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace as the lagging transmitter reports it, starting from the true force."""
@@ -247,9 +267,9 @@ class ToolWeight(Effect):
         """The effect with the weight of this tool."""
         return self if self.share == 0.0 else replace(self, weight_n=fingers_weight_n(design))
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the weight."""
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + self.share * self.weight_n)
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces with the weight."""
+        return force_n + self.share * self.weight_n
 
 
 @lru_cache(maxsize=64)

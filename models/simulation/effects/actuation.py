@@ -90,17 +90,16 @@ class ForceLimitedClosing(Effect):
         return (
             self
             if self.max_force_n >= UNLIMITED_N
-            else replace(self, max_force_n=self.max_force_n * find_air_share(setup))
+            else replace(self, max_force_n=self.max_force_n * self.strength_in(setup))
         )
+
+    def strength_in(self, setup: GraspSetup) -> float:
+        """Supply pressure of a setup over the usual one."""
+        return 1.0 if setup.supply_pressure_psi is None else setup.supply_pressure_psi / USUAL_PRESSURE_PSI
 
     def closing_force_limit_n(self) -> float:
         """The stall force of one jaw, N."""
         return self.max_force_n if self.max_force_n < UNLIMITED_N else np.inf
-
-
-def find_air_share(setup: GraspSetup) -> float:
-    """Supply pressure of a setup over the usual one."""
-    return 1.0 if setup.supply_pressure_psi is None else setup.supply_pressure_psi / USUAL_PRESSURE_PSI
 
 
 FORCE_LIMITED_CLOSING = EffectSpec(

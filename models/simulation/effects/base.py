@@ -98,10 +98,21 @@ class Effect:
         """Actuation: how far a finger's base stays behind its jaw per closing force; those of all effects add up."""
         return 0.0
 
+    def strength_in(self, setup: GraspSetup) -> float:
+        """Actuation: how large the force or compliance that the effect brings in is in this setup, over the usual."""
+        return 1.0
+
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
         """Contact: factor on the friction coefficient per contact point (n), frozen over a time step.
 
         `slip_mm`: accumulated slip of each point; `pressure_mpa`: its last converged contact pressure.
+        """
+        return 1.0
+
+    def friction_of_runs(self, stiffer: np.ndarray) -> np.ndarray | float:
+        """Contact: factor on friction that makes its runs in a bank (`ParameterSpec.has_runs`) those of the effect.
+
+        `stiffer` (n): the moduli of n grasps over that of the bank.
         """
         return 1.0
 

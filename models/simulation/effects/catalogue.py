@@ -87,7 +87,7 @@ def _entry(spec: EffectSpec) -> dict[str, Any]:
 
 
 def _parameter(spec: ParameterSpec) -> dict[str, Any]:
-    return {"name": spec.name, "unit": unit_of(spec.name), **spec.model_dump(exclude={"name"})}
+    return {"name": spec.name, "unit": unit_of(spec.name), **spec.model_dump(exclude={"name", "has_runs"})}
 
 
 def catalogue_rows() -> list[dict[str, Any]]:

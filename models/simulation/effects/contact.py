@@ -21,6 +21,7 @@ from fast.models.simulation.effects.spec import PRESSURE, SLIDING, Drift, Effect
 from fast.models.simulation.effects.states import FORCE, LEVEL, Quantity, State, of_context
 
 LEAST_SHARE = 0.05  # of the reference pressure: below it the power law would grow without bound
+REFERENCE_MPA = 0.05
 LEAST_RADIUS_MM = 0.5  # twice the spacing of contact points (models.simulation.contact.points)
 
 
@@ -133,6 +134,10 @@ class PressureDependentFriction(Effect):
             return 1.0
         return np.asarray(np.maximum(pressure_mpa / self.reference_mpa, LEAST_SHARE) ** -self.exponent)
 
+    def friction_of_runs(self, stiffer: np.ndarray) -> np.ndarray:
+        """The law of another p0 is that of the bank's with mu (p0 / bank's)^k; pressures scale with the modulus."""
+        return np.asarray((self.reference_mpa / REFERENCE_MPA / stiffer) ** self.exponent)
+
 
 PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     effect="pressure_dependent_friction",
@@ -143,7 +148,10 @@ PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     formula="mu(p) = mu (p / reference_mpa)^-exponent, p: pressure of the point",
     source="elastic contact of one asperity: Hertz; rubber: Schallamach 1952",
     cost="F",
-    parameters=(amplitude("exponent", 0.0, 1.0 / 3.0, (0.12, 0.1)), shape("reference_mpa", 0.01, 0.2, (0.05, 0.05))),
+    parameters=(
+        amplitude("exponent", 0.0, 1.0 / 3.0, (0.12, 0.1)),
+        shape("reference_mpa", 0.01, 0.2, (REFERENCE_MPA, 0.05), has_runs=False),
+    ),
     state=LEVEL,
     bank_runs=({"exponent": 0.1}, {"exponent": 0.25}),
     family=PRESSURE,

@@ -29,7 +29,8 @@ _NO_LIMIT = 1e5  # a neutral value from here on stands for infinity
 class ParameterSpec(Record):
     """One parameter of an effect; its unit is the suffix of its name.
 
-    At `neutral` the effect vanishes or, for a parameter that only shapes it, takes its prior median.
+    At `neutral` the effect vanishes or, for a parameter that only shapes it, takes its prior median. One that has no
+    runs in a bank, where the effect is simulated, acts as a factor on friction there (`Effect.friction_of_runs`).
     """
 
     name: str
@@ -38,6 +39,7 @@ class ParameterSpec(Record):
     neutral: float
     prior_median: float
     prior_sd: float
+    has_runs: bool = True
 
     @property
     def is_limit(self) -> bool:
@@ -140,6 +142,6 @@ def amplitude(name: str, lower: float, upper: float, prior: tuple[float, float],
     return ParameterSpec(name=name, lower=lower, upper=upper, neutral=neutral, prior_median=prior[0], prior_sd=prior[1])
 
 
-def shape(name: str, lower: float, upper: float, prior: tuple[float, float]) -> ParameterSpec:
-    """A parameter that only shapes the effect: neutral at its prior median."""
-    return amplitude(name, lower, upper, prior, neutral=prior[0])
+def shape(name: str, lower: float, upper: float, prior: tuple[float, float], *, has_runs: bool = True) -> ParameterSpec:
+    """A parameter that only shapes the effect, such as a time constant; `prior` is median and standard deviation."""
+    return amplitude(name, lower, upper, prior, neutral=prior[0]).model_copy(update={"has_runs": has_runs})

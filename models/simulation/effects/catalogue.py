@@ -83,6 +83,10 @@ def _entry(spec: EffectSpec) -> dict[str, Any]:
         "cost": spec.cost,
         "confusable_with": list(spec.confusable_with),
         "alias_of": spec.alias_of,
+        "family": spec.family,
+        "state": spec.state.name if spec.state else None,
+        "quantity": spec.quantity.name if spec.quantity else None,
+        "experiment": spec.told_by,
     }
 
 

@@ -127,6 +127,11 @@ class EffectSpec(Record):
         return EffectValue(effect=self.effect, parameters={p.name: p.neutral for p in self.parameters})
 
     @property
+    def told_by(self) -> str | None:
+        """What a person does to tell it apart."""
+        return self.experiment or (self.measurement.words if self.measurement else None)
+
+    @property
     def needs_wider_gaps(self) -> bool:
         """Whether it acts through the gap to which the jaws close, which a bank spans by runs of wider gaps."""
         return self.kind.overrides("modify_setup") and not self.bank_runs

@@ -18,8 +18,9 @@ from fast.models.gap.fit.law_freedom import LAW_SD, LawFreedom
 from fast.models.gap.naming.candidates import FittedCandidate
 from fast.models.gap.naming.rank_effects import LEAST_NATS, list_secants
 from fast.models.records import EffectValue
+from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
-from fast.models.simulation.effects.sensor import LIFT_MISALIGNMENT, SHIFT_SPEED_MM_PER_S
+from fast.models.simulation.effects.sensor import LIFT_MISALIGNMENT
 
 _PARAMETER_PRECISION = 0.25  # of a coordinate, as in a fit
 _STEP = 0.04  # of finite differences, of a coordinate
@@ -124,7 +125,7 @@ def _list_delays(fit: Fit, rest: Sequence[EffectValue], value: EffectValue) -> n
     shift = LIFT_MISALIGNMENT.parameters[0]
     for place, share in enumerate(_DELAY_SHARES, start=1):
         for speed, own_mm in late_mm.items():
-            at_usual_mm = own_mm * SHIFT_SPEED_MM_PER_S / speed
+            at_usual_mm = own_mm * USUAL_LIFT_MM_PER_S / speed
             shift_mm = float(np.clip(share * at_usual_mm, -shift.upper, shift.upper))
             shifted = EffectValue(effect=LIFT_MISALIGNMENT.effect, parameters={shift.name: shift_mm})
             rows = speeds == speed

@@ -14,7 +14,7 @@ from shapely.geometry import Polygon
 from fast.models.objects.catalogue import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
 
-USUAL_LIFT_MM_PER_S = 5.0
+USUAL_LIFT_MM_PER_S = 5.0  # of which a disagreement of clocks is told in millimetres
 Number = TypeVar("Number", float, np.ndarray)
 
 

@@ -14,7 +14,6 @@ from fast.models.units import force_n_from_kg
 
 _HOUR_S = 3600.0
 _LEAST_STEP_S = 0.02
-SHIFT_SPEED_MM_PER_S = USUAL_LIFT_MM_PER_S  # on which a disagreement of clocks is told in millimetres
 DENSITY_KG_PER_MM3 = 1.1e-6  # print material, 1.1 g/cm3
 N_FINGERS = 2
 
@@ -31,7 +30,7 @@ class LiftMisalignment(Effect):
 
     def delay_mm(self, lift_speed_mm_per_s: float) -> float:
         """By how much the force comes late, mm of lift."""
-        return self.shift_mm * lift_speed_mm_per_s / SHIFT_SPEED_MM_PER_S
+        return self.shift_mm * lift_speed_mm_per_s / USUAL_LIFT_MM_PER_S
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
         """How late the force is in the usual lift, the same all along it, mm."""
@@ -45,7 +44,7 @@ class LiftMisalignment(Effect):
         """The trace with the late force, on its own samples and those of the shifted force."""
         if self.shift_mm == 0.0 or not trace.is_lift.any():
             return trace
-        late_s = self.shift_mm / SHIFT_SPEED_MM_PER_S
+        late_s = self.shift_mm / USUAL_LIFT_MM_PER_S
         start, end = trace.time_s[0], trace.time_s[-1]
         time_s = np.unique(np.concatenate([trace.time_s, np.clip(trace.time_s + late_s, start, end)]))
         lift_mm = np.interp(time_s, trace.time_s, trace.lift_mm)

@@ -9,7 +9,6 @@ from tests.studies.crash.kills import measure_host_kills, measure_kills
 from tests.studies.crash.server_kills import measure_server_kills
 from tests.studies.gap.ask import measure_asking
 from tests.studies.gap.development import measure_gap
-from tests.studies.gap.doubts import measure_doubts
 from tests.studies.gap.independent import measure_gap_independent
 from tests.studies.gap.intervals import measure_gap_intervals
 from tests.studies.gap.sealed import measure_gap_sealed
@@ -42,8 +41,7 @@ STUDIES: dict[str, Benchmark] = {
     "placement": benchmark(measure_placement, "designs", "objects"),
     "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
-    "gap-doubts": benchmark(measure_doubts, "results"),
-    "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds"),
+    "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds", "workers"),
     "gap-ask": benchmark(measure_asking, "worlds", "results"),
     "gap-independent": benchmark(measure_gap_independent, "results", "limit_minutes", "worlds"),
     "gap-intervals": benchmark(measure_gap_intervals, "results", "limit_minutes", "worlds", "workers"),

@@ -14,11 +14,10 @@ import numpy as np
 from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank, EffectRuns
-from fast.models.gap.bank.effect_surfaces import EffectSurface, friction_factor_of_reference
-from fast.models.gap.bank.sensor_effects import N_LEAD, acts_on_traces, apply_sensor_effect, make_lead_map
+from fast.models.gap.bank.effect_surfaces import EffectSurface
+from fast.models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, make_lead_map
 from fast.models.gap.grasps import Grasps
 from fast.models.records import EffectValue, Theta
-from fast.models.simulation.effects.actuation import FORCE_LIMITED_CLOSING, find_air_share
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
 from fast.models.traces import step_features
@@ -112,7 +111,7 @@ class Surrogate:
         """Whether the effect can be predicted: it has a surface, acts on traces, or through a memory."""
         kind = CATALOGUE[effect].kind
         has_memory = kind.overrides("in_grasp") and kind.overrides("modify_theta", "friction_factor", "modify_setup")
-        return effect in self.effect_surfaces or kind.overrides("modify_trace") or has_memory
+        return effect in self.effect_surfaces or kind.acts_on_traces() or has_memory
 
     def predict_features(
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
@@ -144,12 +143,12 @@ class Surrogate:
         friction = theta[1] * memory.friction
         from_bank = [value for value in effects if value.effect in self.effect_surfaces]
         for value in from_bank:
-            friction = friction * friction_factor_of_reference(value.effect, value.parameters, stiffer)
+            friction = friction * build_effects([value])[0].friction_of_runs(stiffer)
         low, high = self.surfaces.lower[0], self.surfaces.upper[0]
         basis = self.surfaces.rows(np.clip(friction, low, high), float(theta[2]))
         steps = (basis[:, None] @ self.rows_n)[:, 0]
         for value in from_bank:
-            against = stiffer / self._air_share if value.effect == FORCE_LIMITED_CLOSING.effect else stiffer
+            against = stiffer / self._find_strength(value)
             change_n = self.effect_surfaces[value.effect].change_n(value.parameters, against, tool, self.column)
             steps = steps + with_own_lead(change_n)
         if memory.wider_mm.any():
@@ -158,7 +157,7 @@ class Surrogate:
             steps = steps + self.moved_n
         steps = steps * stiffer[:, None]
         for of_grasps in acting:
-            if acts_on_traces(of_grasps[0]):
+            if of_grasps[0].acts_on_traces():
                 steps = self.apply_to_traces(of_grasps, steps)
         return steps
 
@@ -171,11 +170,10 @@ class Surrogate:
             found[rows] = apply_sensor_effect(own, steps_n[rows], self.grasps.setups[number])
         return found
 
-    @property
-    def _air_share(self) -> np.ndarray:
-        """Supply pressure over the usual one, n."""
-        shares = np.array([find_air_share(setup) for setup in self.grasps.setups])
-        return np.asarray(shares[self.grasps.setup])
+    def _find_strength(self, value: EffectValue) -> np.ndarray:
+        """How large what an effect brings in is in each grasp, over the usual, n."""
+        (effect,) = build_effects([value])
+        return np.array([effect.strength_in(setup) for setup in self.grasps.setups])[self.grasps.setup]
 
     def _find_acting(self, effects: Sequence[EffectValue]) -> tuple[list[list[Effect]], "_Memory"]:
         """Effects that no surface stands for as they act in every grasp, and what they make of its closing.

@@ -83,11 +83,15 @@ def _entry(spec: EffectSpec) -> dict[str, Any]:
         "cost": spec.cost,
         "confusable_with": list(spec.confusable_with),
         "alias_of": spec.alias_of,
+        "family": spec.family,
+        "state": spec.state.name if spec.state else None,
+        "quantity": spec.quantity.name if spec.quantity else None,
+        "experiment": spec.told_by,
     }
 
 
 def _parameter(spec: ParameterSpec) -> dict[str, Any]:
-    return {"name": spec.name, "unit": unit_of(spec.name), **spec.model_dump(exclude={"name"})}
+    return {"name": spec.name, "unit": unit_of(spec.name), **spec.model_dump(exclude={"name", "has_runs"})}
 
 
 def catalogue_rows() -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from fast.models.records import EffectValue, Record
 from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.states import Quantity, State
 
 # In the order in which the layers act: a relaxing force is relaxed before the load cell adds its offset.
 LAYERS = ("geometry", "material", "contact", "actuation", "time", "sensor")
@@ -28,7 +29,8 @@ _NO_LIMIT = 1e5  # a neutral value from here on stands for infinity
 class ParameterSpec(Record):
     """One parameter of an effect; its unit is the suffix of its name.
 
-    At `neutral` the effect vanishes or, for a parameter that only shapes it, takes its prior median.
+    At `neutral` the effect vanishes or, for a parameter that only shapes it, takes its prior median. One that has no
+    runs in a bank, where the effect is simulated, acts as a factor on friction there (`Effect.friction_of_runs`).
     """
 
     name: str
@@ -37,6 +39,7 @@ class ParameterSpec(Record):
     neutral: float
     prior_median: float
     prior_sd: float
+    has_runs: bool = True
 
     @property
     def is_limit(self) -> bool:
@@ -52,6 +55,25 @@ class Drift(Record):
 
     quantity: Literal["closing", "modulus", "friction", "zero", "height", "delay"]
     clocks: tuple[Literal["batch", "tool", "repeat"], ...] = ("batch", "tool", "repeat")
+
+
+class Measurement(Record):
+    """A number that a person measures where no grasp tells: a parameter of the effect, which is 0 without it."""
+
+    kind: str
+    """Its short name, as it is told to `fast gap`."""
+    words: str
+    """What to do."""
+    label: str
+    """What is read, with its unit."""
+    parameter: str
+    """Which parameter of the effect it reads."""
+    sd: float
+    """Standard deviation of a reading."""
+    minutes: float
+    """How long it takes."""
+    values: tuple[float, float]
+    """Bounds of a reading."""
 
 
 class EffectSpec(Record):
@@ -72,6 +94,10 @@ class EffectSpec(Record):
     cost: Cost
     """What simulations it needs."""
     parameters: tuple[ParameterSpec, ...]
+    state: State | None = None
+    """What its law runs along; None for an effect that is a plain number."""
+    quantity: Quantity | None = None
+    """What its law is of, where that is a known quantity of the state (`Effect.law`); else the force shows it."""
     bank_runs: tuple[Mapping[str, float], ...] = ()
     """Parameters at which the bank of a search simulates it: amplitudes from what is hardly seen to what is plausible,
     both signs where it has them. An effect without any acts on traces, or through the friction, modulus or closing of
@@ -82,6 +108,12 @@ class EffectSpec(Record):
     """What it is one form of, in plain words."""
     curve: str | None = None
     """Effects with the same curve are one quantity along one state, and differ in the form of their law alone."""
+    experiment: str | None = None
+    """What tells it from theta and tools, which may swallow it in the data of a search."""
+    measurement: Measurement | None = None
+    """What a person can measure of it."""
+    trends: tuple[tuple[Literal["young_modulus_mpa", "friction"], str], ...] = ()
+    """What theta seems to vary with where it is missing: a constant and `walls`, `repeat`, `order` or `force`."""
     confusable_with: tuple[str, ...] = ()
     """Effects with a similar trace signature."""
     alias_of: Literal["young_modulus_mpa", "friction", "tool_modulus"] | None = None
@@ -93,6 +125,11 @@ class EffectSpec(Record):
     def neutral(self) -> EffectValue:
         """The effect at amplitude zero."""
         return EffectValue(effect=self.effect, parameters={p.name: p.neutral for p in self.parameters})
+
+    @property
+    def told_by(self) -> str | None:
+        """What a person does to tell it apart."""
+        return self.experiment or (self.measurement.words if self.measurement else None)
 
     @property
     def needs_wider_gaps(self) -> bool:
@@ -110,6 +147,6 @@ def amplitude(name: str, lower: float, upper: float, prior: tuple[float, float],
     return ParameterSpec(name=name, lower=lower, upper=upper, neutral=neutral, prior_median=prior[0], prior_sd=prior[1])
 
 
-def shape(name: str, lower: float, upper: float, prior: tuple[float, float]) -> ParameterSpec:
-    """A parameter that only shapes the effect: neutral at its prior median."""
-    return amplitude(name, lower, upper, prior, neutral=prior[0])
+def shape(name: str, lower: float, upper: float, prior: tuple[float, float], *, has_runs: bool = True) -> ParameterSpec:
+    """A parameter that only shapes the effect, such as a time constant; `prior` is median and standard deviation."""
+    return amplitude(name, lower, upper, prior, neutral=prior[0]).model_copy(update={"has_runs": has_runs})

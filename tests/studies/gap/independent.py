@@ -11,7 +11,6 @@ import pyarrow.parquet as pq
 
 from fast.flows.benchmarks.base import Options, Tables
 from fast.models.gap.bank.bank import Bank
-from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import Trace
 from tests.studies.gap.development import PUBLIC_SEED, measure_worlds
 from tests.studies.gap.panels import Panels
@@ -27,7 +26,7 @@ _THETA = (0.52, 0.45)  # friction and Poisson's ratio
 def measure_gap_independent(options: Options) -> Tables:
     """False alarms, names and closed gaps of gap discovery where another solver's grasps are the truth."""
     worlds = Worlds(*read_independent(), PUBLIC_SEED)
-    return measure_worlds(worlds, "independent", N_WORLDS, Thresholds(), options)
+    return measure_worlds(worlds, "independent", N_WORLDS, options)
 
 
 def read_independent() -> tuple[Panels, Bank]:

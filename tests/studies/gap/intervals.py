@@ -197,7 +197,7 @@ def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettin
     from fast.models.gap.fit.posterior import effects_at, sample_posterior
     from fast.models.gap.fit.recalibrate import recalibrate
     from fast.models.gap.naming.name import name_effect
-    from fast.models.gap.naming.thresholds import Thresholds
+    from tests.synthetic.rehearsal import USUAL
 
     started, effect = time.process_time(), world.value.effect
     outcome = IntervalOutcome(
@@ -209,14 +209,12 @@ def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettin
         truth=world.truth,
     )
     data = world.problem
-    found = name_effect(data, (), Thresholds(), [effect])
-    best = found.tried.best
-    if best is None or best.r2 <= 0.0:
+    found = name_effect(data, USUAL, catalogue=[effect])
+    if not found.values:
         return outcome
     if banks is not None:
-        found, data, _ = banks.name(data, (), Thresholds(), [effect])
-        best = found.tried.best or best
-    fit = recalibrate(data.training, best.values)
+        found, data, _ = banks.name(data, (), USUAL, [effect])
+    fit = recalibrate(data.training, found.values)
     result = sample_posterior(fit, settings)
     quantiles = np.quantile(result.draws.reshape(-1, len(result.names)), _LEVELS, axis=0)
     theta, effects = quantiles[1][:3], effects_at(result.names, quantiles[1].tolist())

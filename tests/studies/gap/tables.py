@@ -12,7 +12,7 @@ from tests.studies.gap.judgement import Judged
 
 _SURE = 0.9
 _BINS = (0.0, 0.5, 0.7, 0.9, 1.0)  # of stated probabilities
-_LEVELS = (0.01, 0.02, 0.04)  # of visible strength
+_LEVELS = (0.01, 0.02, 0.04, 0.1)  # of visible strength
 
 
 def clopper_pearson(k: int, n: int) -> tuple[float, float]:
@@ -41,6 +41,8 @@ def _figures(worlds: Sequence[Judged]) -> Rows:
     named = [one for one in alarmed if _kind(one) == "effect"]
     removed = [one for one in worlds if one.left_out and one.is_visible and one.said.is_alarm]
     unlisted = [one for one in own if one.key.group == "unlisted" and one.is_visible and one.said.is_alarm]
+    open_worlds = [one for one in worlds if one.left_out or one.key.group == "unlisted"]
+    hidden = [one for one in worlds if one.key.group in ("single", "unlisted")]
     aliases = [one for one in own if one.key.group == "alias"]
     pairs = [one for one in own if one.key.group == "pair" and one.is_visible]
     sure = [one for one in worlds if one.said.rounds[0].probability >= _SURE]
@@ -61,6 +63,11 @@ def _figures(worlds: Sequence[Judged]) -> Rows:
             )
             for low in _LEVELS
         ),
+        *(
+            _row(f"alarm, cause in no catalogue, {low:.0%} or more", _spread_above(open_worlds, low), _is_alarm, "")
+            for low in _LEVELS
+        ),
+        _row("none said at 10 % or more, all kinds", _spread_above(hidden, 0.1), lambda one: not _is_alarm(one), "0"),
         _row("family right first, given an alarm", alarmed, _is_top_family, ">= 90 %"),
         _row("member right, given a single name", named, _is_held, ">= 90 %"),
         _row("truth in the name or set, given one", spoken, _is_held, ">= 95 %"),
@@ -106,6 +113,10 @@ def _above(worlds: Sequence[Judged], strength: float) -> list[Judged]:
 
 def _spread_above(worlds: Sequence[Judged], strength: float) -> list[Judged]:
     return [one for one in worlds if one.key.effects[0].spread_strength >= strength]
+
+
+def _is_alarm(one: Judged) -> bool:
+    return one.said.is_alarm
 
 
 def _kind(one: Judged) -> str:

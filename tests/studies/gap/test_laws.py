@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fast.models.gap.fit.effect_states import QUANTITIES
 from fast.models.gap.fit.fit import Fit, axes_of
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.naming.candidates import FittedCandidate, Score, fit_effect
 from fast.models.gap.naming.families import Families, find_families
 from fast.models.gap.naming.rank_effects import LEAST_NATS, rank_effects
+from fast.models.simulation.effects.catalogue import build_effects
 from tests.studies.gap.small import read_small
 from tests.studies.gap.worlds import WorldKey, Worlds
 
@@ -62,7 +62,7 @@ def test_the_band_holds_a_law_that_the_catalogue_has_not(worlds: Worlds) -> None
         time_s, half = np.array(curve.at), 0.5 * (np.array(curve.high) - np.array(curve.low))
         hidden = (1.0 + time_s) ** -hidden_amplitude(worlds, RELAXATION, 0.05, seed)
         held.append((np.abs(np.array(curve.median) - hidden) < half).mean())
-        law = QUANTITIES[RELAXATION].law(fit.effects[0].parameters, time_s, 5.0)
+        law = build_effects(fit.effects)[0].law(time_s)
         bare.append((np.abs(law - hidden) < 0.2 * half).mean())
         assert half.max() < 0.3 * (1.0 - hidden.min())
     assert np.mean(held) > 0.8

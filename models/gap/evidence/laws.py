@@ -23,8 +23,8 @@ def has_memory(effect: str) -> bool:
 def scale_value(value: EffectValue, scale: float) -> EffectValue:
     """An effect with its amplitudes scaled on their axes, from neutral; what shapes it stays."""
     found = CATALOGUE[value.effect].neutral.parameters | dict(value.parameters)
-    for spec, axis in zip(CATALOGUE[value.effect].parameters, axes_of(value.effect), strict=True):
-        if spec.neutral != spec.prior_median:
+    for place, (spec, axis) in enumerate(zip(CATALOGUE[value.effect].parameters, axes_of(value.effect), strict=True)):
+        if place == 0 or spec.neutral != spec.prior_median:  # else it only shapes the effect
             neutral = axis.inner(spec.neutral)
             found[spec.name] = axis.value(neutral + scale * (axis.inner(found[spec.name]) - neutral))
     return EffectValue(effect=value.effect, parameters=found)

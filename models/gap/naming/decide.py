@@ -106,7 +106,7 @@ class Decider:
     def fit_with(self, effect: str) -> Fit:
         """The fit with an effect that was on trial as well, from where its trial ended; made once."""
         if effect not in self._fits:
-            self._fits[effect] = _fit_effect(self.fit, self.trials.find(effect).value)
+            self._fits[effect] = fit_effect(self.fit, self.trials.find(effect).value)
         return self._fits[effect]
 
     def _find_pattern(self) -> Candidate | None:
@@ -151,7 +151,7 @@ def choose_alike(trials: Trials, rehearsal: Rehearsal) -> list[str]:
     return list(dict.fromkeys([best.effect, *same, *near]))[:_LARGEST_SET]
 
 
-def _fit_effect(base: Fit, value: EffectValue) -> Fit:
+def fit_effect(base: Fit, value: EffectValue) -> Fit:
     """The fit with one more effect: the better of two, from the theta without it and from the one that suits it.
 
     A strong effect has led theta far away, from where no small step is an improvement.

@@ -48,10 +48,7 @@ def friction(kinetic_ratio: float, slip_scale_mm: float) -> EffectValue:
 
 def naming(base: Any, best: Any, r2: dict[str, float], drift: str = "") -> Any:
     """What the choice of a bank looks at."""
-    rows = [
-        Candidate(effect=name, probability=0.1, held_out_gain_nats=1.0, held_out_rmse_change=0.0, grouped_r2=value)
-        for name, value in r2.items()
-    ]
+    rows = [Candidate(effect=name, probability=0.1, nats=value) for name, value in r2.items()]
     return SimpleNamespace(fit=base, best=best, candidates=tuple(rows), named=SimpleNamespace(drift=drift))
 
 

@@ -12,7 +12,6 @@ from fast.flows.report.gap.answer import GapPage, describe_answer
 from fast.flows.report.gap.page import write_gap_report
 from fast.models.gap.findings import Findings, Gap, RoundFindings
 from fast.models.gap.naming.name import NamingResult, name_effect
-from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, Readings
 from fast.models.simulation.effects.catalogue import CATALOGUE, catalogue_entries
@@ -20,6 +19,7 @@ from fast.models.simulation.effects.spec import EffectSpec, Measurement, amplitu
 from fast.models.simulation.effects.states import FORCE, Quantity
 from tests.models.simulation.effects.test_docs import table_of_laws, table_of_parameters, table_of_searches
 from tests.synthetic.gap import GapTruth, made_up_gap
+from tests.synthetic.rehearsal import USUAL
 
 ROOT = Path(__file__).parents[3]
 
@@ -75,7 +75,7 @@ def result(monkeypatch: pytest.MonkeyPatch) -> NamingResult:
     monkeypatch.setitem(CATALOGUE, NEW, LOAD_CELL_CURVE)  # type: ignore[arg-type]  # a dict, but nobody writes into it
     hidden = EffectValue(effect=NEW, parameters={"curve_share": 0.15})
     data = made_up_gap(7, 7, 0, GapTruth(effects=(hidden,)), n_repeats=2)
-    return name_effect(data, (), Thresholds(least_r2=0.006), NAMES)
+    return name_effect(data, USUAL, catalogue=NAMES)
 
 
 def test_a_new_effect_of_one_module_is_named_shown_and_documented(result: NamingResult, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from fast.flows.server.access import address_for_person
 from fast.flows.server.crashed_runs import end_crashed_runs
 from fast.flows.server.environment import named_server
 from fast.flows.server.server import configure_client, server, tell_ignored
+from fast.flows.server.surroundings import check_surroundings
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
 from fast.hardware.virtual.world.file import World
@@ -43,7 +44,7 @@ def run_campaign(
     `is_acknowledged`: a person has looked after an emergency stop.
 
     Raises:
-        UsageError: config, world or lake cannot be used, or a package is missing; nothing was written.
+        UsageError: config, world, lake or this machine cannot be used, or a package is missing; nothing was written.
         FastError: another process runs this campaign, an emergency stop is not acknowledged, or the bench stopped.
     """
     require(CAMPAIGN)
@@ -54,6 +55,7 @@ def run_campaign(
         bench = _real_bench(config, config_path, confirm_real)
     elif not config.bench.is_folder:
         bench = read_world(world_path(config_path, config))
+    check_surroundings()
     found = Lake.open(lake, create=True)
     campaign = Campaign(found, config, config_path=config_path, own_designs=own_designs)
     name = campaign.campaign_id

@@ -21,7 +21,7 @@ from fast.models.errors import ConfigError
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import CampaignConfig, load_config, relative_to, world_path
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
-from fast.tasks.campaign.setup import enter, read_real_bench, read_world
+from fast.tasks.campaign.setup import check_arm, enter, read_real_bench, read_world
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
@@ -87,5 +87,7 @@ def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal)
         raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
     path = relative_to(config_path, config.bench.real)
     settings = read_real_bench(path)
+    if isinstance(settings, ArmSettings):
+        check_arm(config, config_path, settings, path)
     confirm(path, settings)
     return settings

@@ -7,11 +7,11 @@ decimal point, ln 9.81 for kilogram-force.
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, groupby
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-Kind = Literal["decimal point", "outlier", "copied", "unit", "exchanged tools", "exchanged objects", "told twice"]
+from fast.models.question import Question
 
 UNITS_N = {"kgf": 9.80665, "lbf": 4.4482216152605, "gf": 9.80665e-3, "kN": 1000.0, "mN": 1e-3}
 _LEAST_REPEAT_SD = 0.03  # of ln force: no gauge and no hand repeats a pull-off better than 3 %
@@ -33,14 +33,6 @@ class Told(NamedTuple):
     repeat: int
     force_n: float
     expected_n: float | None = None
-
-
-class Question(NamedTuple):
-    """What is strange and what it would be, in a sentence; `numbers`: which of the told numbers, by position."""
-
-    kind: Kind
-    sentence: str
-    numbers: tuple[int, ...]
 
 
 def find_questions(told: Sequence[Told]) -> list[Question]:

@@ -12,12 +12,11 @@ from fast.models.design.recipe import Recipe
 from fast.models.design.space import FIN_RAYS, PARAMETERS, to_unit
 from fast.models.errors import UsageError
 from fast.tasks.bench.folder import plan_batch
+from fast.tasks.bench.measured_tools import MeasuredTool, measure_printed
 from fast.tasks.bench.print import (
-    MeasuredTool,
     PrintConfirmation,
     Printed,
     confirm_print,
-    measure_printed,
     open_slots,
     print_folder,
     write_tray,

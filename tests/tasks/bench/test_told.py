@@ -9,8 +9,8 @@ import pytest
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ToolRow, TraceRow
 from fast.models.errors import UsageError
+from fast.models.question import Question
 from fast.models.records import Trace
-from fast.models.traces.questions import Question
 from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.told import ToldGrasp, take_back, take_told
 from fast.tasks.bench.told_files import read_peaks, read_rows_of

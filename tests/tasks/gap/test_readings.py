@@ -13,7 +13,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import ToolRow
 from fast.lake.tables.material import MaterialRow
 from fast.models.gap.ask.answers import Answers, Reading
-from fast.tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print, measure_printed
+from fast.tasks.bench.measured_tools import MeasuredTool, measure_printed
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.gap import rounds
 from fast.tasks.gap.readings import is_answered, read_readings, write_reading
 from tests.flows.cli.cli_lakes import proposed_lake

@@ -90,16 +90,15 @@ def settle(questions: Sequence[Question], is_sure: bool, remedy: str = "Correct 
 
 
 def _say(questions: Sequence[Question], is_impossible: bool, remedy: str, way: str) -> str:
-    shown = "\n".join(
-        f"  {question.sentence.rstrip('?.')}{'?' if question.sentence.endswith('?') else '.'}"
-        for question in questions[:_SHOWN]
-    )
-    more = f"\n  and {len(questions) - _SHOWN} more." if len(questions) > _SHOWN else ""
-    if is_impossible:
-        things = "number" if len(questions) == 1 else "numbers"
-        return f"{len(questions)} {things} cannot be, nothing was written:\n{shown}{more}\n{remedy}."
-    things = "number is" if len(questions) == 1 else "things are"
-    return (
-        f"{len(questions)} {things} strange, nothing was written:\n{shown}{more}\n"
-        f"{remedy}, or say with {way} that it is so."
-    )
+    n = len(questions)
+    what = "cannot be" if is_impossible else "is strange" if n == 1 else "are strange"
+    then = f"{remedy}." if is_impossible else f"{remedy}, or say with {way} that it is so."
+    lines = [_end(question.sentence) for question in questions[:_SHOWN]]
+    if n == 1:
+        return f"1 number {what}, nothing was written: {lines[0]} {then}"
+    lines += [f"and {n - _SHOWN} more."] if n > _SHOWN else []
+    return "\n  ".join([f"{n} things {what}, nothing was written:", *lines]) + f"\n{then}"
+
+
+def _end(sentence: str) -> str:
+    return sentence if sentence.endswith("?") else f"{sentence.rstrip('.')}."

@@ -94,7 +94,11 @@ def fit_chance(shortfall: np.ndarray, least_scale: float) -> Chance:
 
 
 def find_shortfalls(
-    difference: np.ndarray, tool: np.ndarray, object_id: np.ndarray, least_scale: float, usual_chance: Chance
+    difference: np.ndarray,
+    tool: np.ndarray,
+    object_id: np.ndarray,
+    least_scale: float,
+    usual_chance: Chance | None = None,
 ) -> tuple[np.ndarray, np.ndarray, Chance]:
     """How much less each of n cells is than expected, the scale of its own chance over the common one, and chance.
 
@@ -110,7 +114,7 @@ def find_shortfalls(
     """
     expected, growth = predict_cells(difference, tool, object_id)
     shortfall = expected - difference
-    if len(difference) < LEAST_CELLS:
+    if usual_chance is not None and len(difference) < LEAST_CELLS:
         return shortfall, growth, usual_chance
     sizes = np.log(np.abs(shortfall / growth) + least_scale)
     usual, _ = predict_cells(sizes, tool, object_id)

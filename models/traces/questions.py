@@ -160,14 +160,16 @@ def _find_exchanges(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> I
         levels = {name: float(np.mean([expected[i] for i in numbers])) for name, numbers in groups.items()}
         if len(groups) < 2:
             continue
-        sd = max(1.4826 * float(np.median(np.abs(list(means.values())))), _LEAST_CELL_SD)
         best, gain = None, _LIMIT_NATS
         for a, b in combinations(groups, 2):
             step = levels[a] - levels[b]
-            now = means[a] ** 2 + means[b] ** 2
-            then = (means[a] + step) ** 2 + (means[b] - step) ** 2
-            if (now - then) / (2 * sd**2) > gain:
-                best, gain = (a, b), (now - then) / (2 * sd**2)
+            exchanged = {**means, a: means[a] + step, b: means[b] - step}
+            rest = np.array(list(exchanged.values())) - np.median(list(exchanged.values()))
+            # Of few objects two exchanged ones are half: what is left without the slip says how far chance goes.
+            sd = max(1.4826 * float(np.median(np.abs(rest))), _LEAST_CELL_SD)
+            better = sum(means[name] ** 2 - exchanged[name] ** 2 for name in (a, b)) / (2 * sd**2)
+            if better > gain:
+                best, gain = (a, b), better
         if best is not None:
             a, b = best
             sentence = f"{a} has the forces that are expected of {b}, and {b} those of {a}; exchanged?"

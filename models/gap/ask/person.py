@@ -111,7 +111,7 @@ def find_reading_questions(kind: str, value: float, known: tuple[float, float] |
     unit = one.label.rpartition(", ")[2]
     unit = unit if unit in ("mm", "N", "mm/N") else ""
     is_possible = lowest <= value <= highest
-    slips = _list_slips(kind, value)
+    slips = _list_slips(kind, value) + (slips_of_factor(value, {}) if known is not None else [])
     told = f"{value:g} {unit}".rstrip()
     told += f", measured walls of tools say {expected:.3g}" if known is not None else f", usual is {expected:g} or so"
     asked = ask_of(kind, told, 0, slips, apart_of(expected, sd), unit)

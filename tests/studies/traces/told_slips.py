@@ -33,7 +33,7 @@ from tests.studies.traces.world_grasps import (
 N_CAMPAIGNS = 40
 N_TOOLS, N_OBJECTS = 6, 4
 N_SOLVED = 12  # tools, of which each campaign draws its own
-OF_OBJECTS = tuple(range(0, len(OBJECTS), 2))
+OF_OBJECTS = tuple(range(2, len(OBJECTS), 4))  # those before each of them chose the limits
 WORLD = "lab"
 
 Cells = dict[tuple[int, int], WorldGrasp]
@@ -57,11 +57,15 @@ def measure_told_slips(options: Options) -> Tables:
         cells = {key: grasps[key] for key in _pairs(chosen_tools, chosen_objects) if key in grasps and key in simulated}
         for name, found in (*_tell_peaks(cells, simulated, seed), *_tell_traces(cells, simulated, seed)):
             outcomes.setdefault(name, []).append(found)
-    tables = {title: [_row(name, found) for (where, name), found in outcomes.items() if where == title] for title in (
-        "peaks", "traces")}  # fmt: skip
-    return tables | {
-        "facts": [_row(name, found) for name, found in measure_facts(options.worlds or N_CAMPAIGNS).items()]
-    }
+    named = {name: sum(map(bool, found)) for (where, name), found in outcomes.items() if where == "named"}
+    peaks = [_row(name, found) for (where, name), found in outcomes.items() if where == "peaks"]
+    traces = [
+        _row(name, found) | {"by its name": named.get(name)}
+        for (where, name), found in outcomes.items()
+        if where == "traces"
+    ]
+    facts = [_row(name, found) for name, found in measure_facts(options.worlds or N_CAMPAIGNS).items()]
+    return {"peaks": peaks, "traces": traces, "facts": facts}
 
 
 def _pairs(tools: np.ndarray, objects: np.ndarray) -> list[tuple[int, int]]:
@@ -157,36 +161,43 @@ def _exchange(told: list[Told], kind: Kind, name_of: Callable[[Told], object]) -
 
 
 def _tell_traces(cells: Cells, simulated: Cells, seed: int) -> list[_Outcome]:
+    """Whether anything was asked, under `traces`, and whether by the right name, under `named`."""
     rng = np.random.default_rng(1000 + seed)
     cell = list(cells)[int(rng.integers(len(cells)))]
     sound = _measure(cells, seed)
     found: list[_Outcome] = [(("traces", "nothing"), bool(_ask(sound, simulated)))]
-    wholes: dict[str, tuple[Kind, Callable[[Trace, np.random.Generator], Trace]]] = {
-        "zero not taken": ("zero", _offset(rng.uniform(1.0, 4.0))),
-        "force and lift exchanged, up to the peak": ("exchanged axes", _exchange_axes),
-        "cut off": ("cut off", _cut),
-    }
-    for name, (kind, change) in wholes.items():
-        spoiled = {case: change(trace, rng) for case, trace in sound.items()}
-        found.append((("traces", f"whole file: {name}"), _has(_ask(spoiled, simulated), kind)))
-    spoiled = {case: _cut(trace, rng) if case[:2] == cell else trace for case, trace in sound.items()}
-    found.append((("traces", "a cell: cut off"), _has(_ask(spoiled, simulated), "cut off")))
+
+    def tell(name: str, kind: Kind, told: dict[_Case, Trace]) -> None:
+        questions = _ask(told, simulated)
+        found.append((("traces", name), bool(questions)))
+        found.append((("named", name), _has(questions, kind)))
+
+    offset_n = float(rng.uniform(1.0, 4.0))
+    lifted = {case: Trace(t.time_s, t.lift_mm, t.force_n + offset_n) for case, t in sound.items()}
+    tell("whole file: zero not taken", "zero", lifted)
+    exchanged = {case: _exchange_axes(trace) for case, trace in sound.items()}
+    tell("whole file: force and lift exchanged, up to the peak", "exchanged axes", exchanged)
+    tell("whole file: cut off", "cut off", {case: _cut(trace, rng) for case, trace in sound.items()})
+    cut = {case: _cut(trace, rng) if case[:2] == cell else trace for case, trace in sound.items()}
+    tell("a cell: cut off", "cut off", cut)
     plants: tuple[tuple[flags.Kind, Kind], ...] = (
         ("stuck_valve", "no grip"),
         ("early_loss", "lost early"),
         ("negative_preload", "pressed down"),
     )
     for plant, kind in plants:
-        for where in ("a cell", "whole file"):
-            if where == "whole file" and plant == "negative_preload":
-                continue  # no simulator knows the push of a whole rig
+        words = plant.replace("_", " ")
 
-            def spoil(case: _Case, true: Trace, plant: flags.Kind = plant, where: str = where) -> np.ndarray:
-                is_spoiled = where == "whole file" or case[:2] == cell
-                return PLANTS[plant](true, rng) if is_spoiled else true.force_n
+        def of_all(case: _Case, true: Trace, plant: flags.Kind = plant) -> np.ndarray:
+            return PLANTS[plant](true, rng)
 
-            asked = _ask(_measure(cells, seed, spoil), simulated)
-            found.append((("traces", f"{where}: {plant.replace('_', ' ')}"), _has(asked, kind)))
+        if plant != "negative_preload":  # no simulator knows the push of a whole rig
+            tell(f"whole file: {words}", kind, _measure(cells, seed, of_all))
+
+        def of_cell(case: _Case, true: Trace, plant: flags.Kind = plant) -> np.ndarray:
+            return PLANTS[plant](true, rng) if case[:2] == cell else true.force_n
+
+        tell(f"a cell: {words}", kind, _measure(cells, seed, of_cell))
     return found
 
 
@@ -201,13 +212,10 @@ def _ask(made: dict[_Case, Trace], simulated: Cells) -> list[Question]:
     )
 
 
-def _offset(by_n: float) -> Callable[[Trace, np.random.Generator], Trace]:
-    return lambda trace, rng: Trace(trace.time_s, trace.lift_mm, trace.force_n + by_n)
-
-
-def _exchange_axes(trace: Trace, rng: np.random.Generator) -> Trace:
-    """Up to the peak, so that both channels rise."""
-    lift = trace.is_lift & (np.arange(len(trace.force_n)) <= int(trace.force_n.argmax()))
+def _exchange_axes(trace: Trace) -> Trace:
+    """Up to the peak of the lift, so that both channels rise."""
+    top = int(np.where(trace.is_lift, trace.force_n, -np.inf).argmax())
+    lift = trace.is_lift & (np.arange(len(trace.force_n)) <= max(top, int(np.flatnonzero(trace.is_lift)[0]) + 10))
     return Trace(trace.time_s[lift], np.maximum.accumulate(np.maximum(trace.force_n[lift], 0.0)), trace.lift_mm[lift])
 
 

@@ -95,6 +95,7 @@ def _imagine(one: Measurement) -> float:
 
 _FAR_SD = 4.0  # of what any simulator had to be put right by; a reading farther out is strange
 _WALLS_MM = (1.5, 5.0)  # of a whole wall, in place of what it has more than drawn
+_LEAST_OF_SMALL = 2.0  # per cents and grams that anybody tells
 _PUSH_N = 20.0  # with which a person pushes
 _LENGTHS_MM = {"um": 1e-3}
 
@@ -138,14 +139,15 @@ def _list_slips(kind: str, value: float) -> list[Slip]:
             Slip("another quantity", "the whole reading", value - kilogram),
             Slip("unit", "the whole reading in kg", kilogram * (value - 1.0)),
             Slip("unit", "the whole reading in g", gram * (value - 1000.0)),
-            Slip("unit", "g", gram * value),
+            *([Slip("unit", "g", gram * value)] if abs(value) >= _LEAST_OF_SMALL else []),
         ]
     if kind == "tensile_bar":
-        return [
-            Slip("another quantity", "the ratio itself", value - 1.0),
+        ratio = Slip("another quantity", "the ratio itself", value - 1.0)
+        per_cent = [
             Slip("unit", "per cent", value / 100),
             Slip("unit", "the ratio in per cent", value / 100 - 1.0),
         ]
+        return [ratio, *(per_cent if abs(value) >= _LEAST_OF_SMALL else [])]
     if kind in ("jaw_push", "post_push"):
         inverse = [Slip("another quantity", "N/mm", 1.0 / value)] if value else []
         whole = Slip("another quantity", f"the way at {_PUSH_N:g} N", value / _PUSH_N)

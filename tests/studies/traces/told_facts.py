@@ -169,7 +169,7 @@ def _readings(rng: np.random.Generator) -> list[tuple[str, bool | None]]:
         ("reading: walls in um", ask("walls", 1000 * (more_mm or 0.05), "um")),
         (
             "reading: a decimal point, beside measured tools",
-            ask("walls", 10 * more_mm, "decimal", of_tools) if 9 * abs(more_mm) > 0.3 else None,
+            ask("walls", 10 * more_mm, known=of_tools) if 9 * abs(more_mm) > 0.3 else None,
         ),
         ("reading: the whole weight, N", ask("dead_weight", 9.81 + sound["dead_weight"], "the whole reading")),
         (

@@ -31,6 +31,7 @@ from tests.studies.simulation.scale import measure_scale
 from tests.studies.traces.anomalies import measure_anomalies
 from tests.studies.traces.figure import measure_traces
 from tests.studies.traces.identification import measure_identification
+from tests.studies.traces.told_slips import measure_told_slips
 
 _KEPT = ("designs", "objects", "results", "limit_minutes")
 
@@ -60,6 +61,7 @@ STUDIES: dict[str, Benchmark] = {
     "traces": benchmark(measure_traces, "designs", "objects", "figure"),
     "identification": benchmark(measure_identification, *_KEPT, "figure"),
     "anomalies": benchmark(measure_anomalies, *_KEPT, "worlds"),
+    "told-slips": benchmark(measure_told_slips, *_KEPT, "worlds"),
     "kills": benchmark(measure_kills, "n"),
     "aimed-kills": benchmark(measure_aimed_kills, "n"),
     "host-kills": benchmark(measure_host_kills, "n"),

@@ -191,13 +191,12 @@ class LiftStartError(Effect):
         """By how much the lift is behind after its start, mm."""
         return self.backlash_mm + lift_speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0)
 
-    def behind_mm(self, time_s: np.ndarray, speed_mm_per_s: float) -> np.ndarray:
-        """How far the true lift is behind at times (n) from the start of the lift in s."""
-        behind = np.full_like(time_s, self.backlash_mm)
-        if self.ramp_s > 0.0:
-            left = np.clip(1.0 - time_s / self.ramp_s, 0.0, 1.0) ** (self.ramp_power + 1.0)
-            behind += speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0) * (1.0 - left)
-        return behind
+    def behind_mm(self, time_s: Number, speed_mm_per_s: float) -> Number:
+        """How far the true lift is behind at a time, or n of them, from the start of the lift in s."""
+        if self.ramp_s == 0.0:
+            return 0.0 * time_s + self.backlash_mm
+        left = np.clip(1.0 - time_s / self.ramp_s, 0.0, 1.0) ** (self.ramp_power + 1.0)
+        return self.backlash_mm + speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0) * (1.0 - left)
 
     def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
         """How far the lift is behind at lifts in mm, mm."""

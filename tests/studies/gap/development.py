@@ -14,16 +14,16 @@ import numpy as np
 
 from fast.flows.benchmarks.base import Options, Tables
 from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.challenge.hidden.panels import Panels
+from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.models.design.space import numbered_design
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Record, SimulatorVersion
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.judgement import Judged, fit_probabilities
-from tests.studies.gap.panels import Panels
 from tests.studies.gap.tables import gap_tables
-from tests.studies.gap.truth import Panel, results_folder
-from tests.studies.gap.worlds import Group, WorldKey, Worlds
+from tests.studies.gap.truth import Panel, read_panels, results_folder
 
 if TYPE_CHECKING:
     from fast.models.gap.naming.thresholds import Thresholds
@@ -92,7 +92,7 @@ def open_panels(folder: Path) -> tuple[Panels, Bank]:
     from fast.tasks.gap.bank import read_bank
 
     panel = Panel.read(folder)
-    panels = Panels.read(folder / "truth.jsonl", panel)
+    panels = read_panels(folder / "truth.jsonl", panel)
     own = [numbered_design(number) for number in panel.designs]
     bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), Cells.full(own, panel.objects, GraspSetup()))
     return panels, with_known_fields(bank)

@@ -6,21 +6,19 @@ Lines are those of one rehearsal per number of designs and objects: of the first
 import secrets
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from fast.flows.benchmarks.base import Options, Rows, Tables
+from fast.flows.challenge.hidden.panel_file import PANEL, read_small
+from fast.flows.challenge.hidden.worlds import Group, Worlds
 from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse
 from tests.studies.gap.development import open_panels
-from tests.studies.gap.small import read_small
 from tests.studies.gap.truth import results_folder
-from tests.studies.gap.worlds import Group, Worlds
 from tests.studies.traces.anomalies import wilson
 
-PANEL = Path(__file__).parents[2] / "data" / "gap-panel.npz"  # 9 designs, 7 objects, 23 sets of true grasps; opened
 PUBLIC_SEED = 7
 N_WORLDS_OF: dict[Group, int] = {"null": 50, "single": 60, "unlisted": 40}
 N_REHEARSED = 120

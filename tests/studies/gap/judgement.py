@@ -9,10 +9,10 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from fast.flows.challenge.hidden.worlds import WorldKey
 from fast.models.gap.naming.families import WORDS
 from fast.models.gap.naming.thresholds import ANY_FAMILY, LEAST_OVER_LINE
 from tests.studies.gap.answers import Answer
-from tests.studies.gap.worlds import WorldKey
 
 if TYPE_CHECKING:
     from fast.models.gap.naming.thresholds import Thresholds

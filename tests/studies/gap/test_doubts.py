@@ -1,5 +1,5 @@
-from tests.studies.gap.doubts import PANEL, Doubted, count_doubts
-from tests.studies.gap.small import read_small
+from fast.flows.challenge.hidden.panel_file import PANEL, read_small
+from tests.studies.gap.doubts import Doubted, count_doubts
 
 
 def test_alarms_are_counted_by_what_is_visible_at_least() -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fast.flows.challenge.hidden.panel_file import read_small
+from fast.flows.challenge.hidden.worlds import WorldKey, Worlds
 from fast.models.gap.fit.effect_states import QUANTITIES
 from fast.models.gap.fit.fit import Fit, axes_of
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
@@ -14,8 +16,6 @@ from fast.models.gap.naming.candidates import FittedCandidate, Score, fit_effect
 from fast.models.gap.naming.families import WORDS, Families, find_families
 from fast.models.gap.naming.rank_effects import LEAST_NATS, rank_effects
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from tests.studies.gap.small import read_small
-from tests.studies.gap.worlds import WorldKey, Worlds
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
 SLIP, RELAXATION = "static_kinetic_friction", "stress_relaxation"

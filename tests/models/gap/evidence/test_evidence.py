@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fast.flows.challenge.hidden.panel_file import read_small
+from fast.flows.challenge.hidden.worlds import Worlds
 from fast.models.gap.evidence.candidates import scale_value, weigh_candidates
 from fast.models.gap.evidence.doubt import Doubt
 from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, fit_evidence
 from fast.models.gap.evidence.reading import OF_BINS, Reading, compute_rms
 from fast.models.gap.evidence.rehearsal import Rehearsal, Rehearsed, make_world, rehearse
 from fast.models.records import EffectValue
-from tests.studies.gap.small import read_small
-from tests.studies.gap.worlds import Worlds
 
 DATA = Path(__file__).parents[3] / "data" / "gap-small.npz"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from fast.flows.challenge.manifest import Manifest
 from fast.models.errors import UsageError
 
-PUBLIC = Path(__file__).with_name("public")
+PUBLIC = Path(__file__).with_name("public_worlds")
 TEMPLATE = "answers.json"
 
 

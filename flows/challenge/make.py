@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -76,17 +77,27 @@ def make_challenge(
     for there in (folder, keys_folder):
         if there.exists():
             raise UsageError(f"{there} is there already; nothing was written: name a new folder.")
+    worlds = open_worlds(seed, panel)
     try:
         folder.mkdir(parents=True)
-        return _write_challenge(open_worlds(seed, panel), seed, folder, n_worlds, tell)
+        return _write_challenge(worlds, seed, folder, n_worlds, tell)
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)
         raise UsageError(f"{folder} cannot be written ({error}); name another folder.") from error
 
 
 def open_worlds(seed: str, panel: Path) -> Worlds:
-    """What draws the worlds of a challenge from a seed."""
-    panels, bank = read_small(panel)
+    """What draws the worlds of a challenge from a seed.
+
+    Raises:
+        UsageError: the panel is no file of one.
+    """
+    try:
+        panels, bank = read_small(panel)
+    except (OSError, ValueError, KeyError, StopIteration, BadZipFile) as error:
+        raise UsageError(
+            f"{panel} is no panel of true grasps ({error}); `python -m tests.studies gap-truth` writes panel.npz."
+        ) from error
     return Worlds(panels, bank, seed, has_other_laws=True, n_designs=N_TOOLS, n_objects=N_OBJECTS, strengths=STRENGTHS)
 
 

@@ -145,6 +145,9 @@ def test_other_bad_input_is_named(made: Path, tmp_path: Path) -> None:
         read_seed(tmp_path / "short")
     with pytest.raises(UsageError, match="is there already"):
         make_challenge(SECRET, made, 3)
+    with pytest.raises(UsageError, match="is no panel of true grasps"):
+        make_challenge(SECRET, tmp_path / "worlds", 3, tmp_path / "text.json")
+    assert not (tmp_path / "worlds").exists()
 
 
 def test_a_changed_key_is_refused(made: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.challenge.hidden.panel_file import write_small
 from fast.flows.challenge.hidden.panels import Panels
 from fast.flows.challenge.hidden.true_sets import CHANNELS, LOWER, RAISED, WIDER, TrueSet
 from fast.flows.challenge.hidden.truth import OTHER_GRASP_LAWS, TrueGrasp, solve_truth
@@ -193,7 +194,19 @@ def measure_gap_truth(options: Options) -> Tables:
         folder.mkdir(parents=True, exist_ok=True)
         _draw_panel(options).write(folder)
     panel = Panel.read(folder)
-    return {"bank": _fill_bank(panel, folder / "lake", options, end), "true grasps": _solve_panel(panel, options, end)}
+    filled = _fill_bank(panel, folder / "lake", options, end)
+    solved = _solve_panel(panel, options, end)
+    if time.monotonic() < end:
+        _write_panel_file(folder)
+    return {"bank": filled, "true grasps": solved}
+
+
+def _write_panel_file(folder: Path) -> None:
+    """Pack panels and bank into `panel.npz`, of which `fast challenge make` makes worlds."""
+    from tests.studies.gap.development import open_panels
+
+    panels, bank = open_panels(folder)
+    write_small(folder / "panel.npz", panels, bank, list(panels.cells))
 
 
 def _draw_panel(options: Options) -> Panel:

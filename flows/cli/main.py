@@ -51,6 +51,11 @@ for _name, _target, _help in (
         "Features of the measured traces; quality, work and stability by object class and batch.",
     ),
     ("gap", "fast.flows.cli.gap:app", "Find where simulation and measurement disagree, name what is missing, add it."),
+    (
+        "challenge",
+        "fast.flows.cli.challenge:app",
+        "Worlds that hide what is missing in the simulator: get them, make them, be graded.",
+    ),
     ("report", "fast.flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "fast.flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
     (

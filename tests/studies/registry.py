@@ -4,6 +4,7 @@ from fast.flows.benchmarks.base import Benchmark, benchmark
 from tests.studies.calibration.peers import measure_calibration_peers
 from tests.studies.calibration.ranks import measure_calibration_ranks
 from tests.studies.calibration.traces import measure_calibration_traces
+from tests.studies.challenge.study import measure_challenge
 from tests.studies.crash.aimed import measure_aimed_kills
 from tests.studies.crash.kills import measure_host_kills, measure_kills
 from tests.studies.crash.server_kills import measure_server_kills
@@ -47,6 +48,7 @@ STUDIES: dict[str, Benchmark] = {
     "gap-independent": benchmark(measure_gap_independent, "results", "limit_minutes", "worlds"),
     "gap-intervals": benchmark(measure_gap_intervals, "results", "limit_minutes", "worlds", "workers"),
     "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds", "workers"),
+    "challenge": benchmark(measure_challenge, "results", "worlds", "figure"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
     ),

@@ -9,7 +9,6 @@ and those with a memory are the catalogue's own.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -27,8 +26,8 @@ from fast.models.gap.bank.bank import (
 )
 from fast.models.gap.bank.sensor_effects import read_lead
 from fast.models.gap.data import GapData
-from fast.models.gap.grasps import Cells, Grasps
-from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Placement, Theta, Trace
+from fast.models.gap.grasps import Cells, Grasps, of_one_setup
+from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Theta, Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
 from fast.models.traces.step_features import N_STEPS, step_means
 from fast.models.traces.step_noise import SensorNoise
@@ -117,12 +116,6 @@ def made_up_answers(data: GapData, seed: int, truth: GapTruth, experiments: Mapp
     steps_n = _measured(rng, _shapes(grasps.designs, grasps.objects), grasps.designs, truth, scatter, made)
     rows = np.arange(len(pairs))
     return Answers(replace(asked, steps_n=steps_n), np.stack([rows, rows + len(pairs)], axis=1))
-
-
-def of_one_setup(n: int, setup: GraspSetup = SETUP) -> dict[str, Any]:
-    """Fields of `Grasps` that were all made in one way, with the object at its place."""
-    nothing = np.zeros(n, dtype=int)
-    return {"setups": (setup,), "setup": nothing, "placements": (Placement(),), "placement": nothing}
 
 
 @lru_cache(maxsize=8)

@@ -17,6 +17,7 @@ import numpy as np
 
 from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.challenge.keys import hash_key
 from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import believe, merge_forms
 from fast.models.gap.ask.choose import ENOUGH_NATS, choose_experiments
@@ -31,7 +32,6 @@ from fast.models.records import Record
 from fast.tasks.gap.ask import estimate_costs
 from fast.tasks.gap.ask_settings import USUAL_BUDGET
 from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, draw_key
-from tests.studies.gap.sealed import hash_key
 from tests.synthetic.rehearsal import USUAL
 
 N_MEMBERS, N_UNKNOWN = 40, 12

@@ -12,22 +12,21 @@ import numpy as np
 
 from fast.flows.benchmarks.base import Options, Tables
 from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.challenge.hidden.panel_file import PANEL, read_small
+from fast.flows.challenge.hidden.panels import Panels
+from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.models.design.space import numbered_design
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Record, SimulatorVersion
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code
 from tests.studies.gap.judgement import Judged
-from tests.studies.gap.panels import Panels
-from tests.studies.gap.small import read_small
 from tests.studies.gap.tables import gap_tables
-from tests.studies.gap.truth import Panel, results_folder
-from tests.studies.gap.worlds import Group, WorldKey, Worlds
+from tests.studies.gap.truth import Panel, read_panels, results_folder
 
 if TYPE_CHECKING:
     from fast.models.gap.evidence.rehearsal import Rehearsal
 
-PANEL = Path(__file__).parents[2] / "data" / "gap-panel.npz"  # 9 designs, 7 objects, 23 sets of true grasps; opened
 N_REHEARSED = 240
 N_WORLDS: dict[Group, int] = {"null": 40, "nasty null": 12, "single": 48, "alias": 6, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
@@ -86,7 +85,7 @@ def open_panels(folder: Path) -> tuple[Panels, Bank]:
     from fast.tasks.gap.bank import read_bank
 
     panel = Panel.read(folder)
-    panels = Panels.read(folder / "truth.jsonl", panel)
+    panels = read_panels(folder / "truth.jsonl", panel)
     own = [numbered_design(number) for number in panel.designs]
     bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), Cells.full(own, panel.objects, GraspSetup()))
     return panels, with_known_fields(bank)

@@ -10,13 +10,13 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from fast.flows.benchmarks.base import Options, Tables
+from fast.flows.challenge.hidden.panel_file import read_small
+from fast.flows.challenge.hidden.panels import Panels
+from fast.flows.challenge.hidden.true_sets import TrueSet
+from fast.flows.challenge.hidden.worlds import Group, Worlds
 from fast.models.gap.bank.bank import Bank
 from fast.models.records import Trace
 from tests.studies.gap.development import PUBLIC_SEED, measure_worlds
-from tests.studies.gap.panels import Panels
-from tests.studies.gap.small import read_small
-from tests.studies.gap.truth import TrueSet
-from tests.studies.gap.worlds import Group, Worlds
 
 DATA = Path(__file__).parents[2] / "data"
 N_WORLDS: dict[Group, int] = {"null": 60, "single": 48, "unlisted": 12, "pair": 24}

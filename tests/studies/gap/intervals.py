@@ -14,6 +14,15 @@ import numpy as np
 
 from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.challenge.grade import clopper_pearson
+from fast.flows.challenge.hidden.lab import Variants
+from fast.flows.challenge.hidden.lab_laws import LabLaw, Moment, lift_on
+from fast.flows.challenge.hidden.panels import raw_strength
+from fast.flows.challenge.hidden.parts import tool_draws
+from fast.flows.challenge.hidden.true_sets import MODULUS_MPA, RESPONDING
+from fast.flows.challenge.hidden.truth import TOOL_MODULUS_SD, TrueGrasp
+from fast.flows.challenge.hidden.truth import _solve as solve_with
+from fast.flows.challenge.hidden.worlds import WorldKey, Worlds
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.problem import THETA
 from fast.models.errors import SimulationFailed
@@ -25,15 +34,7 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import measure_held_out_n, naming_code
 from tests.studies.gap.development import open_panels
 from tests.studies.gap.local_banks import LocalBanks
-from tests.studies.gap.panels import raw_strength
-from tests.studies.gap.tables import clopper_pearson
-from tests.studies.gap.truth import MODULUS_MPA, RESPONDING, results_folder
-from tests.studies.gap.worlds import WorldKey, Worlds
-from tests.studies.hidden.lab import Variants
-from tests.studies.hidden.lab_laws import LabLaw, Moment, lift_on
-from tests.studies.hidden.parts import tool_draws
-from tests.studies.hidden.truth import TOOL_MODULUS_SD, TrueGrasp
-from tests.studies.hidden.truth import _solve as solve_with
+from tests.studies.gap.truth import results_folder
 
 PUBLIC_SEED = "intervals"
 N_WORLDS = 46  # two of each effect

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from fast.flows.challenge.hidden.worlds import WorldKey
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.answers import Answer
-from tests.studies.gap.worlds import WorldKey
 
 VISIBLE = 0.02  # from this visible strength on, an effect is expected to be found
 LEAST_VISIBLE = 0.01  # below this one, it is not there for these data

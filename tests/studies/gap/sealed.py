@@ -5,7 +5,6 @@ Three steps, each of which leaves its file. *Seal*: data go to the folder `seale
 writes `sealed-answers.jsonl` with a hash of each answer. *Judge*: checks every hash, and counts.
 """
 
-import hashlib
 import secrets
 import time
 from collections.abc import Callable, Sequence
@@ -16,12 +15,14 @@ import numpy as np
 
 from fast.flows.benchmarks.base import Options, Tables
 from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.challenge.hidden.worlds import MODULI_MPA, Group, WorldKey, Worlds
+from fast.flows.challenge.keys import hash_key
 from fast.models.design.space import numbered_design
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData
 from fast.models.gap.evidence.rehearsal import Rehearsal
-from fast.models.gap.grasps import Grasps
+from fast.models.gap.grasps import Grasps, of_one_setup
 from fast.models.records import GraspContext, Record
 from fast.models.traces.step_noise import SensorNoise
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code
@@ -30,8 +31,6 @@ from tests.studies.gap.judgement import Judged
 from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import results_folder
-from tests.studies.gap.worlds import MODULI_MPA, Group, WorldKey, Worlds
-from tests.synthetic.gap import of_one_setup
 
 BankOf = Callable[[Sequence[int], Sequence[int]], Bank]
 
@@ -67,11 +66,6 @@ class SealedKey(Record):
     def key_hash(self) -> str:
         """SHA-256 of salt and key."""
         return hash_key(self.salt, self.key)
-
-
-def hash_key(salt: str, key: Record) -> str:
-    """SHA-256 of a salt and a key."""
-    return hashlib.sha256(f"{salt}|{key.model_dump_json()}".encode()).hexdigest()
 
 
 def measure_gap_sealed(options: Options) -> Tables:

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.stats import beta
 
 from fast.flows.benchmarks.base import Rows, Tables
+from fast.flows.challenge.grade import clopper_pearson
 from fast.models.gap.findings import UNKNOWN
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.gap.judgement import Judged
@@ -13,13 +13,6 @@ from tests.studies.gap.judgement import Judged
 _SURE = 0.9
 _BINS = (0.0, 0.5, 0.7, 0.9, 1.0)  # of stated probabilities
 _LEVELS = (0.01, 0.02, 0.04, 0.1)  # of visible strength
-
-
-def clopper_pearson(k: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share of which k of n were seen."""
-    low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
-    high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
-    return low, high
 
 
 def gap_tables(worlds: Sequence[Judged]) -> Tables:

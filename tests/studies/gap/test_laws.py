@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fast.flows.challenge.hidden.panel_file import read_small
+from fast.flows.challenge.hidden.worlds import WorldKey, Worlds
 from fast.models.gap.evidence.secants import list_secants
 from fast.models.gap.fit.fit import Fit, axes_of
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.naming.decide import fit_effect
 from fast.models.simulation.effects.catalogue import build_effects
-from tests.studies.gap.small import read_small
-from tests.studies.gap.worlds import WorldKey, Worlds
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
 SLIP, RELAXATION = "static_kinetic_friction", "stress_relaxation"

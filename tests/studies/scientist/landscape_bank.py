@@ -1,6 +1,6 @@
 """The bank that landscapes of `fast compare` are made of: designs simulated under hidden truths, and as a night finds.
 
-Eight truths hide a theta and one to three laws of `tests.studies.hidden`. The same designs are simulated under each
+Eight truths hide a theta and one to three laws of `flows.challenge.hidden`. The same designs are simulated under each
 truth, by the simulator that a campaign believes in, and by the simulator after a night (`landscape_night`).
 """
 
@@ -15,6 +15,7 @@ from scipy.stats import spearmanr
 
 from fast.flows.benchmarks.base import Options, Tables
 from fast.flows.benchmarks.outcomes import RecordFile, read_records
+from fast.flows.challenge.hidden.truth import TrueGrasp, hidden_law
 from fast.flows.scientist.landscape import find_best
 from fast.flows.scientist.landscape_bank import (
     BELIEVED,
@@ -37,7 +38,6 @@ from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationS
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import build_effects
 from fast.models.traces.step_features import is_usable, step_means
-from tests.studies.hidden.truth import TrueGrasp, hidden_law
 
 if TYPE_CHECKING:
     from tests.studies.scientist.landscape_night import ThetaModel

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fast.flows.challenge.hidden.panel_file import read_small
+from fast.flows.challenge.hidden.worlds import Worlds
 from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.drifts import find_batches
 from fast.models.gap.evidence.laws import scale_value
@@ -18,8 +20,6 @@ from fast.models.gap.evidence.visible import find_visible_sizes
 from fast.models.gap.evidence.worlds import make_world
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from tests.studies.gap.small import read_small
-from tests.studies.gap.worlds import Worlds
 
 DATA = Path(__file__).parents[3] / "data" / "gap-small.npz"
 

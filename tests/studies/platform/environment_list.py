@@ -250,4 +250,12 @@ CONTAINER = Environment(
     },
     says=f"NUMBA_CACHE_DIR is {UNWRITABLE}, which cannot be written; ",
 )  # fmt: skip
-ENVIRONMENTS = (OURS, *_PREFECT, *_NETWORK, *_FOLDERS, *_PYTHON, COMPUTER_OF_OTHERS, CONTAINER)
+GROUPS = {
+    "ours": (OURS,),
+    "settings of Prefect": _PREFECT,
+    "networks": _NETWORK,
+    "folders, rights, limits": _FOLDERS,
+    "locales, Python, libraries": _PYTHON,
+    "many at once": (COMPUTER_OF_OTHERS, CONTAINER),
+}
+ENVIRONMENTS = tuple(environment for group in GROUPS.values() for environment in group)

@@ -3,7 +3,6 @@
 import logging
 from typing import TYPE_CHECKING
 
-from fast.hardware.grbl.messages import RealTime
 from fast.models.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ def _hold(session: "GrblSession", is_deaf: bool) -> tuple[bool, str | None]:
     was_moving = is_asked = False
     until_s = clock.now_s() + HOLD_TIMEOUT_S
     while True:
-        report = link.request_report(STATUS_REPLY_S, *([] if is_asked else [RealTime.HOLD]))
+        report = link.request_report(STATUS_REPLY_S, *([] if is_asked else session.stop_codes))
         was_moving |= report is not None and report.is_moving
         if is_asked and report is not None and not report.is_moving:
             return was_moving, report.state  # asked after the hold: a feed hold makes Hold of Idle, too

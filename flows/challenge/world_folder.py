@@ -22,7 +22,7 @@ from fast.lake.handoff.format import DESIGN_COLUMNS, GRASP_COLUMNS, TELLING_COLU
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
 from fast.models.gap.grasps import Grasps, of_one_setup
-from fast.models.records import FinRay, GraspContext, GraspSetup, Trace
+from fast.models.records import Design, FinRay, GraspContext, GraspSetup, Trace
 from fast.models.traces.step_features import N_STEPS, step_means
 
 ASKED = "asked.csv"
@@ -54,7 +54,7 @@ class GivenWorld:
     asked: Grasps
 
 
-def write_world(folder: Path, made: Sequence[Made], designs: Mapping[str, FinRay], objects: Sequence[int]) -> None:
+def write_world(folder: Path, made: Sequence[Made], designs: Mapping[str, Design], objects: Sequence[int]) -> None:
     """Write the files of a world. designs: by id, in the order of the tools."""
     folder.mkdir(parents=True)
     write_csv(folder / "designs.csv", DESIGN_COLUMNS, [{"design_id": n} | d.model_dump() for n, d in designs.items()])

@@ -14,7 +14,15 @@ from fast.models.gap.evidence.laws import scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, add_effect, fit_evidence
 from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.evidence.reading import OF_BINS, Reading
-from fast.models.gap.evidence.rehearsal import LEAST_BEHIND, Named, Panel, Rehearsal, Rehearsed, rehearse, rehearse_world
+from fast.models.gap.evidence.rehearsal import (
+    LEAST_BEHIND,
+    Named,
+    Panel,
+    Rehearsal,
+    Rehearsed,
+    rehearse,
+    rehearse_world,
+)
 from fast.models.gap.evidence.trials import Trials
 from fast.models.gap.evidence.visible import find_visible_sizes
 from fast.models.gap.evidence.worlds import make_world

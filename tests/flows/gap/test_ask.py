@@ -23,7 +23,7 @@ from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake, plan_rows
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.08})
-ORDER = GapOrder("demo", rounds=1, rehearsed=8, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+ORDER = GapOrder("demo", rounds=1, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 pytestmark = pytest.mark.timeout(600)
 
 

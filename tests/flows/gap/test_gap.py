@@ -44,7 +44,7 @@ from tests.tasks.gap.gap_lake import BASE, DESIGNS, N_REPEATS, OBJECTS, SETUP, g
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
 pytestmark = pytest.mark.timeout(600)
-ORDER = GapOrder("demo", rehearsed=8, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 
 
 def silent() -> ProgressReporter:

@@ -26,9 +26,9 @@ NAMES = (
 )
 HIDDEN = {
     "load_cell_lag": {"time_constant_s": 0.35},
-    "static_kinetic_friction": {"kinetic_ratio": 0.7},
+    "static_kinetic_friction": {"kinetic_ratio": 0.6},
     "force_limited_closing": {"max_force_n": 4.0},
-    "mullins_softening": {"softening": 0.1},
+    "mullins_softening": {"softening": 0.2},
 }
 
 

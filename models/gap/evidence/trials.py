@@ -15,7 +15,7 @@ from fast.models.gap.evidence.laws import has_memory
 from fast.models.gap.evidence.likelihood import EvidenceFit, add_effect
 from fast.models.records import EffectValue
 
-N_FAMILIES, N_OF_FAMILY = 3, 2  # that are tried: the most evident families, and effects of each
+N_FAMILIES, N_OF_FAMILY = 3, 3  # that are tried: the most evident families, and effects of each
 _N_BESIDES = 6  # effects of other families that are weighed beside the best: the most evident ones
 N_DESCRIBED = 5
 # Below these nothing is an alarm, however few worlds were rehearsed: other solvers of the same physics, with nothing

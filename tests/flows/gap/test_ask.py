@@ -1,6 +1,7 @@
 """A search that cannot tell asks, its answers come, and it goes on with its split unchanged."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.gap.data import read_grasps
 from fast.tasks.gap.readings import read_readings, write_reading
 from fast.tasks.simulation.plan import SimulationPlan
+from tests.synthetic.rehearsal import USUAL
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake, plan_rows
 
@@ -34,6 +36,13 @@ def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(search, "simulate_missing", simulate)
     monkeypatch.setattr(posterior, "sample", normal_draws)
+
+
+@pytest.fixture(autouse=True)
+def many_alike(no_rehearsal: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A panel on which the true effect may have much less evidence than its kin."""
+    wide = replace(USUAL, behind=0.6)
+    monkeypatch.setattr("fast.tasks.gap.rehearse.rehearse_panel", lambda *_, **__: wide)
 
 
 def go(lake: Lake) -> GapOutcome:

@@ -61,7 +61,7 @@ def test_a_set_is_asked_about_and_its_answer_is_a_name(tmp_path: Path) -> None:
     assert "mm/s instead of 5" in asked.sentence
     requests = [request for request, _ in read_open_requests(lake)]
     assert len(requests) == asked.promised_grasps == 2 * sum(one.n for one in asked.grasps)
-    assert len({request.setup.lift_speed_mm_per_s for request in requests}) == 2
+    assert len({request.setup.lift_speed_mm_per_s for request in requests}) >= 2
     assert not go(lake).is_new  # nobody has answered
     lake.append(answer_rows(requests, [LAG]), PROVENANCE)
     measured = read_grasps(lake, "demo")

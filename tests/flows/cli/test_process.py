@@ -20,7 +20,8 @@ HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow
 MODELLING = ("torch", "prefect", "pymc", "botorch", "matplotlib", "scipy", "numba", "rerun")
 COMMANDS = [
     "ask", "bench list", "bench run", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run",
-    "campaign status", "campaign stop", "compare", "doctor", "features", "gap", "gap answer", "gap next",
+    "campaign status", "campaign stop", "challenge grade", "challenge make", "challenge start", "compare", "doctor",
+    "features", "gap", "gap answer", "gap next", "gap plan",
     "gantry diagnose", "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
     "gantry replay", "gantry tare", "gantry tool", "init", "lake check", "lake compact", "lake export", "lake import",
     "lake labs", "lake lineage", "lake publish", "lake stats", "objects add", "objects check", "objects draw",

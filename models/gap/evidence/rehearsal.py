@@ -76,16 +76,15 @@ class FamilyTold:
 class Rehearsal:
     """Rehearsed worlds, and what is learnt from them.
 
-    nats_line, omnibus_line: beyond which evidence and what is left are an alarm. gap: odds that something is hidden.
-    name: odds that the family of a name is right, of `Trials.describe`. behind: how much less evidence than the best,
-    as a share of it, the true effect has at most, nine times in ten. possible_name, possible_unknown: probabilities of
-    a name from which on it is not excluded, and up to which *unknown* is not; nine in ten of each kind are kept.
+    nats_line, omnibus_line: beyond which evidence and what is left are an alarm. name: odds that the family of a name
+    is right, of `Trials.describe`. behind: how much less evidence than the best, as a share of it, the true effect has
+    at most, nine times in ten. possible_name, possible_unknown: probabilities of a name from which on it is not
+    excluded, and up to which *unknown* is not; nine in ten of each kind are kept.
     """
 
     worlds: tuple[Rehearsed, ...]
     nats_line: float
     omnibus_line: float
-    gap: Odds
     name: Odds
     behind: float
     possible_name: float
@@ -95,10 +94,6 @@ class Rehearsal:
     def of(worlds: Sequence[Rehearsed]) -> "Rehearsal":
         """Lines are those that one in a hundred worlds with nothing hidden passes, each: the largest of fewer."""
         lines = _draw_line(worlds, "nats", LEAST_NATS), _draw_line(worlds, "omnibus", LEAST_OMNIBUS)
-        gap = Odds.learn(
-            np.array([_pass_lines(one.nats, one.omnibus, *lines) for one in worlds]),
-            [one.group != NOTHING for one in worlds],
-        )
         listed = [one.named for one in worlds if one.family and one.named is not None]
         others = [one.named for one in worlds if not one.family and one.named is not None]
         others += [one.left_out for one in worlds if one.left_out is not None]
@@ -110,7 +105,6 @@ class Rehearsal:
             worlds=tuple(worlds),
             nats_line=lines[0],
             omnibus_line=lines[1],
-            gap=gap,
             name=name,
             behind=max(float(np.quantile(behind, SEEN)) if behind else 0.0, LEAST_BEHIND),
             possible_name=float(np.quantile(right, 1.0 - SEEN)) if right else 0.0,
@@ -126,8 +120,13 @@ class Rehearsal:
         return max(nats / self.nats_line, omnibus / self.omnibus_line)
 
     def judge_gap(self, nats: float, omnibus: float) -> float:
-        """Probability that something is hidden in a world with these."""
-        return self.gap.judge(_pass_lines(nats, omnibus, self.nats_line, self.omnibus_line))
+        """Probability that something is hidden in a world with these: the share of worlds on its side of the lines.
+
+        As many hide something as not.
+        """
+        is_alarm = self.is_alarm(nats, omnibus)
+        same = [one for one in self.worlds if self.is_alarm(one.nats, one.omnibus) == is_alarm]
+        return (sum(one.group != NOTHING for one in same) + 0.5) / (len(same) + 1.0)
 
     def tell_families(self) -> list["FamilyTold"]:
         """Of each family that was hidden, how often it raised an alarm and got which name, by the words of families."""
@@ -233,8 +232,3 @@ def _learn_names(listed: Sequence[Named], others: Sequence[Named]) -> Odds:
     seen = [*listed, *others]
     shares = 0.5 * len(seen) * np.repeat([1.0 / len(listed), 1.0 / len(others)], [len(listed), len(others)])
     return Odds.learn(np.array([one.description for one in seen]), [one.is_right for one in seen], shares)
-
-
-def _pass_lines(nats: float, omnibus: float, nats_line: float, omnibus_line: float) -> np.ndarray:
-    """By how much the nearer line is passed, logarithm, 1."""
-    return np.array([np.log(max(nats / nats_line, omnibus / omnibus_line, 1e-3))])

@@ -153,8 +153,8 @@ def test_lines_are_those_of_worlds_with_nothing_hidden() -> None:
     assert rehearsal.nats_line == 89.0
     assert rehearsal.omnibus_line == pytest.approx(4.9)
     assert rehearsal.find_seen_size() == pytest.approx(0.05)  # of 16 from here on, 15 were seen
-    assert rehearsal.judge_gap(300.0, 1.0) > 0.9
-    assert rehearsal.judge_gap(60.0, 1.0) < 0.5
+    assert rehearsal.judge_gap(300.0, 1.0) == pytest.approx(15.5 / 16.0)  # of 15 hidden and none else
+    assert rehearsal.judge_gap(60.0, 1.0) == pytest.approx(5.5 / 46.0)  # of 40 with nothing and 5 that were missed
     unseen = replace(rehearsal, nats_line=1e3)
     assert unseen.find_seen_size() is None
 

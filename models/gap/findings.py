@@ -95,8 +95,7 @@ class Decision(Record):
     `left_share`: of what the answer explains, what another effect or a model without a name would still explain.
     `law`: of the first effect. `possible`: of a first alarm, the effects, or "unknown", that are not excluded: in
     made-up worlds of each kind of truth, nine in ten alarms had it among these. `drift`: what repeats of the same
-    grasps differ by, in words, where the answer rests on that alone; `law` is then the drift, and `possible` what has a
-    probability of a tenth by the evidence of drifts.
+    grasps differ by, in words, where they tell more than anything else.
     """
 
     kind: Literal["effect", "set", "none", "unknown"]
@@ -292,7 +291,7 @@ class RankedDesigns(Record):
 
 
 class Findings(Record):
-    """`findings.json`. `aliases`: confounds. `power`: what so many designs and objects could have shown, a sentence.
+    """`findings.json`. `aliases`: confounds. `power`: of searches before 0.3, a sentence.
 
     next_experiment: of the first round that leaves anything open, or for the ranking of designs. asked: what came of
     earlier ones. verdict: whether the simulator in use is replaced; None in answers of older code. ranking: None where

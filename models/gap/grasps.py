@@ -1,20 +1,16 @@
-"""Measured grasps one by one, and the cross-validation folds in which they are left out: designs, objects by class."""
+"""Measured grasps one by one, and the cells that they make: tools on what they closed on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from hashlib import sha256
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from fast.models.ids import content_id
-from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, GraspContext, GraspSetup, Placement
 from fast.models.traces.step_noise import SensorNoise
 
-N_DESIGN_FOLDS = 5
-N_OBJECT_FOLDS = 6
 _T = TypeVar("_T")
 _USUAL = GraspSetup()
 
@@ -134,22 +130,6 @@ class Grasps:
         }
         return content_id("M", [samples, printed, *([unusual] if unusual else [])])
 
-    @cached_property
-    def design_folds(self) -> np.ndarray:
-        """Fold of each grasp when designs are left out, n."""
-        return assign_design_folds(self, N_DESIGN_FOLDS)
-
-    @cached_property
-    def object_folds(self) -> np.ndarray:
-        """Fold of each grasp when object classes are left out, n."""
-        return assign_object_folds(self, N_OBJECT_FOLDS)
-
-    @cached_property
-    def is_in_first_half(self) -> np.ndarray:
-        """Whether the grasp's object is in the first half of all objects, n: they tell a new tool's modulus."""
-        _, place = np.unique(self.obj, return_inverse=True)
-        return np.asarray(place % 2 == 0)
-
 
 def of_one_setup(n: int, setup: GraspSetup = _USUAL) -> dict[str, Any]:
     """Fields of `Grasps` that were all made in one way, with the object at its place."""
@@ -161,23 +141,3 @@ def number_distinct(values: Sequence[_T], first: _T) -> tuple[tuple[_T, ...], np
     """Distinct values in order, `first` before all, and the number of each value (n) into them."""
     distinct = tuple(dict.fromkeys([first, *values]))
     return distinct, np.array([distinct.index(value) for value in values], dtype=int)
-
-
-def assign_design_folds(grasps: Grasps, n_folds: int) -> np.ndarray:
-    """Fold of each grasp by its tool, n; tools of equal designs stay together."""
-    ids = [design.design_id for design in grasps.designs]
-    present = sorted({ids[tool] for tool in grasps.tool})
-    fold = {name: place % n_folds for place, name in enumerate(present)}
-    return np.array([fold[ids[tool]] for tool in grasps.tool])
-
-
-def assign_object_folds(grasps: Grasps, n_folds: int) -> np.ndarray:
-    """Fold of each grasp by its object's class, n; the largest classes are spread first."""
-    classes = [get_object(number).object_class for number in grasps.objects]
-    names, counts = np.unique([classes[obj] for obj in np.unique(grasps.obj)], return_counts=True)
-    load = np.zeros(min(n_folds, len(names)))
-    fold = {}
-    for place in np.argsort(-counts, kind="stable"):
-        fold[str(names[place])] = int(np.argmin(load))
-        load[fold[str(names[place])]] += counts[place]
-    return np.array([fold[classes[obj]] for obj in grasps.obj])

@@ -85,7 +85,7 @@ def _describe_finding(findings: Findings) -> str:
         rest = next((r.rest_sentence for r in findings.rounds if r.rest_sentence), "")
         return " ".join(part for part in (f"Missing: {', then '.join(names)}.", rest or lead) if part)
     if lead:
-        return f"Nothing can be named: no effect predicts what was left out better than in worlds without a gap. {lead}"
+        return f"Nothing is missing that is larger than what honest simulators differ by. {lead}"
     missing = "nothing else missing" if findings.in_use else "nothing missing"
     nothing = f"Simulation and measurement agree as well as noise and meshes allow: these data show {missing}."
     return f"{nothing} {findings.power}".strip()
@@ -169,7 +169,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
         )
     if named.drift:
         notes.append(
-            f"Told by repeats alone: {named.drift}. What a simulator gets wrong is the same in all of them, so a small "
+            f"Most of the evidence: {named.drift}. What a simulator gets wrong is the same in all of them, so a small "
             "change is seen."
         )
     notes += _describe_possible(named)
@@ -197,7 +197,7 @@ def _describe_possible(named: Decision) -> list[str]:
     families = list(dict.fromkeys(CATALOGUE[e].family if e in CATALOGUE else describe_effect(e) for e in known))
     if not named.possible:
         return []
-    excluded = "less than 10 % probable" if named.drift else "excluded at 90 %"  # drifts have no conformal set
+    excluded = "excluded at 90 %"
     if named.effects:
         can_be = "still possible" if UNKNOWN in named.possible else excluded
         return [f"A cause that is not in the catalogue is {can_be}."]

@@ -210,8 +210,6 @@ def _law_or_rest(found: RoundFindings, place: int, folder: Folder) -> Markup:
         )
         which = f"If it is {describe_effect(named.effects[0])}: the" if named.kind == "set" else "The"
         caption = f"{which} law as the data have it, with its 90 % band.{added}"
-        if named.drift:
-            caption = f"What repeats tell of it, with its 90 % band, in the batch with most grasps.{added}"
         shown += folder.figure(f"gap_law_{place + 1}", draw_law(named.law), "The law that was found", caption)
     if named.rest is not None:
         caption = "The force that nothing in the simulator explains: mean and 90 % band over tools and objects."

@@ -2,5 +2,4 @@
 
 `evaluate`: before, after, floor and peers, and the gap closed. `held_out`: the grasps and their metrics. `baselines`:
 the peers. `rest`: what is left after a name, in words and as a curve. `confounds`: what cannot be told from theta.
-`power`: what the data could have shown.
 """

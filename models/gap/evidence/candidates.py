@@ -59,7 +59,7 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     means_n, contrasts_n = predict_changes(fit, values)
     white = fit.whiten(means_n, contrasts_n)
     products, along = fit.multiply(white)
-    whole = (white**2 * fit.spread_weights()).sum(axis=1)
+    whole = (white**2 * fit.value_weights).sum(axis=1)
     visible = np.sqrt(np.diag(products) / np.maximum(whole, 1e-12))
     plain = (along[:, None] * SCALES - 0.5 * np.diag(products)[:, None] * SCALES**2).max(axis=1)
     places, tried = np.argsort(-plain)[:_N_FREED].tolist(), []

@@ -164,7 +164,7 @@ class EvidenceFit:
 
     def multiply(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of k changes: their products (k x k) and those with the gap (k), what is free integrated out."""
-        heavy = white * self._heavy
+        heavy = white * self.value_weights
         inner = np.linalg.solve(self._root, self.columns @ heavy.T)
         return np.asarray(white @ heavy.T - inner.T @ inner), np.asarray(heavy @ self.gap - inner.T @ self._own)
 
@@ -177,21 +177,18 @@ class EvidenceFit:
             products, along = products - inner.T @ inner, along - inner.T @ self._own
         return np.asarray(products), np.asarray(along)
 
-    def spread_weights(self) -> np.ndarray:
-        """How much each of the d values counts."""
-        return self._heavy
-
     @cached_property
-    def _heavy(self) -> np.ndarray:
+    def value_weights(self) -> np.ndarray:
+        """How much each of the d values counts."""
         return _spread_weights(self.weights, len(self.gap))
 
     @cached_property
     def _root(self) -> np.ndarray:
-        return np.linalg.cholesky((self.columns * self._heavy) @ self.columns.T + np.eye(len(self.columns)))
+        return np.linalg.cholesky((self.columns * self.value_weights) @ self.columns.T + np.eye(len(self.columns)))
 
     @cached_property
     def _own(self) -> np.ndarray:
-        return np.asarray(np.linalg.solve(self._root, (self.columns * self._heavy) @ self.gap))
+        return np.asarray(np.linalg.solve(self._root, (self.columns * self.value_weights) @ self.gap))
 
 
 def _weigh_cells(chi: np.ndarray) -> np.ndarray:

@@ -17,12 +17,6 @@ CATALOGUE: Mapping[str, EffectSpec] = {
 }
 
 
-def list_confusable(effect: str) -> tuple[str, ...]:
-    """Effects that the catalogue calls confusable with this one, in either entry, in its order."""
-    own = CATALOGUE[effect].confusable_with
-    return tuple(name for name, spec in CATALOGUE.items() if name in own or effect in spec.confusable_with)
-
-
 def is_one_curve(first: str, second: str) -> bool:
     """Whether two effects are the same quantity along the same state, so that only the form of a law differs."""
     return first != second and CATALOGUE[first].curve is not None and CATALOGUE[first].curve == CATALOGUE[second].curve

@@ -312,7 +312,7 @@ def test_what_an_alarm_does_not_exclude_is_said(
     assert answer.describe_notes(_round(named), False) == [note]
 
 
-def test_what_repeats_alone_tell_is_said_and_drawn(tmp_path: Path) -> None:
+def test_what_repeats_tell_most_is_said(tmp_path: Path) -> None:
     drift = "repeats of the same grasps differ, as if friction changed over the batch"
     law = LawCurve(
         quantity="friction over that at first",
@@ -324,12 +324,11 @@ def test_what_repeats_alone_tell_is_said_and_drawn(tmp_path: Path) -> None:
     )
     named = Decision(kind="unknown", probability=0.8, drift=drift, law=law, sentence="Something is missing.")
     (note,) = answer.describe_notes(_round(named), False)
-    assert note.startswith(f"Told by repeats alone: {drift}.")
+    assert note.startswith(f"Most of the evidence: {drift}.")
     possible = named.model_copy(update={"possible": ("unknown",)})
-    assert answer.describe_notes(_round(possible), False)[1] == "All of the catalogue is less than 10 % probable."
+    assert answer.describe_notes(_round(possible), False)[1] == "All of the catalogue is excluded at 90 %."
     page = write_gap_report(GapPage(_told(_round(named))), tmp_path, "X3").read_text(encoding="utf-8")
-    assert "What repeats tell of it, with its 90" in page
-    assert "law as the data have it" not in page
+    assert "The law as the data have it, with its 90" in page
 
 
 def test_none_does_not_deny_what_a_test_sees() -> None:

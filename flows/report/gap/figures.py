@@ -155,7 +155,7 @@ def draw_names(candidates: Sequence[Candidate], named: Decision) -> Figure:
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0.0, max(1.18 * max(values, default=0.0), _LEAST_AXIS))
-    axes.set_xlabel("evidence: log of how much more probable the measurement gets")
+    axes.set_xlabel("evidence (logarithm)")
     return figure
 
 

@@ -227,7 +227,11 @@ def _bars(found: RoundFindings, place: int, folder: Folder) -> Markup:
         "that makes what was measured, as a logarithm: 2.3 more is ten times as probable. "
         "Several may do well; the probability beside the answer says how sure the choice is.", "note",
     )  # fmt: skip
-    return Markup(shown + note) if place == 0 else shown
+    told = paragraph(
+        "Whether anything is missing is told by the bank of all theta, before; these bars are of the bank around the "
+        "fitted theta, for which no line is known.", "note",
+    )  # fmt: skip
+    return Markup(shown + (note if place == 0 else "") + (told if found.named.kind == "none" else ""))
 
 
 def _rehearsed(content: GapPage) -> Markup:

@@ -223,8 +223,8 @@ def _bars(found: RoundFindings, place: int, folder: Folder) -> Markup:
     figure = draw_names(found.candidates, found.named)
     shown = folder.figure(f"gap_names_{place + 1}", figure, "Evidence for each candidate")
     note = paragraph(
-        "Each candidate was put into the simulator and everything fitted again; the bar says how much more probable "
-        "that makes what was measured, as a logarithm: 2.3 more is ten times as probable. "
+        "The bar says how much more probable a candidate makes what was measured, as a logarithm: 2.3 more is ten "
+        "times as probable. The best were put into the simulator, and everything was fitted again. "
         "Several may do well; the probability beside the answer says how sure the choice is.", "note",
     )  # fmt: skip
     told = paragraph(

@@ -55,7 +55,7 @@ class Design(Record):
         """The compliant body in the (x, z) plane, mm, with its voids as holes; extruded over the width.
 
         x = 0 is the front wall, which touches the object; the other points lie at x > 0. z runs from the top of the
-        rigid base (`models.design.profile.BASE_HEIGHT_MM`) to the apex (`height_mm`). Inner corners may carry fillets
+        rigid base (`models.design.fin_ray.BASE_HEIGHT_MM`) to the apex (`height_mm`). Inner corners may carry fillets
         of radius `fillet_mm`, drawn with `arc_segments` per quarter circle.
         """
         raise NotImplementedError(f"the family {type(self).__name__} has no `draw_section`")
@@ -73,50 +73,6 @@ class Design(Record):
     def scale_modulus(self, points: np.ndarray) -> np.ndarray | float:
         """Factor (n) on Young's modulus at points (n, 2) of the section, x and z in mm: a second material."""
         return 1.0
-
-
-class FinRay(Design):
-    """A fin-ray finger in nine parameters, with the ranges of the paper (Problem definition)."""
-
-    family: ClassVar[str] = "fin-ray"
-
-    length_mm: float = Field(ge=19, le=35, description="depth at the base, closing direction x")
-    width_mm: float = Field(ge=28, le=35, description="along y")
-    height_mm: float = Field(ge=90, le=120, description="along z, base to apex")
-    tip_length_mm: float = Field(ge=20, le=30, description="solid tip, from the apex along z")
-    front_thickness_mm: float = Field(ge=2, le=3, description="wall that touches the object")
-    back_thickness_mm: float = Field(ge=2, le=3, description="slanted wall")
-    rib_thickness_mm: float = Field(ge=2, le=3)
-    rib_count: int = Field(ge=1, le=10)
-    rib_angle_deg: float = Field(ge=-40, le=40, description="from the horizontal")
-
-    @property
-    def content(self) -> dict[str, Any]:
-        """See `Design`."""
-        return self.model_dump() if type(self) is FinRay else super().content
-
-    @property
-    def tip_height_mm(self) -> float:
-        """Length of the solid tip."""
-        return self.tip_length_mm
-
-    def draw_section(self, fillet_mm: float = 0.5, arc_segments: int = 4) -> "Polygon":
-        """See `Design` and `models.design.profile.planar_profile`."""
-        from fast.models.design.profile import planar_profile
-
-        return planar_profile(self, fillet_mm, arc_segments)
-
-    def list_voids(self) -> "list[Polygon]":
-        """The voids between the ribs, however small."""
-        from fast.models.design.profile import cavities
-
-        return cavities(self)
-
-    def measure_section_mm2(self) -> float:
-        """Area between outline and voids, however small these are."""
-        from fast.models.design.profile import outline_area_mm2
-
-        return outline_area_mm2(self) - sum(float(void.area) for void in self.list_voids())
 
 
 class Theta(Record):

@@ -60,7 +60,7 @@ def run_campaign(
     with ExitStack() as stack:
         stack.callback(campaign.lake.close)
         busy = f"campaign {name} is already being run"
-        lease = stack.enter_context(exclusive(campaign.lake, lease_name(name), busy))
+        lease = stack.enter_context(exclusive(campaign.lake.storage, lease_name(name), busy))
         require_acknowledgement(campaign.lake, name, is_acknowledged)
         enter(campaign, config_path)
         append_event(campaign.lake, name, STARTED, "started or continued", run=lease.token)

@@ -113,7 +113,7 @@ def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: 
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign)
-    if not is_held(found, lease_name(name)):
+    if not is_held(found.storage, lease_name(name)):
         raise FastError(f"campaign {name} is not running, so there is nothing to {verb}; nothing was changed.")
     append_request(found, name, Verb(verb), f"{verb} asked for on the command line")
     text = f"asked campaign {name} to {verb}; {effect}."

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fast.hardware.bench import Bench
     from fast.hardware.cell.cell import MeasuredGrasp
     from fast.hardware.tools.mounted import MountedTool
-    from fast.models.objects.catalogue import RigidObject
+    from fast.models.objects.rigid import RigidObject
 
 app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
 app.command("fast.flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")

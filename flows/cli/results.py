@@ -108,7 +108,7 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: "Viewer | None")
     name = resolve_campaign(lake, campaign_id)
     _tell_address(viewer)
     address = viewer.data_address if viewer else None
-    shown = follow(lake, name, path, lambda: is_held(lake, lease_name(name)), address=address, tell=tell)
+    shown = follow(lake, name, path, lambda: is_held(lake.storage, lease_name(name)), address=address, tell=tell)
     if viewer is not None:
         tell("all of it is shown; close the viewer, or Ctrl-C, to end")
     return shown

@@ -12,7 +12,7 @@ from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, s
 from fast.flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
-    from fast.models.objects.catalogue import RigidObject
+    from fast.models.objects.rigid import RigidObject
     from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion
 
     Grasp = tuple[Design, RigidObject, SimulatorVersion, GraspSetup, Placement]
@@ -191,9 +191,9 @@ def read_design(path: Path | None) -> "Design":
         ConfigError: missing file, no JSON, or a value out of its range.
     """
     from fast.models.design.families import read_design as read_family_design
+    from fast.models.design.fin_ray import FinRay
     from fast.models.design.space import BEST_PUBLISHED, numbered_design
     from fast.models.errors import ConfigError
-    from fast.models.records import FinRay
     from fast.models.validation import load_record, parse_json
 
     if path is None or path == BEST:

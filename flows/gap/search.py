@@ -106,7 +106,7 @@ def run_gap(
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: the budget ended before the bank was complete, or another process searches in this lake.
     """
-    with exclusive(lake, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
+    with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:
@@ -131,7 +131,7 @@ def tell_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: another process searches in this lake.
     """
-    with exclusive(lake, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
+    with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.space import from_unit, to_unit
 from fast.models.errors import UsageError
 from fast.models.ids import content_id
-from fast.models.records import EffectValue, FinRay, Record, Theta
+from fast.models.records import EffectValue, Record, Theta
 
 BELIEVED, TRUE, THETA, EFFECT = "believed", "true", "theta", "theta and effect"
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from fast.flows.cli.simulate_output import unwritable
 from fast.models.errors import UsageError
-from fast.models.objects.catalogue import RigidObject
 from fast.models.objects.distance import distance_and_normal
 from fast.models.objects.primitives import turn_about_z
+from fast.models.objects.rigid import RigidObject
 from fast.models.objects.surface import object_mesh
 from fast.models.records import Design, GraspSetup, Placement, SimulatorVersion
 from fast.models.simulation.grasp import Numerics, simulate_grasp

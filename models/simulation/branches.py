@@ -22,7 +22,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from fast.models.errors import SimulationFailed
-from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import (
     Branch,
     BranchCause,

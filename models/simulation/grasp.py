@@ -8,8 +8,8 @@ from typing import Self
 import numpy as np
 
 from fast.models.errors import UsageError
-from fast.models.objects.catalogue import RigidObject
 from fast.models.objects.primitives import bounds
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import (
     Design,
     GraspContext,

@@ -92,7 +92,7 @@ def measure_batch(
             compact(campaign.lake, row_type, _MERGED_BYTES)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
+    owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(mounted) as bench:
         bench.set_leave(gantry.require)
         every = campaign.config.execution.position_check_tools

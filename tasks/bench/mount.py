@@ -90,7 +90,7 @@ def measure_asked(
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
+    owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(tools) as bench:
         bench.set_leave(gantry.require)
         for tool in tools:

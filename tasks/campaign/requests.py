@@ -50,7 +50,7 @@ def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payloa
 
 def append_request(lake: Lake, campaign_id: str, verb: Verb, message: str) -> None:
     """Ask the process that runs the campaign now for something; a later run does not hear it."""
-    holder = holder_of(lake, lease_name(campaign_id))
+    holder = holder_of(lake.storage, lease_name(campaign_id))
     append_event(lake, campaign_id, verb, message, **({"run": holder.token} if holder else {}))
 
 

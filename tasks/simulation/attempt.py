@@ -17,7 +17,8 @@ import numpy as np
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import canonical_json, content_id
-from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, check_tier
 from fast.models.simulation.effects.catalogue import build_effects
 from fast.models.simulation.mesh.build import build_mesh

@@ -32,7 +32,7 @@ from fast.models.records import (
 )
 
 if TYPE_CHECKING:
-    from fast.models.objects.catalogue import RigidObject
+    from fast.models.objects.rigid import RigidObject
     from fast.models.simulation.effects.base import Effect
     from fast.models.simulation.output.recording import Recorder
 

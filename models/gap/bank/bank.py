@@ -13,12 +13,12 @@ import numpy as np
 
 from fast.models.calibration.traces.response_surface import LEAST_AMPLITUDE
 from fast.models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
+from fast.models.design.fin_ray import FinRay
 from fast.models.gap.grasps import Grasps, Target
 from fast.models.records import (
     ContactSettings,
     Design,
     EffectValue,
-    FinRay,
     GraspSetup,
     MeshSettings,
     Record,

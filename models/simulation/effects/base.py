@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from shapely.geometry import Polygon
 
-from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Record, Theta, Trace
 
 # In the order in which the layers act: a relaxing force is relaxed before the load cell adds its offset.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fast.models.design.profile import is_in_rib, take_fin_ray
+from fast.models.design.fin_ray import is_in_rib, take_fin_ray
 from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
 from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, with_modulus
 

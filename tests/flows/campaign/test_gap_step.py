@@ -157,9 +157,9 @@ def test_people_who_watch_a_campaign_see_how_far_its_search_is(campaign: Campaig
     made[0].reporter = with_run_page(ProgressReporter(said.append, said.append))
     assert close_gap(*_in_order(made))
     assert said.count(f"searching {campaign.campaign_id}") == 2
-    with exclusive(campaign.lake, lease_name(campaign.campaign_id), "busy"):
+    with exclusive(campaign.lake.storage, lease_name(campaign.campaign_id), "busy"):
         assert describe_state(campaign.lake, campaign.campaign_id, False) == "running"
-        with exclusive(campaign.lake, GAP_LEASE, "busy"):
+        with exclusive(campaign.lake.storage, GAP_LEASE, "busy"):
             assert describe_state(campaign.lake, campaign.campaign_id, False) == "running, searches for a gap"
 
 

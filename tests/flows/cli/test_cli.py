@@ -57,7 +57,7 @@ def test_print_sheet_and_confirm(fast, tmp_path):
 @pytest.mark.parametrize("verb", ["pause", "stop", "abort"])
 def test_requests_reach_a_running_campaign(fast, tmp_path, verb):
     root = proposed_lake(tmp_path)
-    with exclusive(Lake.open(root), "campaign-quick", "busy"):
+    with exclusive(Lake.open(root).storage, "campaign-quick", "busy"):
         assert fast("campaign", "status", "--lake", root, "--json").json["state"] == "running"
         answer = fast("campaign", verb, "--lake", root, "--json")
     assert answer.json == {"campaign": "quick", "asked": verb}

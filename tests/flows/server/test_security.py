@@ -170,5 +170,9 @@ def test_a_second_client_of_a_bench_is_refused_and_the_first_goes_on(tmp_path):
 def test_the_bench_of_a_lake_has_one_owner(tmp_path):
     lake = Lake.open(tmp_path / "lake", create=True)
     busy = "the gantry of this lake is in use"
-    with exclusive(lake, "gantry", busy), pytest.raises(FastError, match=busy), exclusive(lake, "gantry", busy):
+    with (
+        exclusive(lake.storage, "gantry", busy),
+        pytest.raises(FastError, match=busy),
+        exclusive(lake.storage, "gantry", busy),
+    ):
         pass

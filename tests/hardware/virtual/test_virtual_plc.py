@@ -16,8 +16,8 @@ from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState
 from fast.hardware.wire.modbus import rtu_link, tcp_link
 from fast.hardware.wire.serial import LinkLostError
+from fast.models.design.fin_ray import FinRay
 from fast.models.errors import DeviceError, InterlockError, UsageError
-from fast.models.records import FinRay
 from fast.models.units import force_n_from_kg
 
 DESIGN = FinRay(

@@ -5,7 +5,8 @@ import pytest
 
 from fast.models.design.space import BEST_PUBLISHED, numbered_design, random_designs
 from fast.models.errors import SimulationFailed, UsageError
-from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
 from fast.models.simulation.contact.law import ContactLaw
 from fast.models.simulation.effects.contact import StaticKineticFriction

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import box
 
-from fast.models.design.profile import planar_profile
+from fast.models.design.fin_ray import planar_profile
 from fast.models.design.space import BEST_PUBLISHED, PARAMETERS, from_unit, random_designs
 from fast.models.errors import MeshingFailed
 from fast.models.records import Design, MeshSettings

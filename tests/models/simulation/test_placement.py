@@ -5,7 +5,8 @@ import pytest
 
 from fast.models.design.space import BEST_PUBLISHED, numbered_design
 from fast.models.errors import SimulationFailed, UsageError
-from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from shapely.geometry import LineString, Polygon
 
-from fast.models.design.profile import planar_profile
+from fast.models.design.fin_ray import planar_profile
 from fast.models.design.space import from_unit, numbered_design, random_unit
 from fast.models.errors import SimulationFailed
 from fast.models.objects.catalogue import get_object

@@ -99,7 +99,7 @@ def _campaign(folder: Path) -> Campaign:
 def _start(folder: Path) -> None:
     campaign = _campaign(folder)
     register(campaign, _TOML)
-    with exclusive(campaign.lake, lease_name(NAME), "busy") as lease:
+    with exclusive(campaign.lake.storage, lease_name(NAME), "busy") as lease:
         append_event(campaign.lake, NAME, STARTED, "started or continued", run=lease.token)
         propose_initial(campaign)
         if not campaign.state().is_confirmed(1):

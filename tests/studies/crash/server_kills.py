@@ -102,7 +102,7 @@ class _Study:
         found += judge_server(lambda path, body: ask_again(self._lab, path, body))
         found += [f"kill {kill.number}: {kill.problem}" for kill in self.kills if kill.problem]
         locks = ["gantry", *(f"campaign-{name}" for name in names)]
-        return found + [f"the lock {lock} is stuck" for lock in locks if is_held(self._lake, lock)]
+        return found + [f"the lock {lock} is stuck" for lock in locks if is_held(self._lake.storage, lock)]
 
     def _names(self) -> list[str]:
         """Campaigns that were begun in this lake."""
@@ -149,11 +149,11 @@ class _Study:
     def _is_second_refused(self) -> bool | None:
         """Whether the campaign, run now, refuses another owner; None when it is not run at this moment."""
         lock = f"campaign-{self._name}"
-        if not self._pids()["flow"] or not is_held(self._lake, lock):
+        if not self._pids()["flow"] or not is_held(self._lake.storage, lock):
             return None
         try:
-            with exclusive(self._lake, lock, "busy"):
-                return not is_held(self._lake, lock)  # it ended just now
+            with exclusive(self._lake.storage, lock, "busy"):
+                return not is_held(self._lake.storage, lock)  # it ended just now
         except FastError:
             return True
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
-from fast.models.design.profile import planar_profile, rib_centres
+from fast.models.design.fin_ray import FinRay, planar_profile, rib_centres
 from fast.models.design.space import numbered_design
 from fast.models.objects.catalogue import get_object
-from fast.models.records import FinRay, Theta
+from fast.models.records import Theta
 from tests.studies.gap.truth import LAWS, OTHER_LAWS, Panel, draw_set
 from tests.studies.gap.worlds import UNLISTED
 from tests.studies.hidden.other_grasp_laws import (

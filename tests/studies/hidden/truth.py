@@ -42,7 +42,7 @@ CONTACT_N_PER_MM3 = (4.8, 3.2)  # normal, tangential
 PLACEMENT_SD_MM = 0.2
 TOOL_MODULUS_SD = 0.04
 DEADLINE_S = 300.0
-_MODEL_SOURCES = ("design/profile.py", "objects", "simulation")
+_MODEL_SOURCES = ("design/fin_ray.py", "objects", "simulation")
 
 
 class TrueGrasp(Record):

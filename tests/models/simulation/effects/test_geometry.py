@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fast.models.design.profile import cavity_share, planar_profile, rib_centres
+from fast.models.design.fin_ray import cavity_share, planar_profile, rib_centres
 from fast.models.design.space import BEST_PUBLISHED, random_designs
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, GraspSetup, MeshSettings

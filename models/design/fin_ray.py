@@ -1,15 +1,17 @@
-"""The planar profile of a fin-ray finger: what is extruded over the width."""
+"""The fin ray, the paper's family of fingers: its parameters, and the profile that is extruded over the width."""
 
 import math
+from typing import Any, ClassVar
 
 import numpy as np
 import shapely
+from pydantic import Field
 from shapely import affinity
 from shapely.geometry import LineString, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from fast.models.errors import UsageError
-from fast.models.records import Design, FinRay
+from fast.models.records import Design
 
 BASE_HEIGHT_MM = 3.0  # rigid mounting base, printed in another material below the compliant body
 APEX_EXTRA_MM = 1.0  # the apex is this much longer in x than the front wall is thick
@@ -17,6 +19,45 @@ MIN_CAVITY_AREA_MM2 = 2.25  # smaller cavities, and
 MIN_CAVITY_WIDTH_MM = 1.0  # parts of cavities thinner than this, are filled: a printer cannot resolve them
 MIN_EDGE_MM = 0.08  # half the shortest edge of a usual fillet; shorter ones would only make sliver elements
 ARC_SEGMENTS = 4  # per quarter circle of a fillet
+
+
+class FinRay(Design):
+    """A fin-ray finger in nine parameters, with the ranges of the paper (Problem definition)."""
+
+    family: ClassVar[str] = "fin-ray"
+
+    length_mm: float = Field(ge=19, le=35, description="depth at the base, closing direction x")
+    width_mm: float = Field(ge=28, le=35, description="along y")
+    height_mm: float = Field(ge=90, le=120, description="along z, base to apex")
+    tip_length_mm: float = Field(ge=20, le=30, description="solid tip, from the apex along z")
+    front_thickness_mm: float = Field(ge=2, le=3, description="wall that touches the object")
+    back_thickness_mm: float = Field(ge=2, le=3, description="slanted wall")
+    rib_thickness_mm: float = Field(ge=2, le=3)
+    rib_count: int = Field(ge=1, le=10)
+    rib_angle_deg: float = Field(ge=-40, le=40, description="from the horizontal")
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """See `Design`."""
+        return self.model_dump() if type(self) is FinRay else super().content
+
+    @property
+    def tip_height_mm(self) -> float:
+        """Length of the solid tip."""
+        return self.tip_length_mm
+
+    def draw_section(self, fillet_mm: float = 0.5, arc_segments: int = ARC_SEGMENTS) -> Polygon:
+        """See `Design` and `planar_profile`."""
+        return planar_profile(self, fillet_mm, arc_segments)
+
+    def list_voids(self) -> list[Polygon]:
+        """The voids between the ribs above the base as drawn, mm: sharp, and however small."""
+        above = box(0.0, BASE_HEIGHT_MM, self.length_mm, self.height_mm)
+        return [part for void in _voids(self) for part in _polygons(void.intersection(above))]
+
+    def measure_section_mm2(self) -> float:
+        """Area between outline and voids, however small these are."""
+        return float(_outline(self).area) - sum(float(void.area) for void in self.list_voids())
 
 
 def take_fin_ray(design: Design, what: str) -> FinRay:
@@ -45,17 +86,6 @@ def planar_profile(design: FinRay, fillet_mm: float = 0.5, arc_segments: int = A
     parts = _polygons(_outline(design).difference(shapely.union_all(printable)))
     body = max(parts, key=lambda part: part.area)
     return shapely.geometry.polygon.orient(Polygon(_above_base(body), body.interiors))
-
-
-def cavities(design: FinRay) -> list[Polygon]:
-    """The voids between the ribs above the base as drawn, mm: sharp, and however small."""
-    above = box(0.0, BASE_HEIGHT_MM, design.length_mm, design.height_mm)
-    return [part for void in _voids(design) for part in _polygons(void.intersection(above))]
-
-
-def outline_area_mm2(design: FinRay) -> float:
-    """Area of the compliant body in the (x, z) plane with its voids."""
-    return float(_outline(design).area)
 
 
 def _voids(design: FinRay) -> list[Polygon]:

@@ -2,15 +2,20 @@
 
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fast.flows.benchmarks.fingerprints import fingerprint, fingerprint_world
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import build_request
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.simulation.attempt import Attempt, GraspJob
+
+if TYPE_CHECKING:
+    from fast.flows.campaign.process import CampaignOutcome
+    from fast.flows.progress import ProgressReporter
 
 N_TOOLS, OBJECTS, N_REPEATS = 10, (0, 7, 14, 24, 30), 2
 N_SIMULATIONS = 20
@@ -35,13 +40,23 @@ def made_up_attempt(job: GraspJob, wall_s: float = SIMULATION_S) -> Attempt:
     return Attempt(fingerprint(request), "", "", cpu_s=0.0, mesh_cpu_s=0.0, wall_s=wall_s, worker=os.getpid())
 
 
-def use_made_up_physics() -> None:
-    """Have this process compute nothing: neither simulations nor the truth of the virtual bench."""
-    from fast.flows.campaign import process
+def run_made_up_campaign(
+    config_path: Path,
+    lake: Path,
+    *,
+    auto_print: bool,
+    reporter: "ProgressReporter",
+    attempt: Callable[[GraspJob], Attempt] = made_up_attempt,
+) -> "CampaignOutcome":
+    """Run a campaign in which nothing is computed: neither simulations nor the truth of the virtual bench.
+
+    `attempt` stands in for a simulation, in this process from now on.
+    """
+    from fast.flows.campaign.launch import run_campaign
     from fast.tasks.simulation import simulate as simulating
 
-    simulating.attempt_grasp = made_up_attempt
-    process.physics_of_truth = fingerprint
+    simulating.attempt_grasp = attempt
+    return run_campaign(config_path, lake, auto_print=auto_print, reporter=reporter, physics_of_truth=fingerprint)
 
 
 def config_of(name: str, size: Size = Size()) -> CampaignConfig:

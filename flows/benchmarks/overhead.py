@@ -19,7 +19,7 @@ import psutil
 
 from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.flows.benchmarks.made_up_batch import Batch, lockstep_bench
-from fast.flows.benchmarks.made_up_campaign import Size, use_made_up_physics, world_of, write_files
+from fast.flows.benchmarks.made_up_campaign import Size, run_made_up_campaign, world_of, write_files
 from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, named_server
 from fast.flows.server.server import configure_client, server
 from fast.hardware.safety.safe_state import Verb
@@ -147,11 +147,9 @@ def server_of_study(lake: Lake) -> Iterator[None]:
 
 def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
     """CPU of a campaign, CPU from its first grasp or simulation to its last, and how often its state was derived."""
-    from fast.flows.campaign.launch import run_campaign
     from fast.flows.progress import ProgressReporter
 
     config = write_files(folder, NAME, SIZE)
-    use_made_up_physics()
     root = folder / "lake"
     marks: dict[str, Spent] = {}
 
@@ -164,14 +162,13 @@ def _run_campaign(folder: Path, options: Options) -> tuple[Spent, Spent, int]:
 
     before, derived = spent_so_far(root), Campaign.state
     with mock.patch.object(Campaign, "state", autospec=True, side_effect=derived) as counted:
-        run_campaign(config, root, auto_print=True, reporter=ProgressReporter(hear, options.tell))
+        run_made_up_campaign(config, root, auto_print=True, reporter=ProgressReporter(hear, options.tell))
     time.sleep(SETTLE_S)  # the server stores events after they came
     return spent_so_far(root).since(before), marks["last"].since(marks["first"]), counted.call_count
 
 
 def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
     """CPU of a campaign that waits for a person, and of its server meanwhile."""
-    from fast.flows.campaign.launch import run_campaign
     from fast.flows.progress import ProgressReporter
 
     config, waits, heard = write_files(folder, "waiting", WAITING), threading.Event(), threading.Event()
@@ -182,7 +179,7 @@ def _run_waiting(folder: Path, lake: Lake, options: Options) -> Spent:
             waits.set()
 
     def run() -> None:
-        run_campaign(config, lake.root, auto_print=False, reporter=ProgressReporter(options.tell, hear))
+        run_made_up_campaign(config, lake.root, auto_print=False, reporter=ProgressReporter(options.tell, hear))
         heard.set()
 
     campaign = threading.Thread(target=run, daemon=True, name="waiting-campaign")

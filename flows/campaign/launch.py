@@ -24,6 +24,7 @@ from fast.tasks.campaign.setup import enter, read_real_bench, read_world
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
+    from fast.hardware.virtual.world.physics import Physics
 
 ConfirmReal = Callable[[Path, BenchSettings | ArmSettings], None]  # raises when there is no leave to move
 
@@ -36,11 +37,13 @@ def run_campaign(
     reporter: ProgressReporter,
     confirm_real: ConfirmReal | None = None,
     is_acknowledged: bool = False,
+    physics_of_truth: "Physics | None" = None,
 ) -> "CampaignOutcome":
     """Start a campaign, or continue it where the lake says it stands.
 
     `confirm_real` drives the real bench of the config, unless it raises for lack of leave; None is a virtual bench.
-    `is_acknowledged`: a person has looked after an emergency stop.
+    `is_acknowledged`: a person has looked after an emergency stop. `physics_of_truth`: what a virtual bench measures,
+    None for the finite elements of its world.
 
     Raises:
         UsageError: config, world or lake cannot be used, or a package is missing; nothing was written.
@@ -75,7 +78,9 @@ def run_campaign(
         # Prefect reads its settings when first imported, so only now.
         from fast.flows.campaign.process import run_in_process
 
-        return run_in_process(campaign, bench, auto_print=auto_print, reporter=reporter)
+        return run_in_process(
+            campaign, bench, auto_print=auto_print, reporter=reporter, physics_of_truth=physics_of_truth
+        )
 
 
 def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> BenchSettings | ArmSettings:

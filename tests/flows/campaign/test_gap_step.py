@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 
-from fast.flows.benchmarks.fingerprints import fingerprint
-from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
 from fast.flows.campaign import gap_step
 from fast.flows.campaign.forecast import Forecast
 from fast.flows.campaign.gap_step import close_gap
@@ -40,6 +38,8 @@ from fast.tasks.campaign.settings import GapSettings
 from fast.tasks.gap.readings import write_reading
 from tests.flows.campaign.made_up_search import ask_person, search_made_up
 from tests.flows.campaign.test_campaign import ROOT
+from tests.studies.benchmarks.fingerprints import fingerprint
+from tests.studies.benchmarks.made_up_batch import Batch, measure_missing
 
 SILENT = ProgressReporter(lambda _: None, lambda _: None)
 

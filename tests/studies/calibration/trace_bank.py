@@ -8,8 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.hardware.virtual.world.file import Scatter, World
 from fast.hardware.virtual.world.physics import build_request, simulate_request
 from fast.hardware.virtual.world.physics_cache import physics_id
@@ -23,6 +21,8 @@ from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.placement import needs_full_width
 from fast.tasks.simulation.pool import WorkerPool
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 
 SETUP = GraspSetup()
 DEADLINE_S = 300.0

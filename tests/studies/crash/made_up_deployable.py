@@ -1,4 +1,4 @@
-"""The made-up campaign of `flows.benchmarks.made_up_campaign` as a flow that a Prefect worker can start."""
+"""The made-up campaign of `tests.studies.benchmarks.made_up_campaign` as a flow that a Prefect worker can start."""
 
 from pathlib import Path
 from typing import Any
@@ -6,9 +6,9 @@ from typing import Any
 from prefect import flow
 from prefect.states import State
 
-from fast.flows.benchmarks.made_up_campaign import run_made_up_campaign
 from fast.flows.deployments import ended
 from fast.flows.server.crashed_runs import CONTINUED
+from tests.studies.benchmarks.made_up_campaign import run_made_up_campaign
 
 
 @flow(name=CONTINUED, flow_run_name="run {config}")

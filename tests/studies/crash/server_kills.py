@@ -1,7 +1,7 @@
 """Flow process, worker and server of a lab killed at random moments of campaigns, which go on by themselves.
 
 The lab is that of `fast serve`: the Prefect server, a worker, and the loop that starts again what died. The campaigns
-are made up (`flows.benchmarks.made_up_campaign`), so that a kill costs process starts and little else.
+are made up (`tests.studies.benchmarks.made_up_campaign`), so that a kill costs process starts and little else.
 """
 
 import random
@@ -17,9 +17,6 @@ from typing import Any
 
 import psutil
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.made_up_campaign import write_files
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.server.crashed_runs import CONTINUED
 from fast.flows.server.lab import CHECKOUT, Lab, LabPlan, open_lab
 from fast.flows.server.server import ask_server
@@ -27,6 +24,9 @@ from fast.lake.leases import exclusive, is_held
 from fast.lake.store import Lake
 from fast.models.errors import FastError
 from fast.models.records import Record
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.made_up_campaign import write_files
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.crash.server_kill_judge import Progress, judge_campaign, judge_server
 
 N_KILLS = 100

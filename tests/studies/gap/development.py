@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.models.design.space import numbered_design
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Record, SimulatorVersion
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.judgement import Judged, fit_probabilities
 from tests.studies.gap.panels import Panels

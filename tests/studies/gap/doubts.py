@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse
+from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.gap.development import open_panels
 from tests.studies.gap.small import read_small
 from tests.studies.gap.truth import results_folder

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from fast.flows.benchmarks.base import Options, Tables
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import Trace
+from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.gap.development import PUBLIC_SEED, measure_worlds
 from tests.studies.gap.panels import Panels
 from tests.studies.gap.small import read_small

@@ -12,8 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.problem import THETA
 from fast.models.errors import SimulationFailed
@@ -23,6 +21,8 @@ from fast.models.ids import seed_from
 from fast.models.records import EffectValue, Record, Theta, Trace
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import measure_held_out_n, naming_code
 from tests.studies.gap.development import open_panels
 from tests.studies.gap.local_banks import LocalBanks

@@ -14,8 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.models.design.space import numbered_design
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank
@@ -24,6 +22,8 @@ from fast.models.gap.grasps import Grasps
 from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import GraspContext, Record
 from fast.models.traces.step_noise import SensorNoise
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
 from tests.studies.gap.development import open_panels
 from tests.studies.gap.judgement import Judged

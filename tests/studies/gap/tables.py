@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.stats import beta
 
-from fast.flows.benchmarks.base import Rows, Tables
 from fast.models.gap.findings import UNKNOWN
 from fast.models.gap.naming.families import WORDS
+from tests.studies.benchmarks.base import Rows, Tables
 from tests.studies.gap.judgement import Judged
 
 _SURE = 0.9

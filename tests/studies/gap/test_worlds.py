@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.lake.store import Lake
 from fast.models.design.space import numbered_design
 from fast.models.errors import UsageError
@@ -19,6 +18,7 @@ from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from tests.studies.benchmarks.base import Options
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import measure_gap, with_known_fields
 from tests.studies.gap.independent import read_independent

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulationRow
 from fast.models.design.space import numbered_design
@@ -21,6 +19,8 @@ from fast.models.records import GraspSetup, Record, SimulatorVersion, Theta, Tra
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.simulation.plan import simulate_plan
 from fast.tasks.simulation.pool import WorkerPool
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.hidden.truth import OTHER_GRASP_LAWS, TrueGrasp, solve_truth
 
 MODULUS_MPA = 9.2

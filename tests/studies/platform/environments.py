@@ -16,12 +16,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.server.lab import CHECKOUT
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
 from fast.models.records import Record
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.platform.environment_list import ENVIRONMENTS, OURS, Environment
 
 NAME = "tiny"

@@ -15,15 +15,15 @@ from unittest import mock
 
 import psutil
 
-from fast.flows.benchmarks.made_up_campaign import made_up_attempt, run_made_up_campaign
-from fast.flows.benchmarks.outcomes import RecordFile
-from fast.flows.benchmarks.overhead import server_of_study, spent_so_far
 from fast.flows.cli.common import say
 from fast.flows.progress import Bar, ProgressReporter
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import FitRow, GraspRow, Row, SimulationRow
 from fast.models.records import Record
+from tests.studies.benchmarks.made_up_campaign import made_up_attempt, run_made_up_campaign
+from tests.studies.benchmarks.outcomes import RecordFile
+from tests.studies.benchmarks.overhead import server_of_study, spent_so_far
 
 SAMPLE_EVERY_S = 5.0
 _COUNTED: tuple[type[Row], ...] = (GraspRow, SimulationRow, FitRow)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables, timed
 from fast.models.design.space import PARAMETERS, numbered_design
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import OBJECTS, get_object
+from tests.studies.benchmarks.base import Options, Rows, Tables, timed
 from tests.studies.traces.world_grasps import N_REPEATS, N_TOOLS, bench_world, measure_world, solve_world
 
 if TYPE_CHECKING:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.hardware.virtual.world.physics_cache import physics_id
 from fast.models.records import SimulatorVersion
 from fast.models.traces.flags import KINDS
+from tests.studies.benchmarks.base import Options
 from tests.studies.traces.anomalies import FIRST_TOOL, WORLDS, measure_anomalies
 from tests.studies.traces.identification import measure_identification
 from tests.studies.traces.world_grasps import SIMULATED, WorldGrasp, bench_world, measure_world

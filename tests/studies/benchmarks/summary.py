@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fast.flows.benchmarks.outcomes import Outcome
+from tests.studies.benchmarks.outcomes import Outcome
 
 Key = tuple[int, int]
 

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.models.errors import UsageError
+from tests.studies.benchmarks.base import Options, Rows, Tables
 
 A = TypeVar("A")
 SIZES = (8_640, 100_000)  # the paper's, and one that a default run can afford
@@ -62,7 +62,7 @@ def _elsewhere(work: Callable[[Path, int], dict[str, Any]], root: Path, n_grasps
 
 
 def _make(root: Path, n_grasps: int) -> dict[str, Any]:
-    from fast.flows.benchmarks.made_up_lake import fill
+    from tests.studies.benchmarks.made_up_lake import fill
 
     wall_s = _wall(lambda: fill(root, n_grasps))
     files = list(root.glob("*/*.parquet"))
@@ -84,7 +84,7 @@ def _measure(root: Path, n_grasps: int) -> dict[str, Any]:
 
 
 def _reading(lake: Any, n_grasps: int) -> dict[str, Any]:
-    from fast.flows.benchmarks.made_up_lake import PERIOD, START
+    from tests.studies.benchmarks.made_up_lake import PERIOD, START
 
     opening = _costs("open", lambda: _look(lake))
     memory_mb = _peak_memory_mb()
@@ -108,10 +108,10 @@ def _reading(lake: Any, n_grasps: int) -> dict[str, Any]:
 
 
 def _writing(lake: Any, n_grasps: int) -> dict[str, Any]:
-    from fast.flows.benchmarks.made_up_lake import rows
     from fast.lake.maintenance import compact
     from fast.lake.provenance import current_provenance
     from fast.lake.tables.campaign import GraspRow, TraceRow
+    from tests.studies.benchmarks.made_up_lake import rows
 
     provenance = current_provenance()
     append_s, append_cpu_s, seen_s = [], [], []

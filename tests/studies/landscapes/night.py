@@ -2,7 +2,7 @@
 
 A night never sees a law that is hidden. It knows the traces of `N_INITIAL` random tools, with the scatter of prints and
 noise, and the names of the laws. As gap discovery does, it takes them one after the other, first the one that explains
-most, and leaves out one that explains nothing. How often discovery finds names is in `flows.scientist.landscape_study`.
+most, and leaves out one that explains nothing. How often discovery finds names is in `tests.studies.landscapes.study`.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from fast.models.records import EffectValue, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from tests.studies.scientist.landscape_bank import (
+from tests.studies.landscapes.make_bank import (
     BELIEF,
     HIGH_FRICTION,
     LOW_FRICTION,

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.models.design.space import random_unit
 from fast.models.errors import UsageError
 from fast.models.records import EffectValue, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from tests.studies.benchmarks.base import Options
 from tests.studies.hidden.truth import GRASP_LAWS
-from tests.studies.scientist.landscape_bank import (
+from tests.studies.landscapes.make_bank import (
     LAWS,
     MODULI_MPA,
     OBJECTS,
@@ -17,7 +17,7 @@ from tests.studies.scientist.landscape_bank import (
     draw_truths,
     measure_landscape_bank,
 )
-from tests.studies.scientist.landscape_night import TRIED, Night, theta_model
+from tests.studies.landscapes.night import TRIED, Night, theta_model
 
 X = random_unit(16, np.random.default_rng(3))
 

@@ -23,9 +23,8 @@ class Options:
     """How much of a benchmark to run; None leaves the choice to the benchmark.
 
     `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued;
-    `grasps` are sizes of lakes; `n_sim` and `n_real` are the sizes of a made-up problem; `figure` is a picture to draw.
-    Two are asked for by studies only: `n` is how often an event happens, `worlds` is how many made-up problems are
-    solved.
+    `grasps` are sizes of lakes; `n_sim` and `n_real` are the sizes of a made-up problem; `figure` is a picture to draw;
+    `n` is how often an event happens, `worlds` is how many made-up problems are solved.
     """
 
     designs: int | None = None

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
 from fast.lake.tables.campaign import SimulationRow
 from fast.models.design.space import BEST_PUBLISHED, numbered_design
 from fast.models.objects.catalogue import get_object
@@ -19,6 +17,8 @@ from fast.models.solver_code import solver_id
 from fast.models.traces.step_features import is_usable, step_means
 from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
 from fast.tasks.simulation.pool import Worker
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
 
 DEADLINE_S = 300.0  # wall time of one grasp: a reference grasp may take a minute on a loaded machine
 SETUP = GraspSetup()

@@ -1,7 +1,7 @@
-"""The bank that landscapes of `fast compare` are made of: designs simulated under hidden truths, and as a night finds.
+"""The bank that landscapes are made of: designs simulated under hidden truths, and as a night finds.
 
 Eight truths hide a theta and one to three laws of `tests.studies.hidden`. The same designs are simulated under each
-truth, by the simulator that a campaign believes in, and by the simulator after a night (`landscape_night`).
+truth, by the simulator that a campaign believes in, and by the simulator after a night (`night`).
 """
 
 import time
@@ -13,19 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import spearmanr
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
-from fast.flows.scientist.landscape import find_best
-from fast.flows.scientist.landscape_bank import (
-    BELIEVED,
-    EFFECT,
-    THETA,
-    TRUE,
-    DesignSet,
-    LandscapeBank,
-    Truth,
-    mean_peaks,
-)
 from fast.models.design.space import from_unit, random_unit, to_unit
 from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
 from fast.models.ids import content_id
@@ -37,10 +24,23 @@ from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationS
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import build_effects
 from fast.models.traces.step_features import is_usable, step_means
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.hidden.truth import TrueGrasp, hidden_law
+from tests.studies.landscapes.bank import (
+    BELIEVED,
+    EFFECT,
+    THETA,
+    TRUE,
+    DesignSet,
+    LandscapeBank,
+    Truth,
+    mean_peaks,
+)
+from tests.studies.landscapes.landscape import find_best
 
 if TYPE_CHECKING:
-    from tests.studies.scientist.landscape_night import ThetaModel
+    from tests.studies.landscapes.night import ThetaModel
 
 OBJECTS = (2, 28)
 N_RANDOM, N_BELIEVED_ROUNDS, N_PER_ROUND = 120, 4, 25
@@ -285,7 +285,7 @@ def measure_landscape_bank(options: Options) -> Tables:
 
 
 def _make_bank(grasps: Grasps) -> LandscapeBank:
-    from tests.studies.scientist.landscape_night import theta_model
+    from tests.studies.landscapes.night import theta_model
 
     truths = draw_truths()
     believed_x = believed_designs(grasps)
@@ -302,7 +302,7 @@ def _make_bank(grasps: Grasps) -> LandscapeBank:
 
 def _truth(grasps: Grasps, model: "ThetaModel", x: np.ndarray, number: int, truth: Simulator) -> Truth:
     """A truth, and the simulator after its night, at the common designs."""
-    from tests.studies.scientist.landscape_night import Night
+    from tests.studies.landscapes.night import Night
 
     laws = tuple(law.effect for law in truth.laws)
     night = Night(grasps, model, truth, x, laws, number)

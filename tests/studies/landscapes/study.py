@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.progress import describe_duration
-from fast.flows.scientist.landscape import read_landscape
-from fast.flows.scientist.landscape_bank import EFFECT, THETA, LandscapeBank
-from fast.flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
-from fast.flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED
 from fast.models.ids import seed_from
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
+from tests.studies.landscapes.bank import EFFECT, THETA, LandscapeBank
+from tests.studies.landscapes.landscape import read_landscape
+from tests.studies.landscapes.run import LandscapeRun, RunSchedule, run_strategy
+from tests.studies.landscapes.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED
 
 # The third and second panel of sealed worlds (their files are in older versions of docs/benchmarks): with two effects
 # both came out in 11 of 16, and in 8 of 12; with one, alarm where 2 % is visible, right family, right member of it in

@@ -1,18 +1,18 @@
-"""`fast bench run calibration`: its tables, from a calibration that costs nothing."""
+"""The cost of a calibration: its tables, from a calibration that costs nothing."""
 
 import json
 
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.calibration import TRUTH
-from fast.flows.benchmarks.registry import BENCHMARKS
 from fast.flows.cli.main import run
 from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means import calibrate as calibrate_module
 from fast.models.calibration.means.problem import CalibrationProblem
+from tests.studies.__main__ import app
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.calibration import TRUTH, measure_calibration
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +45,7 @@ def sizes(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int, bool]]:
 
 
 def test_both_ways_to_treat_e_are_measured_at_the_asked_size(sizes: list[tuple[int, int, bool]]) -> None:
-    tables = BENCHMARKS["calibration"].measure(Options(n_sim=40, n_real=9))
+    tables = measure_calibration(Options(n_sim=40, n_real=9))
     assert sizes == [(40, 9, False), (40, 9, True)]
     assert [row["mode"] for row in tables["calibration"]] == ["E an input", "E a factor"]
     assert tables["calibration"][0]["gradients_per_draw"] == pytest.approx(80_000 / (8 * 2000))
@@ -53,12 +53,12 @@ def test_both_ways_to_treat_e_are_measured_at_the_asked_size(sizes: list[tuple[i
 
 
 def test_it_says_where_the_truth_was_missed() -> None:
-    rows = BENCHMARKS["calibration"].measure(Options(n_sim=40, n_real=9))["theta"]
+    rows = measure_calibration(Options(n_sim=40, n_real=9))["theta"]
     assert [row["truth_inside_90"] for row in rows[:3]] == [True, True, False]
 
 
 def test_the_command_takes_the_size_and_answers_json(capsys: pytest.CaptureFixture[str]) -> None:
-    status = run(["bench", "run", "calibration", "--n-sim", "40", "--n-real", "9", "--json"])
+    status = run(["calibration", "--n-sim", "40", "--n-real", "9", "--json"], app)
     data = json.loads(capsys.readouterr().out)
     assert not status
     assert data["options"] == {"n_sim": 40, "n_real": 9}

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
 from fast.hardware.virtual.world.file import World
 from fast.lake.tables.campaign import TraceRow
 from fast.models.errors import FastError
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.made_up_batch import Batch, measure_missing
 
 N_TOOLS, N_OBJECTS, N_REPEATS = 10, 36, 3
 N_EDGE = 100  # grasps at each end of the batch that are compared
@@ -61,7 +61,7 @@ def _measure(batch: Batch) -> dict[str, Any]:
         n_samples = sum(len(row.time_s) for row in campaign.lake.records(TraceRow))
     n = len(marks.cpu_s) - 1
     if n != len(batch.labels):
-        raise FastError(f"{n} of {len(batch.labels)} grasps were measured; run `fast bench run bench` again.")
+        raise FastError(f"{n} of {len(batch.labels)} grasps were measured; run the study again.")
     edge = min(N_EDGE, n)
     return {
         "grasps": n,

@@ -10,13 +10,12 @@ from matplotlib.figure import Figure
 from scipy.stats import ttest_1samp
 
 from fast.flows.report.style import INK, MUTED, new_figure
-from fast.flows.scientist.landscape_run import LandscapeRun
+from fast.flows.scientist.campaign_table import COLOURS
+from tests.studies.landscapes.run import LandscapeRun
 
 Rows = list[dict[str, Any]]
 GOAL = 0.97  # of the optimum
 MOST_FLIPPED = 16  # landscapes: 65,536 swaps
-# Okabe and Ito (2008); the paper's hybrid in black
-COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d1f", "#5f6670")
 _DASHES = ("-", (0, (5, 1.5)), (0, (2, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.scientist.landscape_bank import BELIEVED, TRUE, LandscapeBank, Truth
 from fast.models.design.space import FIN_RAYS, PARAMETERS, random_unit
 from fast.models.scientist.acquisition.candidates import mutate
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
+from tests.studies.landscapes.bank import BELIEVED, TRUE, LandscapeBank, Truth
 
 N_DIMS = len(PARAMETERS)
 Force = Callable[[np.ndarray], np.ndarray]  # m x 9 unit-cube points to m forces, N

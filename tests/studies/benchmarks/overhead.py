@@ -17,9 +17,6 @@ from unittest import mock
 
 import psutil
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.made_up_batch import Batch, lockstep_bench
-from fast.flows.benchmarks.made_up_campaign import Size, run_made_up_campaign, world_of, write_files
 from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, named_server
 from fast.flows.server.server import configure_client, server
 from fast.hardware.safety.safe_state import Verb
@@ -27,6 +24,9 @@ from fast.lake.store import Lake
 from fast.models.errors import FastError
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.made_up_batch import Batch, lockstep_bench
+from tests.studies.benchmarks.made_up_campaign import Size, run_made_up_campaign, world_of, write_files
 
 NAME = "overhead"
 N_OBJECTS_OF_PAPER, SIMULATED_DESIGNS_OF_PAPER, TOOLS_OF_PAPER, REPEATS_OF_PAPER = 36, 850, 110, 3
@@ -124,7 +124,7 @@ def _extrapolated(measured: dict[str, float]) -> Rows:
 
 def _physics_cpu_s() -> float:
     """CPU seconds of a production simulation, as recorded in `docs/benchmarks/grasp.json`."""
-    file = Path(__file__).resolve().parents[2] / "docs" / "benchmarks" / "grasp.json"
+    file = Path(__file__).resolve().parents[3] / "docs" / "benchmarks" / "grasp.json"
     tables = json.loads(file.read_text(encoding="utf-8"))["tables"]
     return float(next(row["mean_cpu_s"] for row in tables["tiers"] if row["tier"] == "production"))
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.scientist.landscape_bank import EFFECT, THETA, TRUE, DesignSet, LandscapeBank, Truth, mean_peaks
 from fast.models.design.space import from_unit, random_unit, to_unit
 from fast.models.records import EffectValue, Theta
+from tests.studies.landscapes.bank import EFFECT, THETA, TRUE, DesignSet, LandscapeBank, Truth, mean_peaks
 
 N_COMMON, N_BELIEVED = 40, 90
 

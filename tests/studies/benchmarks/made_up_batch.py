@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from fast.flows.benchmarks.fingerprints import Label, fingerprint
 from fast.hardware.bench import Bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
@@ -21,6 +20,7 @@ from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.state import ProposedTool
 from fast.tasks.scientist.observe import unfinished_tools
 from fast.tasks.scientist.propose import propose_initial
+from tests.studies.benchmarks.fingerprints import Label, fingerprint
 
 CAMPAIGN_ID = "study"
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import Outcome
-from fast.flows.benchmarks.study import cases_of, run_study
-from fast.flows.benchmarks.summary import Key, completed, describe_errors, failures_by_reason
 from fast.models.objects.catalogue import OBJECTS
 from fast.models.records import find_tier
 from fast.models.solver_code import solver_id
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import Outcome
+from tests.studies.benchmarks.study import cases_of, run_study
+from tests.studies.benchmarks.summary import Key, completed, describe_errors, failures_by_reason
 
 TIERS = ("production",)
 REFERENCE = "reference"

@@ -1,21 +1,22 @@
-"""`fast compare`: landscapes, runs of every strategy, what the table says, and continuing a killed comparison."""
+"""Strategies on landscapes: runs of every strategy, what the table says, and continuing a killed comparison."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fast.flows.scientist import landscape_study
-from fast.flows.scientist.landscape import NOISE_SD_N, PRINT_SD, emulator_error, landscape_of, read_landscape
-from fast.flows.scientist.landscape_bank import BELIEVED, EFFECT, THETA, TRUE
-from fast.flows.scientist.landscape_run import LandscapeRun, RunSchedule, run_strategy
-from fast.flows.scientist.landscape_study import NAMED_SHARE, plan_runs, read_runs, run_planned, with_discovery
-from fast.flows.scientist.landscape_table import landscape_rows, paired_rows, runs_figure, sign_flip_p, summary_rows
-from fast.flows.scientist.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED, REFERENCE
+from fast.flows.scientist.strategies import REFERENCE
 from fast.models.design.space import random_unit
 from fast.models.errors import UsageError
-from tests.flows.cli.cli_lakes import Fast
-from tests.flows.scientist.landscapes import believed_n, made_up_bank, true_n, write_bank
+from tests.studies.benchmarks.base import Options
+from tests.studies.landscapes import compare, study
+from tests.studies.landscapes.bank import BELIEVED, EFFECT, THETA, TRUE
+from tests.studies.landscapes.landscape import NOISE_SD_N, PRINT_SD, emulator_error, landscape_of, read_landscape
+from tests.studies.landscapes.made_up import believed_n, made_up_bank, true_n, write_bank
+from tests.studies.landscapes.run import LandscapeRun, RunSchedule, run_strategy
+from tests.studies.landscapes.strategies import LANDSCAPE_STRATEGIES, LOOP, LOOP_DISCOVERED
+from tests.studies.landscapes.study import NAMED_SHARE, plan_runs, read_runs, run_planned, with_discovery
+from tests.studies.landscapes.table import landscape_rows, paired_rows, runs_figure, sign_flip_p, summary_rows
 
 SHORT = RunSchedule(
     initial_tools=6,
@@ -26,11 +27,6 @@ SHORT = RunSchedule(
     simulations_at_once=2,
 )
 SHORTEST = SHORT.model_copy(update={"rounds": 1, "tools_per_round": 1, "simulations_per_round": 2})
-
-
-@pytest.fixture
-def fast(capsys):
-    return Fast(capsys)
 
 
 def made_up(
@@ -176,38 +172,27 @@ def test_the_figure_shows_every_strategy():
     assert [label.get_text() for label in right.get_yticklabels()] == ["random", "simulation only", REFERENCE]
 
 
-def test_the_command_writes_table_and_picture(fast, tmp_path, monkeypatch):
+def test_the_study_writes_tables_and_picture(tmp_path, monkeypatch):
     def run_all(plan, n_workers, tell):
         for planned in plan:
             run = made_up(planned.strategy, planned.seed, (10.0, 12.0))
             yield run.model_copy(update={"landscape": planned.key[0]})
 
-    monkeypatch.setattr(landscape_study, "_run_all", run_all)
-    bank = str(write_bank(tmp_path))
-    answer = fast(
-        "compare",
-        "--bank",
-        bank,
-        "--races",
-        "2",
-        "--strategies",
-        f"random;{REFERENCE}",
-        "--figure",
-        str(tmp_path / "c.png"),
-        "--json",
-    )
-    assert [row["n_races"] for row in answer.json["strategies"]] == [4, 4]
-    assert [row["optimum_n"] for row in answer.json["landscapes"]] == [20.0, 20.0]
+    monkeypatch.setattr(study, "_run_all", run_all)
+    monkeypatch.setattr(compare, "BANK", write_bank(tmp_path))
+    tables = compare.measure_landscapes(Options(n=2, figure=tmp_path / "c.png"))
+    assert {row["n_races"] for row in tables["strategies"]} == {4}
+    assert [row["strategy"] for row in tables["strategies"]] == [*LANDSCAPE_STRATEGIES, LOOP_DISCOVERED]
     assert (tmp_path / "c.png").stat().st_size > 10_000
-    assert (
-        fast("compare", "--strategies", "randon").err == "fast: There is no strategy `randon`; did you mean `random`?\n"
-    )
 
 
-def test_a_file_that_is_no_bank_is_refused(fast, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "said"), [("other.json", "is no bank of landscapes"), ("none.json", "cannot be read")]
+)
+def test_a_file_that_is_no_bank_is_refused(tmp_path, name, said):
     (tmp_path / "other.json").write_text("{}")
-    for name, said in (("other.json", "is no bank of landscapes"), ("none.json", "cannot be read")):
-        assert said in fast.refused("compare", "--bank", str(tmp_path / name))
+    with pytest.raises(UsageError, match=said):
+        plan_runs(tmp_path / name, 1, ("random",), SHORT)
 
 
 def test_a_stored_landscape_is_read_once(tmp_path):

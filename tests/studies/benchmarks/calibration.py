@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.base import Options, Tables
 
 if TYPE_CHECKING:
     from fast.models.calibration.inference.settings import CalibrationSettings
@@ -36,7 +36,7 @@ def _calibrate(
 ) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Any]]:
     from fast.models.calibration.inference.settings import CalibrationSettings
     from fast.models.calibration.means.calibrate import calibrate
-    from fast.models.calibration.means.synthetic import make_up_problem
+    from tests.synthetic.calibration import make_up_problem
 
     load = os.getloadavg()[0]
     n_sim, n_real = options.n_sim or N_SIM, options.n_real or N_REAL

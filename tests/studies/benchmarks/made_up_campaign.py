@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fast.flows.benchmarks.fingerprints import fingerprint, fingerprint_world
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import build_request
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.simulation.attempt import Attempt, GraspJob
+from tests.studies.benchmarks.fingerprints import fingerprint, fingerprint_world
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome

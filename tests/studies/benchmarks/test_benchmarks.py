@@ -11,20 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks import study
-from fast.flows.benchmarks.accuracy import errors_percent, measure_accuracy
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.grasp import measure_grasp, tier_row
-from fast.flows.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
-from fast.flows.benchmarks.registry import BENCHMARKS
-from fast.flows.benchmarks.study import cases_of, run_study
-from fast.flows.benchmarks.summary import failures_by_reason
-from fast.flows.cli.benchmarks import BenchChosen
 from fast.models.design.space import numbered_design
 from fast.models.errors import UsageError
 from fast.models.records import TIERS, GraspSetup, MeshSettings, SimulatorVersion
 from fast.models.solver_code import solver_id
-from tests.flows.cli.cli_lakes import ROOT, Fast
+from tests.flows.cli.cli_lakes import ROOT
+from tests.studies.benchmarks import study
+from tests.studies.benchmarks.accuracy import errors_percent, measure_accuracy
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.grasp import measure_grasp, tier_row
+from tests.studies.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
+from tests.studies.benchmarks.study import cases_of, run_study
+from tests.studies.benchmarks.summary import failures_by_reason
 from tests.studies.simulation.robustness import failed_grasps, measure_robustness, memory, parts
 
 SHORT = GraspSetup(open_gap_mm=56, closed_gap_mm=24, max_lift_mm=3)
@@ -122,9 +120,7 @@ def test_a_killed_benchmark_leaves_whole_lines(tmp_path, number):
     command = [
         sys.executable,
         "-m",
-        "fast.flows.cli.main",
-        "bench",
-        "run",
+        "tests.studies",
         "grasp",
         "--workers",
         "1",
@@ -173,29 +169,11 @@ def test_random_designs_are_numbered_once_and_for_all():
     assert np.ptp([numbered_design(number).rib_count for number in range(40)]) == 9
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["grasp", "--objects", "1,x"], "--objects `1,x` is no list of object ids"),
-        (["grasp", "--objects", "36"], "object 36 does not exist"),
-        (["grasp", "--tiers", "productoin"], "there is no tier `productoin`; did you mean `production`?"),
-        (["grasp", "--designs", "0"], "--designs is 0, at least 1 is needed"),
-        (["lake", "--designs", "3"], "the benchmark `lake` has no option --designs"),
-    ],
-)
-def test_wrong_use_is_refused(capsys, words, sentence):
-    assert sentence in Fast(capsys).refused("bench", "run", *words)
-
-
-def test_a_results_file_of_something_else_is_refused(capsys, tmp_path):
+def test_a_results_file_of_something_else_is_refused(tmp_path):
     path = tmp_path / "notes.jsonl"
     path.write_text('{"a": 1}\n')
-    assert "line 1 is no outcome" in Fast(capsys).refused("bench", "run", "grasp", "--results", path)
-
-
-def test_every_benchmark_says_what_it_measures_and_every_option_has_a_user():
-    assert all(benchmark.about for benchmark in BENCHMARKS.values())
-    assert {option for benchmark in BENCHMARKS.values() for option in benchmark.options} == set(vars(BenchChosen()))
+    with pytest.raises(UsageError, match="line 1 is no outcome"):
+        read_outcomes(path)
 
 
 def test_a_folder_is_no_file_of_results(tmp_path):

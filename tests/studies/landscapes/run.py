@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.flows.scientist.landscape import N_DIMS, Landscape
-from fast.flows.scientist.strategies import Strategy
 from fast.models.design.space import random_unit, to_unit
 from fast.models.records import Record
 from fast.models.scientist.acquisition.candidates import mutate
@@ -13,6 +11,8 @@ from fast.models.scientist.propose import NO_PENDING, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
+from tests.studies.landscapes.landscape import N_DIMS, Landscape
+from tests.studies.landscapes.strategies import NightStrategy
 
 _N_PARENTS, _STEPS = 20, (0.05, 0.1, 0.2)  # around which designs a night looks, and how far (unit cube)
 
@@ -59,7 +59,7 @@ class LandscapeRun(Record):
         return float(reached[0]) if len(reached) else float("inf")
 
 
-def run_strategy(landscape: Landscape, strategy: Strategy, schedule: RunSchedule, seed: int) -> LandscapeRun:
+def run_strategy(landscape: Landscape, strategy: NightStrategy, schedule: RunSchedule, seed: int) -> LandscapeRun:
     """Run one strategy; all strategies of a landscape and seed begin with the same designs and noise."""
     search = _Search(landscape, strategy, schedule, seed)
     for _ in range(schedule.rounds):
@@ -84,7 +84,7 @@ class _Known:
 
 
 class _Search:
-    def __init__(self, landscape: Landscape, strategy: Strategy, schedule: RunSchedule, seed: int) -> None:
+    def __init__(self, landscape: Landscape, strategy: NightStrategy, schedule: RunSchedule, seed: int) -> None:
         self._landscape, self._strategy, self._schedule = landscape, strategy, schedule
         self._rng = np.random.default_rng([seed, 1])
         initial = np.random.default_rng([seed, 0])

@@ -4,9 +4,9 @@ from functools import partial
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables, timed
 from fast.models.scientist.surrogate.observations import ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
+from tests.studies.benchmarks.base import Options, Tables, timed
 
 SIZES = ((10, 30), (30, 150), (60, 400), (110, 1000))  # measured, simulated
 N_PENDING = 10

@@ -27,9 +27,9 @@ from fast.hardware.arm.bench import open_arm_bench
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings, open_real_bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.grasp_bench import GraspBench
-from fast.hardware.safety.safe_state import Verb
+from fast.hardware.parts.layout import BenchLayout
+from fast.hardware.parts.safe_state import Verb
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere

@@ -4,7 +4,7 @@ import tomllib
 from typing import Any
 
 from fast.flows.campaign.progress import count_work
-from fast.hardware.safety.safe_state import Verb
+from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import holder_of
 from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake

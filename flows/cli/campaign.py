@@ -106,7 +106,7 @@ def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: A
 
 
 def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: bool) -> None:
-    from fast.hardware.safety.safe_state import Verb
+    from fast.hardware.parts.safe_state import Verb
     from fast.lake.leases import is_held
     from fast.models.errors import FastError
     from fast.tasks.campaign.requests import append_request, lease_name

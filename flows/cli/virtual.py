@@ -127,7 +127,7 @@ def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
         UsageError: a file that is no design, or more designs than slots.
     """
     from fast.flows.cli.simulate import read_design
-    from fast.hardware.cell.layout import N_SLOTS
+    from fast.hardware.parts.layout import N_SLOTS
     from fast.hardware.tools.mounted import MountedTool
     from fast.models.errors import UsageError
     from fast.models.ids import tool_label

@@ -7,7 +7,7 @@ from fast.models.objects.rigid import RigidObject
 from fast.models.objects.shape_text import MeshShape, mesh_of_shape, read_shape
 from fast.models.objects.surface import object_mesh
 
-MOUNT_HEIGHT_MM = 33.0  # as in `hardware.cell.layout.BenchLayout`, from the sheet to the object's bottom
+MOUNT_HEIGHT_MM = 33.0  # as in `hardware.parts.layout.BenchLayout`, from the sheet to the object's bottom
 POST_DIAMETER_MM = 12.0  # fingers that close to 16 mm pass below the object
 FOOT_MM = (40.0, 40.0, 3.0)  # tips that hang 30 mm below the object stay above it
 _OVERLAP_MM = 1.0  # of the post and the object

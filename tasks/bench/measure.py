@@ -7,8 +7,8 @@ from itertools import count
 
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.diagnostics import NO_OBJECT
+from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.hardware.grasp_bench import GraspBench
-from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.lake.leases import exclusive
 from fast.lake.maintenance import compact
 from fast.lake.provenance import Provenance

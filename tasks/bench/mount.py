@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import Protocol
 
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.layout import N_SLOTS
 from fast.hardware.grasp_bench import GraspBench
+from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.errors import UsageError

@@ -1,4 +1,4 @@
-"""What people ask of a running campaign (`hardware.safety.safe_state.Verb`), kept in the lake."""
+"""What people ask of a running campaign (`hardware.parts.safe_state.Verb`), kept in the lake."""
 
 import shutil
 import uuid
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fast.hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
+from fast.hardware.parts.safe_state import EmergencyStopError, StopAskedError, Verb
 from fast.hardware.wire.log_files import FOLDER_NAME
 from fast.lake.leases import holder_of
 from fast.lake.query.engine import Mark

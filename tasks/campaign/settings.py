@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from fast.hardware.cell.layout import N_OBJECTS, N_SLOTS, BenchLayout
+from fast.hardware.parts.layout import N_OBJECTS, N_SLOTS, BenchLayout
 from fast.models.design.families import find_family
 from fast.models.design.printability import PrintingRules
 from fast.models.design.reference import REFERENCES
@@ -123,7 +123,7 @@ class ObjectPlan(Record):
 
     def _pass(self, seed: int) -> list[int]:
         if self.order == "fixed":
-            from fast.hardware.cell.route import shortest_tour
+            from fast.hardware.parts.route import shortest_tour
 
             return list(shortest_tour(self.object_ids, self.stand_on(BenchLayout())))
         objects = list(self.object_ids)

@@ -15,8 +15,8 @@ from fast.flows.server.server import ANY_PORT, ask_server, state_folder
 from fast.flows.server.server_process import add_outputs
 from fast.flows.server.worker_process import POOL
 from fast.hardware.bench import BenchSettings, open_real_bench
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import ScaledClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.bench import VirtualBench
 from fast.hardware.virtual.world.file import World
 from fast.lake.leases import exclusive

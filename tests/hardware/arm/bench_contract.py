@@ -11,7 +11,7 @@ import pytest
 
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
-from fast.hardware.safety.safe_state import StopAskedError, Verb
+from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.design.fin_ray import FinRay
 from fast.models.errors import FastError, UsageError

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fast.hardware.bench import BenchSettings, MountedTool, open_real_bench, open_virtual_bench, open_virtual_servers
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import VirtualClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.world.file import Scatter, Sensor, World
 from fast.hardware.virtual.world.physics import PhysicsCache, build_request
 from fast.models.design.fin_ray import FinRay

@@ -13,10 +13,10 @@ import time
 
 import pytest
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.clock import RealClock, ScaledClock
 from fast.hardware.grbl.errors import GrblAlarmError, GrblReplyError, MoveAbortedError
 from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.wire.serial import SerialTransport
 from fast.models.errors import InterlockError

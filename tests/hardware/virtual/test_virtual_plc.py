@@ -1,11 +1,11 @@
 import pytest
 
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc, LadderError
 from fast.hardware.clock import ScaledClock, VirtualClock
 from fast.hardware.laumas.codec import Scale
 from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.click import VirtualClick

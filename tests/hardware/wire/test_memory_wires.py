@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fast.hardware.bench import MountedTool, open_virtual_bench
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import VirtualClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.bench import VirtualBench
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.virtual.memory_wires import MemoryTransport, memory_link

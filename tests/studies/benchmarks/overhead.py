@@ -19,7 +19,7 @@ import psutil
 
 from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, named_server
 from fast.flows.server.server import configure_client, server
-from fast.hardware.safety.safe_state import Verb
+from fast.hardware.parts.safe_state import Verb
 from fast.lake.store import Lake
 from fast.models.errors import FastError
 from fast.tasks.campaign.campaign import Campaign

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fast.hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
+from fast.hardware.parts.safe_state import EmergencyStopError, StopAskedError, Verb
 from fast.lake.leases import exclusive, is_held
 from fast.lake.store import Lake
 from fast.models.errors import FastError, LakeError

@@ -17,10 +17,10 @@ from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.codec import FIRST_MEASURED_REGISTER, IDENTITY_REGISTER, N_IDENTITY, N_MEASURED
 from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.replay.outcome import Difference, Replay
 from fast.hardware.wire.log import WireEntry
 from fast.hardware.wire.log_files import PLC
 from fast.hardware.wire.modbus import ModbusLink, Tracer
-from fast.hardware.wire.replay_outcome import Difference, Replay
 from fast.models.errors import FastError
 
 _TCP_HEADER_BYTES = 6  # transaction, protocol, length

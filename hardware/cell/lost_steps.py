@@ -6,7 +6,7 @@ It is looked for with an empty head after every batch, and after so many tools a
 
 import logging
 
-from fast.hardware.cell.gantry import Gantry, Place
+from fast.hardware.parts.gantry import Gantry, Place
 from fast.hardware.safety.supervisor import Supervisor
 from fast.hardware.tools.changer import ToolChanger
 from fast.models.errors import DeviceError

@@ -4,11 +4,11 @@ import statistics
 
 import pytest
 
-from fast.hardware.cell.force_sensor import FULL_SCALE_N, ForceSensor, OverloadError, SensorFaultError
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, Reading, Scale, Status
 from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.parts.force_sensor import FULL_SCALE_N, ForceSensor, OverloadError, SensorFaultError
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.laumas import DigitalFilter, VirtualLaumas
 from fast.hardware.virtual.world.file import Sensor, World
 from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState

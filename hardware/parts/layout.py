@@ -11,7 +11,7 @@ A 120 mm finger grasps at z = 88 and ends an 80 mm lift at 168; a 90 mm finger g
 
 from pydantic import Field
 
-from fast.hardware.cell.limits import BenchLimits
+from fast.hardware.parts.limits import BenchLimits
 from fast.models.errors import UsageError
 from fast.models.records import Design, GraspSetup, Placement, Record
 

@@ -3,8 +3,8 @@ import random
 
 import pytest
 
-from fast.hardware.cell.layout import BenchLayout
-from fast.hardware.cell.route import shortest_tour, travel_s
+from fast.hardware.parts.layout import BenchLayout
+from fast.hardware.parts.route import shortest_tour, travel_s
 
 LAYOUT = BenchLayout()
 

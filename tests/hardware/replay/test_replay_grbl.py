@@ -4,11 +4,11 @@ import threading
 
 import pytest
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.clock import ScaledClock, VirtualClock
 from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.parts.gantry import Gantry
+from fast.hardware.replay.grbl import replay_grbl, split
 from fast.hardware.virtual.grbl.server import VirtualGrbl
-from fast.hardware.wire.replay_grbl import replay_grbl, split
 from fast.hardware.wire.serial import SerialTransport
 from fast.models.errors import DeviceError
 from tests.hardware.grbl.faulty_line import call_after

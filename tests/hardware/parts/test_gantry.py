@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.clock import ScaledClock, VirtualClock
 from fast.hardware.grbl.link import GrblLink
 from fast.hardware.grbl.profile import GrblProfile
 from fast.hardware.grbl.workspace import WORKSPACE_SIZE_MM, Workspace
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.virtual.memory_wires import MemoryTransport
 from fast.hardware.wire.serial import SerialTransport

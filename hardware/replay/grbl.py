@@ -13,8 +13,8 @@ from fast.hardware.clock import VirtualClock
 from fast.hardware.grbl.driver import GrblDriver
 from fast.hardware.grbl.messages import RealTime
 from fast.hardware.grbl.profile import GrblProfile, limit_along
+from fast.hardware.replay.outcome import Difference, Replay
 from fast.hardware.wire.log import OPENED, WireEntry, WireLog
-from fast.hardware.wire.replay_outcome import Difference, Replay
 from fast.models.errors import DeviceError
 
 POLL = bytes([RealTime.STATUS])

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from fast.hardware.replay.grbl import split
+from fast.hardware.replay.replay import replay
 from fast.hardware.wire.log_files import RecordedWire, read_session
-from fast.hardware.wire.replay import replay
-from fast.hardware.wire.replay_grbl import split
 from fast.models.errors import UsageError
 
 FOLDER = Path(__file__).parents[2] / "data" / "wire"

@@ -9,9 +9,9 @@ from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.replay.modbus import Request, exchanges_of, is_tcp, replay_modbus
 from fast.hardware.virtual.world.file import World
 from fast.hardware.wire.modbus import rtu_link, tcp_link
-from fast.hardware.wire.replay_modbus import Request, exchanges_of, is_tcp, replay_modbus
 from fast.hardware.wire.serial import LinkLostError
 from fast.models.errors import DeviceError
 

@@ -1,7 +1,7 @@
 """What a replay of a wire log tells, whatever the device.
 
 A log becomes a regression test: the recorded device says again, byte for byte, what it said, and what the driver sends
-is compared with what was sent. `hardware.wire.replay_grbl` and `hardware.wire.replay_modbus` know the devices; both
+is compared with what was sent. `hardware.replay.grbl` and `hardware.replay.modbus` know the devices; both
 hand the bytes over in memory.
 """
 

@@ -3,7 +3,7 @@
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import Clock
-from fast.hardware.safety.safe_state import EmergencyStopError
+from fast.hardware.parts.safe_state import EmergencyStopError
 from fast.models.errors import DeviceError, InterlockError
 from fast.models.records import GraspSetup
 

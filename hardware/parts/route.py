@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-from fast.hardware.cell.layout import N_SLOTS, BenchLayout
 from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
+from fast.hardware.parts.layout import N_SLOTS, BenchLayout
 
 Point = tuple[float, float]
 

@@ -1,9 +1,9 @@
 """Replay of any wire log of a bench against the driver of its device."""
 
+from fast.hardware.replay.grbl import replay_grbl
+from fast.hardware.replay.modbus import replay_modbus
+from fast.hardware.replay.outcome import Replay
 from fast.hardware.wire.log_files import GANTRY, LOAD_CELL, PLC, RecordedWire
-from fast.hardware.wire.replay_grbl import replay_grbl
-from fast.hardware.wire.replay_modbus import replay_modbus
-from fast.hardware.wire.replay_outcome import Replay
 from fast.models.errors import UsageError
 
 

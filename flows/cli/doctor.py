@@ -104,9 +104,9 @@ def _packages() -> Check:
 
 
 def _versions() -> Check:
-    from fast.flows.cli.audit import LOCK, mismatches
+    from fast.flows.dependencies import LOCK, find_mismatches
 
-    wrong = list(mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
+    wrong = list(find_mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
     others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
     return Check("versions", not wrong, f"{wrong[0]}{others}" if wrong else "as in requirements.lock")
 

@@ -51,7 +51,7 @@ def test_a_measured_grasp_is_the_solved_one_with_noise_and_scatter() -> None:
 
 def test_identification_by_tools_that_were_not_learnt_from(results, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("fast.models.traces.identification.classifier.N_TREES", 30)
-    monkeypatch.setattr("fast.models.traces.identification.evaluate.N_DRAWS", 5)
+    monkeypatch.setattr("tests.studies.traces.recognition.N_DRAWS", 5)
     figure = tmp_path / "confusion.png"
     tables = measure_identification(Options(designs=N_TOOLS, objects=OBJECTS, results=results, figure=figure))
     assert tables["data"][0]["traces"] == N_TOOLS * len(OBJECTS) * 3

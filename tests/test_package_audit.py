@@ -2,11 +2,12 @@
 
 from importlib.metadata import distribution, version
 
-from fast.flows.cli.audit import LOCK, changed_files, findings, locked
+from fast.flows.dependencies import LOCK, read_lock
+from tests.package_audit import changed_files, findings
 
 
 def test_the_lock_pins_every_package_exactly():
-    pins, loose = locked(LOCK.read_text())
+    pins, loose = read_lock(LOCK.read_text())
     assert loose == []
     assert len(pins) > 100
     assert pins["prefect"] == "3.8.8"

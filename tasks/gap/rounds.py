@@ -204,7 +204,7 @@ def keep_simulated_effects(version: SimulatorVersion) -> SimulatorVersion:
 
 
 def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
-    """Compare the simulators before and after all rounds, and what any machine would have learnt, on held-out grasps.
+    """Compare the simulators before and after all rounds on held-out grasps.
 
     Grasps that either simulator could not simulate are left out of it.
 
@@ -225,7 +225,7 @@ def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
         return add_scatter(label, draws_n, held_out, relative_sd, noise_sd_n)
 
     before, after = map(predict, (BEFORE, AFTER), simulators, steps_n)
-    return evaluate(held_out, before, after, rounds[0].residuals, seed)
+    return evaluate(held_out, before, after, seed)
 
 
 def judge(search: SearchInputs, rounds: Sequence[Round], present: SimulatorVersion) -> Verdict:

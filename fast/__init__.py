@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from fast.models.design.space import BEST_PUBLISHED
     from fast.models.errors import FastError
     from fast.models.objects.catalogue import get_object
-    from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+    from fast.models.records import Design, GraspSetup, Theta, Trace
+    from fast.models.simulation.version import SimulatorVersion
 
 _HOMES = {
     "BEST_PUBLISHED": "models.design.space",
@@ -30,7 +31,7 @@ _HOMES = {
     "FinRay": "models.design.fin_ray",
     "GraspSetup": "models.records",
     "Lake": "lake.store",
-    "SimulatorVersion": "models.records",
+    "SimulatorVersion": "models.simulation.version",
     "Theta": "models.records",
     "Trace": "models.records",
     "find_gap": "flows.library",

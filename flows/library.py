@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from fast.lake.store import Lake
     from fast.models.gap.findings import Findings
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+    from fast.models.records import Design, GraspSetup, GraspSimulation
+    from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.bench.told import Taken
 
 
@@ -32,8 +33,9 @@ def simulate(
         MeshingFailed, SimulationFailed: this finger cannot be meshed, or the grasp does not converge.
     """
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import GraspSetup, SimulatorVersion
+    from fast.models.records import GraspSetup
     from fast.models.simulation.grasp import simulate_grasp
+    from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.objects import find_object
 
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)

@@ -13,7 +13,8 @@ from fast.flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion
+    from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement
+    from fast.models.simulation.version import SimulatorVersion
 
     Grasp = tuple[Design, RigidObject, SimulatorVersion, GraspSetup, Placement]
 
@@ -256,7 +257,7 @@ def refuse_beside(option: str, others: dict[str, Any]) -> None:
 
 
 def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "SimulatorVersion":
-    from fast.models.records import find_tier
+    from fast.models.simulation.version import find_tier
 
     if tier is None:
         return read_version(lake, version_id)
@@ -271,7 +272,7 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
         UsageError: the lake has no such version, or it is another lab's simulator.
     """
     from fast.models.errors import UsageError
-    from fast.models.records import SimulatorVersion
+    from fast.models.simulation.version import SimulatorVersion
     from fast.models.validation import closest, load_record
 
     if version_id is None:
@@ -296,7 +297,8 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
         ConfigError: unknown name or value out of range.
     """
     from fast.models.errors import ConfigError
-    from fast.models.records import GraspSetup, MeshSettings, Placement, Theta
+    from fast.models.records import GraspSetup, Placement, Theta
+    from fast.models.simulation.version import MeshSettings
     from fast.models.validation import closest, load_record
 
     sections: dict[Any, dict[str, Any]] = {

@@ -66,7 +66,8 @@ def count_search_grasps() -> int:
     """Grasps of the bank of simulations that a search needs before its first answer."""
     from fast.models.design.space import numbered_design
     from fast.models.gap.grasps import Cells
-    from fast.models.records import GraspSetup, SimulatorVersion
+    from fast.models.records import GraspSetup
+    from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.gap.bank import plan_bank
 
     designs = [numbered_design(number) for number in range(SEARCH_TOOLS)]

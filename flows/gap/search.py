@@ -23,7 +23,8 @@ from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.power import write_power_sentence
 from fast.models.gap.findings import Findings
 from fast.models.ids import content_id
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.asked import read_requests, write_requests
 from fast.tasks.calibration.mean_data import find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE

@@ -20,7 +20,8 @@ from fast.models.design.fin_ray import FinRay
 from fast.models.design.space import PARAMETERS
 from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.objects.rigid import RigidObject
-from fast.models.records import Design, Placement, SimulatorVersion, Trace
+from fast.models.records import Design, Placement, Trace
+from fast.models.simulation.version import SimulatorVersion
 
 
 class CampaignRow(Row):

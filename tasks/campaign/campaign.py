@@ -11,7 +11,8 @@ from fast.lake.tables.campaign import CampaignRow
 from fast.models.design.space import DesignSpace
 from fast.models.ids import seed_from
 from fast.models.own_code import load_constraint
-from fast.models.records import Design, SimulatorVersion
+from fast.models.records import Design
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.config import CampaignConfig, relative_to
 from fast.tasks.campaign.own_designs import OwnDesign, list_references, place_designs, read_designs
 from fast.tasks.campaign.state import CampaignState, derive_state

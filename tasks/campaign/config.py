@@ -13,8 +13,9 @@ from fast.models.design.reference import make_reference
 from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.material import TABLE_3, MaterialLot
-from fast.models.records import GraspSetup, Record, check_tier
+from fast.models.records import GraspSetup, Record
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
+from fast.models.simulation.version import check_tier
 from fast.models.validation import load_record, parse_toml
 from fast.tasks.campaign.settings import (
     REMOVED_RULES,

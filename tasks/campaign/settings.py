@@ -12,17 +12,9 @@ from fast.models.design.printability import PrintingRules
 from fast.models.design.reference import REFERENCES
 from fast.models.design.space import FIN_RAYS, DesignSpace, LinearLimit
 from fast.models.own_code import OWN, is_own
-from fast.models.records import (
-    REMOVED_TIER,
-    TIERS,
-    EffectValue,
-    MeshSettings,
-    Record,
-    SimulatorVersion,
-    Theta,
-    Tier,
-)
+from fast.models.records import EffectValue, Record, Theta
 from fast.models.scientist.objectives import LESS_IS_BETTER, MEAN_PEAK, MEASURED, NAMES
+from fast.models.simulation.version import REMOVED_TIER, TIERS, MeshSettings, SimulatorVersion, Tier
 from fast.models.validation import closest
 from fast.tasks.simulation.engine import check_engine
 

@@ -33,8 +33,9 @@ from fast.models.gap.naming.decide import Judgement
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.where.locate import Where, locate
 from fast.models.gap.where.residuals import Residuals
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import N_STEPS
 from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, note_bank, plan_bank, plan_cells, read_bank, read_simulated_steps
 from fast.tasks.gap.calibrate import CalibratedSimulator, SearchInputs, admit_simulator, calibrate_simulator

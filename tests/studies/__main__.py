@@ -14,7 +14,7 @@ from fast.flows.cli.common import AsJson, show, table_text, tell
 from fast.flows.cli.main import run_and_leave
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
-from fast.models.records import find_tier
+from fast.models.simulation.version import find_tier
 from fast.models.validation import closest
 from tests.studies.benchmarks.base import Benchmark, Options, Tables, circumstances
 

@@ -18,7 +18,8 @@ from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import UsageError
 from fast.models.gap.fit import posterior
 from fast.models.gap.grasps import Cells
-from fast.models.records import EffectValue, GraspSetup, SimulatorVersion
+from fast.models.records import EffectValue, GraspSetup
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_bank
 from tests.studies.gap.example import REPEATS, collect_example, measure_example, round_rows, write_example
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws

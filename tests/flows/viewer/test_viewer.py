@@ -19,8 +19,9 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, GraspRow
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
-from fast.models.records import GraspSetup, MeshSettings, SimulatorVersion, Trace
+from fast.models.records import GraspSetup, Trace
 from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from tests.flows.synthetic_lake import Campaign, build
 
 

@@ -16,7 +16,7 @@ from fast.lake.tables.campaign import (
 )
 from fast.lake.tables.schema import has_samples, schema_of, to_arrow
 from fast.models.design.space import BEST_PUBLISHED, PARAMETERS
-from fast.models.records import SimulatorVersion
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.units import unit_of
 
 CONTRACT = {

@@ -15,8 +15,9 @@ from fast.models.objects.mount import printable_mesh
 from fast.models.objects.own import object_of_mesh, object_of_parts
 from fast.models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
 from fast.models.objects.rigid import RigidObject
-from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.records import GraspSetup
 from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.version import SimulatorVersion
 
 SPHERE = trimesh.creation.icosphere(4, 24.0)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.records import find_tier
+from fast.models.simulation.version import find_tier
 from fast.models.solver_code import solver_id
 from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.benchmarks.outcomes import Outcome

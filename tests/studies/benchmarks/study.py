@@ -12,7 +12,8 @@ from typing import Any
 from fast.lake.tables.campaign import SimulationRow
 from fast.models.design.space import BEST_PUBLISHED, numbered_design
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, find_tier
+from fast.models.records import GraspSetup
+from fast.models.simulation.version import find_tier
 from fast.models.solver_code import solver_id
 from fast.models.traces.step_features import is_usable, step_means
 from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp

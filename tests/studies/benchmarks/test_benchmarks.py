@@ -13,7 +13,8 @@ import pytest
 
 from fast.models.design.space import numbered_design
 from fast.models.errors import UsageError
-from fast.models.records import TIERS, GraspSetup, MeshSettings, SimulatorVersion
+from fast.models.records import GraspSetup
+from fast.models.simulation.version import TIERS, MeshSettings, SimulatorVersion
 from fast.models.solver_code import solver_id
 from tests.flows.cli.cli_lakes import ROOT
 from tests.studies.benchmarks import study

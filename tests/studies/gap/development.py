@@ -15,7 +15,8 @@ import numpy as np
 from fast.models.design.space import numbered_design
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.grasps import Cells
-from fast.models.records import GraspSetup, Record, SimulatorVersion
+from fast.models.records import GraspSetup, Record
+from fast.models.simulation.version import SimulatorVersion
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id

@@ -47,7 +47,8 @@ from fast.lake.tables.requests import setup_columns
 from fast.lake.tables.row import Row
 from fast.models.design.space import numbered_design
 from fast.models.gap.grasps import Cells
-from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.records import GraspSetup
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import list_plan_ids, plan_bank
 from fast.tasks.gap.findings import STARTED
 from tests.studies.gap.small import read_cells

@@ -15,7 +15,8 @@ from fast.models.errors import SimulationFailed, UsageError
 from fast.models.gap.grasps import Cells
 from fast.models.ids import seed_from
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, Record, SimulatorVersion, Theta, Trace
+from fast.models.records import GraspSetup, Record, Theta, Trace
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.simulation.plan import simulate_plan
 from fast.tasks.simulation.pool import WorkerPool

@@ -17,17 +17,9 @@ from fast.models.design.space import numbered_design
 from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
 from fast.models.ids import content_id, seed_from
 from fast.models.objects.catalogue import get_object
-from fast.models.records import (
-    GraspSetup,
-    GraspSimulation,
-    MeshSettings,
-    Placement,
-    Record,
-    SimulatorVersion,
-    Theta,
-    Trace,
-)
+from fast.models.records import GraspSetup, GraspSimulation, Placement, Record, Theta, Trace
 from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.solver_code import source_id
 from fast.models.validation import closest
 from tests.studies.hidden import body_laws as body

@@ -17,12 +17,13 @@ from fast.models.design.space import from_unit, random_unit, to_unit
 from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
 from fast.models.ids import content_id
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Design, EffectValue, GraspSetup, Record, SimulatorVersion, Theta
+from fast.models.records import Design, EffectValue, GraspSetup, Record, Theta
 from fast.models.scientist.propose import propose
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import build_effects
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import is_usable, step_means
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records

@@ -21,7 +21,8 @@ from fast.models.design.space import BEST_PUBLISHED, N_RIB_LEVELS, PARAMETERS, f
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import content_id
 from fast.models.objects.catalogue import OBJECTS, get_object
-from fast.models.records import Design, GraspSetup, GraspSimulation, Record, SimulatorVersion
+from fast.models.records import Design, GraspSetup, GraspSimulation, Record
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.config import load_config
 from fast.tasks.simulation.pool import WorkerPool
 from tests.studies.benchmarks.base import Options, Rows, Tables

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fast.hardware.virtual.world.physics_cache import physics_id
-from fast.models.records import SimulatorVersion
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.flags import KINDS
 from tests.studies.benchmarks.base import Options
 from tests.studies.traces.anomalies import FIRST_TOOL, WORLDS, measure_anomalies

@@ -26,8 +26,9 @@ from fast.hardware.virtual.world.physics_cache import physics_id
 from fast.models.design.space import numbered_design
 from fast.models.errors import ConfigError, SimulationFailed
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.records import GraspSetup, GraspSimulation, Record, SimulatorVersion, Trace
+from fast.models.records import GraspSetup, GraspSimulation, Record, Trace
 from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces import peak_force_n, work_j
 from fast.models.traces.batch import TraceFeatures, features_of_samples
 from tests.studies.benchmarks.base import Options

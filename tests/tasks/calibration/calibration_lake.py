@@ -14,7 +14,8 @@ from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from fast.models.design.space import numbered_design, to_unit
-from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta
+from fast.models.records import Design, GraspSetup, Theta
+from fast.models.simulation.version import SimulatorVersion
 from tests.synthetic.calibration import force_n
 
 TRUTH = Theta(young_modulus_mpa=9.0, friction=0.6, poisson_ratio=0.4)

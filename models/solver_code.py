@@ -15,8 +15,12 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
+from fast.models.folders import folder_of_person
+
 logger = logging.getLogger(__name__)
 VARIABLE = "NUMBA_CACHE_DIR"
+_DISABLE = "NUMBA_DISABLE_JIT"
+_FIGURES = "MPLCONFIGDIR"
 _SOLVER_SOURCES = ("design", "objects", "records.py", "simulation")
 
 
@@ -45,8 +49,13 @@ def _python_files(path: Path) -> list[Path]:
 def use_cache_of(package: Path) -> None:
     """Point numba, not yet imported, to the cache of the present sources of `package`.
 
-    A set variable is respected where it can be written; else every process would compile, for half a minute each.
+    A set variable is respected where it can be written; else every process would compile, for half a minute each. That
+    numba is not to compile is not respected, also in a `.numba_config.yaml`: a simulation would take hours.
     """
+    _spare_matplotlib(package)
+    if os.environ.get(_DISABLE, "0") != "0":
+        logger.warning("%s is left aside: the simulator has to be compiled.", _DISABLE)
+    os.environ[_DISABLE] = "0"
     given = os.environ.get(VARIABLE)
     if given and _can_write(Path(given)):
         return
@@ -60,10 +69,18 @@ def cache_folder(package: Path) -> Path:
 
     Where neither can be written it is a temporary folder, which goes with this process.
     """
-    for folder in (package / "__pycache__", Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "fast"):
+    for folder in (package / "__pycache__", folder_of_person("XDG_CACHE_HOME", ".cache") / "fast"):
         if _can_write(folder):
             return folder
     return _temporary_folder()
+
+
+def _spare_matplotlib(package: Path) -> None:
+    """Matplotlib, not yet imported, would say in every process that it cannot write, and list its fonts anew."""
+    given = os.environ.get(_FIGURES)
+    usual = (folder_of_person("XDG_CONFIG_HOME", ".config"), folder_of_person("XDG_CACHE_HOME", ".cache"))
+    if not all(map(_can_write, [Path(given)] if given else usual)):
+        os.environ[_FIGURES] = str(cache_folder(package) / "matplotlib")
 
 
 @cache

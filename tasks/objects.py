@@ -2,19 +2,19 @@
 
 import io
 import logging
+import re
+import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import trimesh
 from pydantic import Field, model_validator
-from scipy.spatial import cKDTree
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import ObjectRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object, register
-from fast.models.objects.own import object_of_mesh, object_of_parts
+from fast.models.objects.own import MOST_LETTERS, object_of_mesh, object_of_parts
 from fast.models.objects.parts import Part, Turn
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import Record
@@ -22,11 +22,8 @@ from fast.models.validation import closest, load_record, parse_toml
 
 MESH_FORMATS = (".stl", ".obj", ".3mf", ".ply")
 _SOLID_FORMATS = (".step", ".stp", ".iges", ".igs")  # of CAD programs, which export meshes as well
-_TOUCH_MM = 0.5  # bodies whose surfaces are this near are one
 SUFFIXES = (*MESH_FORMATS, ".toml")
 _MOST_BYTES = 50_000_000
-_MOST_BODIES = 30
-_N_POINTS = 4000  # of a body's surface
 
 
 class ObjectFile(Record):
@@ -53,8 +50,7 @@ def read_object(path: Path) -> RigidObject:
     Raises:
         ConfigError: the file is missing, cannot be read, or is no object that the bench can hold.
     """
-    if path.suffix.lower() in _SOLID_FORMATS:
-        raise ConfigError(f"object file `{path}` is a solid of a CAD program; export it there as STL, in mm.")
+    _refuse_solid(path)
     if path.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"object file `{path}` is of no known kind; give one that ends in {', '.join(SUFFIXES)}.")
     if path.suffix.lower() in MESH_FORMATS:
@@ -104,9 +100,18 @@ def _read_description(path: Path) -> RigidObject:
     if told.mesh is None:
         return object_of_parts(name, told.parts, str(path))
     mesh_path = path.parent / told.mesh
+    _refuse_solid(mesh_path)
     if mesh_path.suffix.lower() not in MESH_FORMATS:
         raise ConfigError(f"{path}: `mesh` is {told.mesh!r}, it must end in {', '.join(MESH_FORMATS)}; change it.")
     return object_of_mesh(name, _read_mesh(mesh_path), str(mesh_path), scale=told.scale, turn_deg=told.turn_deg)
+
+
+def _refuse_solid(path: Path) -> None:
+    if path.suffix.lower() in _SOLID_FORMATS:
+        raise ConfigError(
+            f"object file `{path}` is a solid of a CAD program, here are read meshes; export it there as 3MF, or as "
+            "STL or OBJ in mm."
+        )
 
 
 def _read_mesh(path: Path) -> trimesh.Trimesh:
@@ -121,48 +126,14 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
     except Exception as error:
         raise ConfigError(f"mesh `{path}` cannot be read as {kind.upper()} ({error}); export it again.") from error
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    _check_one_piece(mesh, path)
     return mesh
 
 
 def _name_of(path: Path) -> str:
-    """Name of an object after its file; names begin with a letter."""
-    return path.stem if path.stem[:1].isalpha() else f"object {path.stem}"
-
-
-def _check_one_piece(mesh: trimesh.Trimesh, path: Path) -> None:
-    """Refuse bodies that do not touch: one of them would float when the object is printed.
-
-    Raises:
-        ConfigError: how many there are, and how far apart the nearest two are.
-    """
-    bodies = list(mesh.split(only_watertight=False))
-    # A soup of triangles falls into hundreds of patches, of which nothing can be said.
-    together, apart = (bodies[:1], bodies[1:]) if len(bodies) <= _MOST_BODIES else ([], [])
-    while apart:
-        gaps = [min(_find_gap_mm(body, other) for other in together) for body in apart]
-        nearest = int(np.argmin(gaps))
-        if gaps[nearest] > _TOUCH_MM:
-            raise ConfigError(
-                f"mesh `{path}` has bodies that do not touch, {gaps[nearest]:.2g} mm apart at the nearest, so one of "
-                "them would float; join them in the CAD program, or give one object for each."
-            )
-        together.append(apart.pop(nearest))
-
-
-def _find_gap_mm(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
-    """Distance of the surfaces of two bodies, from their corners and points in between; 0 where boxes are nested."""
-    inside = (one.bounds[0] >= other.bounds[0]).all() and (one.bounds[1] <= other.bounds[1]).all()
-    around = (one.bounds[0] <= other.bounds[0]).all() and (one.bounds[1] >= other.bounds[1]).all()
-    if inside or around:
-        return 0.0
-    apart = np.maximum(np.maximum(one.bounds[0] - other.bounds[1], other.bounds[0] - one.bounds[1]), 0.0)
-    if apart.any():
-        return float(np.linalg.norm(apart))
-    points = [np.vstack([body.vertices, body.sample(_N_POINTS, seed=0)]) for body in (one, other)]
-    near = cKDTree(points[0]).query(points[1])[0].min()
-    spacing_mm = float(np.sqrt(max(one.area, other.area) / _N_POINTS))
-    return max(float(near) - spacing_mm, 0.0)
+    """Name of an object after its file: what a name cannot hold becomes `-`, and it begins with a letter."""
+    plain = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
+    name = re.sub(r"[^A-Za-z0-9 _-]+", "-", plain).strip("- ")
+    return (name if name[:1].isalpha() else f"object {name}".strip())[:MOST_LETTERS]
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -185,7 +156,7 @@ def find_object(text: str, lake: Path | str) -> RigidObject:
     """
     if text.lstrip("-").isdecimal():
         return _by_number(int(text), lake)
-    if Path(text).suffix.lower() in SUFFIXES:
+    if Path(text).suffix.lower() in (*SUFFIXES, *_SOLID_FORMATS):
         return read_object(Path(text))
     word = text.casefold().replace("-", " ")
     own = own_objects(lake)

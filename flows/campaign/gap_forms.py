@@ -11,7 +11,7 @@ from prefect.input import RunInput
 from prefect.states import Completed, State
 from pydantic import Field, create_model
 
-from fast.flows.campaign.print_form import WAIT_LIMIT_S
+from fast.flows.campaign.print_form import SURE, WAIT_LIMIT_S
 from fast.flows.campaign.status import read_campaign
 from fast.lake.store import Lake
 from fast.models.errors import FastError, UsageError
@@ -55,7 +55,8 @@ def read_number(campaign: str, search: str, kind: str, lake: str = "lake-data") 
             answer = suspend_flow_run(wait_for_input=form, timeout=WAIT_LIMIT_S, key=f"answer-{number}")
             told = answer.model_dump()
             reading = load_record(Reading, {"kind": kind, "value": told["value"]}, "the form")
-            write_reading(found, campaign or None, search, reading, told["operator"].strip())
+            who, is_sure = told["operator"].strip(), bool(told.get("is_sure"))
+            write_reading(found, campaign or None, search, reading, who, is_sure=is_sure, way=f"*{SURE}*")
         except FastError as error:
             complaint = str(error)
             continue
@@ -98,6 +99,7 @@ def make_reading_form(kind: str, complaint: str) -> type[RunInput]:
     fields: dict[str, Any] = {
         "operator": (_Operator, Field(title="Your name", description=f"{_say(complaint)}{order}.")),
         "value": (float, Field(title=known.label)),
+        "is_sure": (bool, Field(default=False, title=SURE)),
     }
     return cast(type[RunInput], create_model("Measured", __base__=RunInput, **fields))
 

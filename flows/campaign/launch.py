@@ -11,6 +11,7 @@ from fast.flows.server.access import address_for_person
 from fast.flows.server.crashed_runs import end_crashed_runs
 from fast.flows.server.environment import named_server
 from fast.flows.server.server import configure_client, server, tell_ignored
+from fast.flows.server.surroundings import check_surroundings
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
 from fast.hardware.virtual.world.file import World
@@ -20,7 +21,7 @@ from fast.models.errors import ConfigError
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import CampaignConfig, load_config, relative_to, world_path
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
-from fast.tasks.campaign.setup import enter, read_real_bench, read_world
+from fast.tasks.campaign.setup import check_arm, enter, read_real_bench, read_world
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
@@ -46,7 +47,7 @@ def run_campaign(
     None for the finite elements of its world.
 
     Raises:
-        UsageError: config, world or lake cannot be used, or a package is missing; nothing was written.
+        UsageError: config, world, lake or this machine cannot be used, or a package is missing; nothing was written.
         FastError: another process runs this campaign, an emergency stop is not acknowledged, or the bench stopped.
     """
     require(CAMPAIGN)
@@ -57,6 +58,7 @@ def run_campaign(
         bench = _real_bench(config, config_path, confirm_real)
     elif not config.bench.is_folder:
         bench = read_world(world_path(config_path, config))
+    check_surroundings()
     found = Lake.open(lake, create=True)
     campaign = Campaign(found, config, config_path=config_path, own_designs=own_designs)
     name = campaign.campaign_id
@@ -90,5 +92,7 @@ def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal)
         raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
     path = relative_to(config_path, config.bench.real)
     settings = read_real_bench(path)
+    if isinstance(settings, ArmSettings):
+        check_arm(config, config_path, settings, path)
     confirm(path, settings)
     return settings

@@ -20,9 +20,11 @@ from fast.lake.tables.campaign import BatchRow
 from fast.models.errors import FastError, UsageError
 from fast.models.ids import tool_label
 from fast.models.validation import load_record
-from fast.tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print, open_slots
+from fast.tasks.bench.measured_tools import MeasuredTool
+from fast.tasks.bench.print import PrintConfirmation, confirm_print, open_slots
 
 WAIT_LIMIT_S = 10 * 365 * 86400  # Prefect gives up after an hour unless told otherwise
+SURE = "Strange numbers are so"  # what a form calls --sure
 _MEASURES = {
     "front_mm": "measured_front_thickness_mm",
     "back_mm": "measured_back_thickness_mm",
@@ -40,8 +42,7 @@ def _number(title: str) -> Any:
     return Field(default=None, title=title, json_schema_extra=_no_default)
 
 
-_Wall = Annotated[float, Field(ge=1, le=5)] | SkipJsonSchema[None]
-_Hardness = Annotated[float, Field(ge=10, le=100)] | SkipJsonSchema[None]
+_Size = Annotated[float, Field(gt=0)] | SkipJsonSchema[None]
 _RackSlot = Annotated[int, Field(ge=0, le=9)] | SkipJsonSchema[None]
 
 
@@ -52,10 +53,10 @@ class ToolAnswer(BaseModel):
 
     became: Literal["printed", "rejected", "print again"] = Field(default="printed", title="What became of it")
     reason: str = Field(default="", title="Reason, if rejected or to be printed again")
-    front_mm: _Wall = _number("Front wall, measured, mm")
-    back_mm: _Wall = _number("Back wall, measured, mm")
-    rib_mm: _Wall = _number("Ribs, measured, mm")
-    hardness_shore_a: _Hardness = _number("Hardness, Shore A")
+    front_mm: _Size = _number("Front wall, measured, mm")
+    back_mm: _Size = _number("Back wall, measured, mm")
+    rib_mm: _Size = _number("Ribs, measured, mm")
+    hardness_shore_a: _Size = _number("Hardness, Shore A")
     rack_slot: _RackSlot = _number("Rack slot, if another")
 
 
@@ -80,7 +81,7 @@ def confirm_batch(campaign: str, batch: int, slots: list[int], lake: str = "lake
         form = make_form(campaign, batch, slots, complaint, last)
         try:
             last = suspend_flow_run(wait_for_input=form, timeout=WAIT_LIMIT_S, key=f"answer-{number}")
-            done = confirm_print(found, campaign, batch, read_answer(last, batch, slots, wanted))
+            done = confirm_print(found, campaign, batch, read_answer(last, batch, slots, wanted), way=f"*{SURE}*")
         except (FastError, ValidationError) as error:
             complaint = str(error)
             continue
@@ -104,6 +105,7 @@ def make_form(campaign: str, batch: int, slots: Sequence[int], complaint: str, l
         "operator": (str, Field(min_length=1, title="Your name", description=_description(campaign, batch, complaint))),
         "material_lot": (str, Field(default=before.get("material_lot", ""), title="Material lot")),
         **tools,
+        "is_sure": (bool, Field(default=False, title=SURE)),
     }
     return cast(type[RunInput], create_model("PrintedBatch", __base__=RunInput, **fields))
 
@@ -125,6 +127,7 @@ def read_answer(answer: RunInput, batch: int, slots: Sequence[int], wanted: Sequ
     given = {slot: getattr(answer, tool_label(batch, slot)) for slot in slots}
     told = {slot: tool for slot, tool in given.items() if slot in wanted}
     word: dict[str, Any] = {"operator": str(getattr(answer, "operator", "")).strip()}
+    word["is_sure"] = bool(getattr(answer, "is_sure", False))
     word["material_lot"] = str(getattr(answer, "material_lot", "")).strip()
     word["rejected"] = {slot: _reason(batch, slot, tool) for slot, tool in told.items() if tool.became == "rejected"}
     word["again"] = {slot: _reason(batch, slot, tool) for slot, tool in told.items() if tool.became == "print again"}

@@ -40,7 +40,7 @@ from fast.models.records import GraspSimulation
 from fast.models.traces import peak_force_n
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
-from fast.tasks.campaign.requests import append_event, bench_log_folder
+from fast.tasks.campaign.requests import BENCH_OPENED, append_event, bench_log_folder
 from fast.tasks.campaign.state import ProposedTool, rank_tools
 from fast.tasks.simulation.attempt import hang_limit_s
 from fast.tasks.simulation.engine import Engine, open_engine
@@ -183,13 +183,15 @@ def open_campaign_bench(
         return
     if isinstance(setup, ArmSettings):
         with open_arm_bench(setup, mounted) as arm:
-            append_event(campaign.lake, campaign.campaign_id, "bench_opened", f"arm at {setup.host} connected")
+            hanging = {slot: tool.tool_id for slot, tool in mounted.items()}
+            told = f"arm at {setup.host} connected"
+            append_event(campaign.lake, campaign.campaign_id, BENCH_OPENED, told, hanging=hanging)
             yield arm
         return
     there = setup.model_copy(update={"layout": objects.stand_on(setup.layout)})
     with open_real_bench(there, mounted, log_folder=logs) as bench:
         told = f"bench connected and homed; wire logs {bench.wire_session} in {logs}"
-        append_event(campaign.lake, campaign.campaign_id, "bench_opened", told, wire_log=bench.wire_session)
+        append_event(campaign.lake, campaign.campaign_id, BENCH_OPENED, told, wire_log=bench.wire_session)
         yield bench
 
 

@@ -210,6 +210,4 @@ def _next_lines(data: dict[str, Any], lake: Path) -> list[str]:
         tries.append(("where a simulator is wrong, on measurements that come with FAST", "fast gap --example"))
     width = max(len(command) for _, command in tries)
     report = f"Open the report: {Path(data['report']).resolve().as_uri()}"
-    return [report, "Then try (without a screen add --web to `fast view`):"] + [
-        f"    {command.ljust(width)}   {why}" for why, command in tries
-    ]
+    return [report, "Then try:"] + [f"    {command.ljust(width)}   {why}" for why, command in tries]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fast.hardware.cell.diagnostics import DiagnosticPlan, DiagnosticRun
     from fast.hardware.tools.mounted import MountedTool
     from fast.lake.store import Lake
+    from fast.models.question import Question
     from fast.models.records import GraspSetup
     from fast.tasks.campaign.state import ProposedTool
 
@@ -50,18 +51,23 @@ def diagnose(
         tuple[float, ...], Parameter(help="Dead weights to hang on the gripper; repeat for more.", negative="")
     ] = (),
     chosen: ChosenTool = PAPER_TOOL,
+    sure: Annotated[bool, Parameter(negative="", help="Strange weights are so; they are marked in the lake.")] = False,
     bench: ChosenBench = VIRTUAL_BENCH,
     json: AsJson = False,
 ) -> None:
     """Make the diagnostic experiments with one tool: dwell, lift speed, pressure, empty runs, dead weights.
 
-    Nothing is an ordinary grasp: with --tool the runs go to the lake's table `diagnostics`, else nowhere.
+    Nothing is an ordinary grasp: with --tool the runs go to the lake's table `diagnostics`, else nowhere. A weight that
+    the load cell does not confirm is a question, and is not written.
     """
+    from fast.models.question import settle
+
     plan, setup, seed = _what(config, weight_kg)
     runs = [run for run in plan.runs(seed) if not only or run.kind in only]
     if "reference" in only:
         runs += _references(plan)
     made: list[MeasuredGrasp] = []
+    strange: list[Question] = []
     store, mounted, slot = _find_tool(chosen)
     write = _writer(store, bench.world if bench.real is None else None)
 
@@ -69,14 +75,30 @@ def diagnose(
     with open_bench(bench, tools=mounted) as opened:
 
         def record(grasp: "MeasuredGrasp") -> None:
-            write(grasp)
+            asked = _ask_about_weight(grasp)
+            strange.extend(asked)
+            if sure and asked:
+                grasp.details["sure"] = asked[0].kind
+            if sure or not asked:
+                write(grasp)
             made.append(grasp)
             what = grasp.diagnostic.text() if grasp.diagnostic else ""
             tell(f"{len(made)} of {len(runs)}: {what}: {_outcome(grasp)}; {left(opened.clock.now_s())} left")
 
         opened.cell.measure_tool(slot, runs, setup, record, lambda: False, _hang(opened))
+    settle(strange, sure, "Weigh again; the other runs are kept")
     rows = [_row(grasp) for grasp in made]
     show(rows, table_text(rows), json)
+
+
+def _ask_about_weight(grasp: "MeasuredGrasp") -> "list[Question]":
+    """What is strange in a dead weight beside what the load cell says of it."""
+    from fast.models.gap.ask.person import find_weight_questions
+
+    reading_n, mass_kg = grasp.details.get("dead_weight_n"), grasp.diagnostic and grasp.diagnostic.mass_kg
+    if not mass_kg or not isinstance(reading_n, float):
+        return []
+    return find_weight_questions(mass_kg, reading_n)
 
 
 def tool_place(

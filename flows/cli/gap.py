@@ -142,9 +142,11 @@ def next_(
 @app.command
 def answer(
     kind: Annotated[str, Parameter(help="What was measured, as the question calls it: walls, dead_weight ...")],
-    value: Annotated[float, Parameter(help="The number.", allow_leading_hyphen=True)],
+    value: Annotated[float | None, Parameter(help="The number.", allow_leading_hyphen=True)] = None,
     *,
     operator: Annotated[str, Parameter(help="Who measured it.")],
+    sure: Annotated[bool, Parameter(negative="", help="A strange number is so; it is marked in the lake.")] = False,
+    undo: Annotated[bool, Parameter(negative="", help="Take the answer back; the question is open again.")] = False,
     campaign: Annotated[str | None, Parameter(help="Campaign that was searched; default: all of the lake.")] = None,
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
@@ -157,8 +159,10 @@ def answer(
     from fast.models.gap.ask.answers import Reading
     from fast.models.validation import load_record
     from fast.tasks.gap.findings import find_newest_run
-    from fast.tasks.gap.readings import write_reading
+    from fast.tasks.gap.readings import take_back_reading, write_reading
 
+    if undo == (value is not None):
+        raise UsageError("give a number, or --undo and no number; nothing was changed.")
     found = open_lake(lake)
     campaign_id = resolve_campaign(found, campaign) if campaign is not None else None
     run = find_newest_run(found, campaign_id)
@@ -167,11 +171,15 @@ def answer(
         raise UsageError("the newest search asks nothing of a person; nothing was changed.")
     if asked.person.kind != kind:
         raise UsageError(f"search {run.gap_id} asks for `{asked.person.kind}`, not `{kind}`; nothing was changed.")
+    data = {"search": run.gap_id, "kind": kind, "value": value}
+    if value is None:
+        take_back_reading(found, campaign_id, run.gap_id, kind, operator)
+        show(data, f"{kind} is taken back; `fast gap answer {kind} VALUE` answers it again.", json)
+        return
     reading = load_record(Reading, {"kind": kind, "value": value}, "the answer")
-    write_reading(found, campaign_id, run.gap_id, reading, operator)
+    write_reading(found, campaign_id, run.gap_id, reading, operator, is_sure=sure)
     form = make_reading_form(found, campaign_id or "", run.gap_id, asked.person)
     close_forms(found, form, f"said by {operator} on the command line")
-    data = {"search": run.gap_id, "kind": kind, "value": value}
     show(data, f"{kind} {value:g} is kept; `fast gap` goes on with it.", json)
 
 
@@ -195,12 +203,10 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
         rows = [
             {
                 "candidate": "any model" if row.effect == "unknown" else row.effect,
-                "predicts": None if row.grouped_r2 is None else f"{100 * row.grouped_r2:.1f} %",
-                "gain_nats": round(row.held_out_gain_nats, 1),
-                "rmse": f"{100 * row.held_out_rmse_change:+.0f} %",
+                "evidence": None if row.nats is None else round(row.nats, 1),
                 "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
             }
-            for row in sorted(tried, key=lambda row: -(row.grouped_r2 or 0.0))[:_MOST_CANDIDATES]
+            for row in sorted(tried, key=lambda row: -(row.nats or 0.0))[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
     lines.append(f"held out: {_held_out(findings)}")

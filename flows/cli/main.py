@@ -51,6 +51,11 @@ for _name, _target, _help in (
         "Features of the measured traces; quality, work and stability by object class and batch.",
     ),
     ("gap", "fast.flows.cli.gap:app", "Find where simulation and measurement disagree, name what is missing, add it."),
+    (
+        "challenge",
+        "fast.flows.cli.challenge:app",
+        "Worlds that hide what is missing in the simulator: get them, make them, be graded.",
+    ),
     ("report", "fast.flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "fast.flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
     (
@@ -78,6 +83,7 @@ def run_and_leave(command_line: App) -> None:
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     spare_loopback(os.environ)
+    os.environ["PYTHONSAFEPATH"] = "1"  # else a `random.py` in the working folder is imported by worker processes
     os.environ.setdefault("DO_NOT_TRACK", "1")  # what libraries would report of their use stays here
     gc.set_threshold(50_000)  # imports make many objects and drop few: the default looks through them 300 times
     status = run(None, command_line)

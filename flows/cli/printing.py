@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
 
 if TYPE_CHECKING:
-    from fast.tasks.bench.print import MeasuredTool
+    from fast.tasks.bench.measured_tools import MeasuredTool
 
 app = App(name="print", help="Print sheets, and the word of the person who printed.")
 
@@ -24,6 +24,9 @@ MEASURES = {
 
 
 Batch = Annotated[str, Parameter(help="Batch, e.g. quick/B01 (or B01 when the lake has one campaign).")]
+
+
+Sure = Annotated[bool, Parameter(negative="", help="Strange numbers are so; they are marked in the lake.")]
 
 
 @app.command
@@ -75,6 +78,7 @@ def confirm(
         list[str] | None,
         Parameter(negative="", help="A reference tool that is gone, e.g. B01T3; may be given several times."),
     ] = None,
+    sure: Sure = False,
     json: AsJson = False,
 ) -> None:
     """Say that a batch is printed and mounted; the campaign goes on."""
@@ -95,6 +99,7 @@ def confirm(
             "rejected": _by_slot("--reject", [_reason("--reject", entry) for entry in reject or []]),
             "again": _by_slot("--again", [_reason("--again", entry) for entry in again or []]),
             "measured": _by_slot("--measured", [_measurement(entry) for entry in measured or []]),
+            "is_sure": sure,
             "mounted": _by_slot("--mounted", [_mounting(entry) for entry in mounted or []]),
         },
         "print confirmation",
@@ -116,19 +121,30 @@ def confirm(
 @app.command
 def measured(
     tool: Annotated[str, Parameter(help="Tool, e.g. quick/B01T0.")],
-    values: Annotated[str, Parameter(help="front=MM,back=MM,rib=MM,hardness=SHORE_A as measured; any of them.")],
+    values: Annotated[str, Parameter(help="front=MM,back=MM,rib=MM,hardness=SHORE_A as measured; any of them.")] = "",
     *,
     operator: Annotated[str, Parameter(help="Who measured it.")],
+    sure: Sure = False,
+    undo: Annotated[bool, Parameter(negative="", help="Take back what was last told of this tool.")] = False,
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
     """Say what callipers and durometer gave of a printed tool, also after it was measured on the bench."""
     from fast.lake.store import Lake
-    from fast.tasks.bench.print import measure_printed
+    from fast.models.errors import UsageError
+    from fast.tasks.bench.measured_tools import measure_printed, take_back_measured
 
-    row = measure_printed(Lake.open(lake), tool, _read_measures(values, f"`{values}`"), operator)
-    data = {name: value for name, value in row.model_dump().items() if name in (*MEASURES.values(), "tool_id")}
-    show(data, f"{tool}: kept; the campaign and `fast gap` take it from now on.", json)
+    if undo == bool(values):
+        raise UsageError("give what was measured, or --undo and no numbers; nothing was written.")
+    found = Lake.open(lake)
+    if undo:
+        row, words = take_back_measured(found, tool, operator), "taken back; what stood before stands again"
+    else:
+        told = _read_measures(values, f"`{values}`")
+        row = measure_printed(found, tool, told, operator, is_sure=sure)
+        words = "kept; the campaign and `fast gap` take it from now on"
+    data = {name: value for name, value in row.model_dump().items() if name in (*MEASURES.values(), "tool_id", "sure")}
+    show(data, f"{tool}: {words}.", json)
 
 
 def parse_batch(lake: Any, text: str) -> tuple[str, int]:
@@ -235,7 +251,7 @@ def _read_measures(pairs: str, place: str) -> "MeasuredTool":
     """
     from fast.models.errors import UsageError
     from fast.models.validation import closest, load_record
-    from fast.tasks.bench.print import MeasuredTool
+    from fast.tasks.bench.measured_tools import MeasuredTool
 
     values: dict[str, float] = {}
     for pair in pairs.split(","):

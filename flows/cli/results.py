@@ -1,17 +1,16 @@
 """`fast report` and `fast view`: what a campaign found, as pages and recordings."""
 
-import webbrowser
+import threading
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, tell
 
 if TYPE_CHECKING:
-    from fast.flows.viewer.window import Viewer
     from fast.lake.store import Lake
 
 
@@ -51,51 +50,67 @@ def view(
     what: Annotated[str, Parameter(help="Grasp id (K...), design id (D...), tool (quick/B03T2) or campaign.")],
     *,
     lake: LakePath = DEFAULT_LAKE,
-    save: Annotated[Path | None, Parameter(help="Write the recording (.rrd) to this file and open no viewer.")] = None,
+    save: Annotated[Path | None, Parameter(help="Write the recording (.rrd) to this file and show nothing.")] = None,
     live: Annotated[bool, Parameter(negative="", help="Follow a running campaign until it ends.")] = False,
-    web: Annotated[
-        bool, Parameter(negative="", help="In the browser: serve the viewer to this machine until Ctrl-C.")
-    ] = False,
     json: AsJson = False,
 ) -> None:
-    """Show a grasp, the fingers of a design or a tool, or a whole campaign in the Rerun viewer."""
+    """Show a grasp, the fingers of a design or a tool, or a whole campaign in Rerun's viewer, in the browser.
+
+    It is served to this machine until Ctrl-C. The printed address lets a browser in; nobody else gets in, neither pages
+    of other sites nor other users of the computer.
+    """
     from fast.flows.cli.campaign import open_lake
-    from fast.flows.viewer.window import check_viewer, open_viewer
+    from fast.flows.cli.virtual import wait_for
+    from fast.flows.dependencies import require
 
     found = open_lake(lake)
     folder, write = _choose_recording(found, what)
     path = save or found.root / "outputs" / folder / f"{what.replace('/', '-')}.rrd"
     if save is None:
-        check_viewer(web)
+        require(["prefect", "rerun"])  # Prefect brings the web server
+    is_whole = threading.Event()
+    data: dict[str, Any] = {"shown": what, "recording": str(path)}
+    text = str(path)
     with ExitStack() as stack:
-        viewer = stack.enter_context(open_viewer(None, web)) if live and save is None else None
+        show_page = None if save else _prepare_page(stack, found, path, is_whole)
         if live:
-            shown = _follow(found, what, path, viewer)
-            show({"shown": what, "recording": str(path), "grasps": shown}, f"{shown} grasps written to {path}", json)
+            n_grasps = _follow(found, what, path, show_page)
+            data["grasps"], text = n_grasps, f"{n_grasps} grasps written to {path}"
         else:
             write(path)
-            show({"shown": what, "recording": str(path)}, str(path), json)
-            viewer = stack.enter_context(open_viewer(path, web)) if save is None else None
-            _tell_address(viewer)
-        if viewer is not None:
-            with suppress(KeyboardInterrupt):
-                viewer.wait()
+        is_whole.set()
+        show(data, text, json)
+        if show_page is None:
+            return
+        if live:
+            tell("all of it is shown; Ctrl-C ends the page")
+        else:
+            show_page()
+        with suppress(KeyboardInterrupt):
+            wait_for(threading.Event())
 
 
-def _tell_address(viewer: "Viewer | None") -> None:
-    """Where the page is, on a line of its own, so that it can be clicked or copied; a browser is opened if one can."""
-    if viewer is None or viewer.page_address is None:
-        return
-    from fast.flows.viewer.window import has_screen
+def _prepare_page(stack: ExitStack, lake: "Lake", path: Path, is_whole: threading.Event) -> Callable[[], None]:
+    """What opens the page of a recording until the stack ends, and tells its address on a line of its own.
 
-    tell("Open this address in a browser on this machine; Ctrl-C ends it:")
-    tell(viewer.page_address)
-    if has_screen():
-        webbrowser.open(viewer.page_address)
+    Raises:
+        FastError: the key of the lake is another user's.
+    """
+    from fast.flows.server.access import own_login
+    from fast.flows.viewer.page import open_page
+
+    login = own_login(lake.root)
+
+    def show_page() -> None:
+        address = stack.enter_context(open_page(path, login, is_whole))
+        tell("Open this address in a browser on this machine; Ctrl-C ends it:")
+        tell(address)  # no browser is started with it: other users see what programs are started with
+
+    return show_page
 
 
-def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: "Viewer | None") -> int:
-    """Send a campaign to a file, and to a viewer, as it grows, until it ends; returns the number of grasps.
+def _follow(lake: "Lake", campaign_id: str, path: Path, began: Callable[[], None] | None) -> int:
+    """Write a campaign to a file, as it grows, until it ends; returns the number of grasps.
 
     Raises:
         UsageError: it is no campaign.
@@ -106,12 +121,7 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, viewer: "Viewer | None")
     from fast.tasks.campaign.requests import lease_name
 
     name = resolve_campaign(lake, campaign_id)
-    _tell_address(viewer)
-    address = viewer.data_address if viewer else None
-    shown = follow(lake, name, path, lambda: is_held(lake.storage, lease_name(name)), address=address, tell=tell)
-    if viewer is not None:
-        tell("all of it is shown; close the viewer, or Ctrl-C, to end")
-    return shown
+    return follow(lake, name, path, lambda: is_held(lake, lease_name(name)), began=began, tell=tell)
 
 
 def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:

@@ -41,6 +41,7 @@ def serve(
     from fast.flows.server.environment import named_server
     from fast.flows.server.lab import LabPlan, open_lab
     from fast.flows.server.server import find_server, tell_ignored
+    from fast.flows.server.surroundings import check_surroundings
     from fast.lake.store import Lake
     from fast.models.errors import FastError
 
@@ -48,6 +49,7 @@ def serve(
     named = named_server()
     if named is None:
         _check_server_wanted(host, port)
+    check_surroundings()
     found = Lake.open(lake, create=True)
     known = None if named else find_server(found.root)
     if known:

@@ -75,7 +75,10 @@ def arm(
     *,
     file: Annotated[Path, Parameter(help="Bench file to write, with this arm's address and places.")],
     lake: Annotated[
-        str | None, Parameter(help="Lake whose newest printed tools hang in the rack; default: the designs.")
+        str | None, Parameter(help="Lake whose campaign says which tools hang in the rack; default: the designs.")
+    ] = None,
+    config: Annotated[
+        Path | None, Parameter(help="Campaign config whose own objects stand on the bench; default: the 36.")
     ] = None,
     design: Designs = None,
     host: Annotated[str, Parameter(help="Address on this computer; port 30004 must be free there.")] = "127.0.0.1",
@@ -83,15 +86,18 @@ def arm(
     json: AsJson = False,
 ) -> None:
     """Serve a Universal Robots arm in a world, by RTDE and URScript, until Ctrl-C."""
+    from fast.hardware.parts.layout import BenchLayout
     from fast.hardware.virtual.arm.controller import VirtualArm
     from fast.hardware.virtual.arm.server import ArmServer
     from fast.hardware.virtual.world.physics import simulate_request
     from fast.tasks.bench.arm_rack import read_rack, write_bench_file
+    from fast.tasks.campaign.config import load_config
     from fast.tasks.campaign.setup import read_world
 
     fresh = None if lake is None else partial(read_rack, lake)
+    layout = BenchLayout() if config is None else load_config(config).objects.stand_on(BenchLayout())
     asked = watch_signals()
-    server = ArmServer(VirtualArm(read_world(world), rack(design), simulate_request, fresh), host, speed_up)
+    server = ArmServer(VirtualArm(read_world(world), rack(design), simulate_request, fresh, layout), host, speed_up)
     server.start()
     try:
         write_bench_file(file, server.arm.settings(host, server.script_port))

@@ -1,7 +1,6 @@
 """`fast gantry log` and `fast gantry replay`: what was said on the wires of a bench, and saying it again."""
 
 import json as json_module
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -83,14 +82,14 @@ def replay(
 def log_folder(lake: Path | None) -> Path:
     """Folder of the wire logs: of a lake, or of benches that are moved by hand (in the user's state folder)."""
     from fast.hardware.wire.log_files import FOLDER_NAME
+    from fast.models.folders import folder_of_person
 
     if lake is not None:
         from fast.flows.cli.campaign import open_lake
         from fast.tasks.campaign.requests import bench_log_folder
 
         return bench_log_folder(open_lake(lake))
-    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(state) / "fast" / FOLDER_NAME
+    return folder_of_person("XDG_STATE_HOME", ".local/state") / "fast" / FOLDER_NAME
 
 
 def _listing(folder: Path) -> list[dict[str, Any]]:

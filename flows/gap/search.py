@@ -20,7 +20,6 @@ from fast.lake.tables.catalogue_rows import missing_version_rows
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import FastError
 from fast.models.gap.data import GapData
-from fast.models.gap.evaluation.power import write_power_sentence
 from fast.models.gap.findings import Findings
 from fast.models.ids import content_id
 from fast.models.records import EffectValue
@@ -246,6 +245,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
     from fast.tasks.gap.ask import list_requests
     from fast.tasks.gap.calibrate import SearchInputs
     from fast.tasks.gap.refine import ask_next
+    from fast.tasks.gap.rehearse import rehearse_panel
     from fast.tasks.gap.rounds import evaluate_rounds, judge
 
     order, grasps, began = search.order, search.measured.grasps, time.monotonic() - simulator.spent_s
@@ -263,7 +263,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         simulate=simulator.simulate,
         answers=search.measured.answers,
         progress=reporter.progress,
-        rehearsed=order.rehearsed,
+        rehearsal=rehearse_panel(data, start.effects, order.rehearsed, order.settings.workers or 1, reporter.progress),
     )
     rounds = _repeat_rounds(wide, start.effects, order.rounds, reporter)
     following = ask_next(rounds, order.asking)
@@ -290,7 +290,6 @@ def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: Pr
         warnings=tuple(dict.fromkeys(warnings)),
         verdict=verdict,
         ranking=ranking,
-        power=_power(data),
         in_use=tuple(value.effect for value in start.effects),
     )
     run = GapRun(
@@ -354,10 +353,6 @@ def _find_start(lake: Lake, search: _Search) -> Start:
         start = Start(version.effects, version)
     write_start(lake, search.gap_id, search.order.campaign_id, start, search.order.seed)
     return start
-
-
-def _power(data: GapData) -> str:
-    return write_power_sentence(int((~data.held_out_tools).sum()), int((~data.held_out_objects).sum()))
 
 
 def _failed(data: GapData) -> list[str]:

@@ -61,8 +61,13 @@ _RC: dict[Any, Any] = {
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Draw and save inside this context; matplotlib's settings are restored afterwards."""
-    with mpl.rc_context(_RC):
+    """Draw and save inside this context; matplotlib's settings are restored afterwards.
+
+    A person's `matplotlibrc` is left aside: with `text.usetex` a figure would need a TeX installation.
+    """
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_RC)
         yield
 
 

@@ -34,8 +34,9 @@ _HEADERS = {
 _PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>FAST: key needed</title>
 <body style="font: 16px/1.5 system-ui, sans-serif; max-width: 36rem; margin: 15vh auto; padding: 0 1rem">
 <h1 style="font-size: 1.4rem">This server lets in who has its key</h1>
-<p>Open the address that <code>fast serve</code> or <code>fast campaign run</code> printed in its terminal. It ends with
-<code>?key=...</code>; the browser keeps it from then on. <code>fast doctor</code> prints it again.</p>
+<p>Open the address that <code>fast serve</code>, <code>fast campaign run</code> or <code>fast view</code> printed in
+its terminal. It ends with <code>?key=...</code>; the browser keeps it from then on. <code>fast doctor</code> prints
+that of a lake's server again.</p>
 <p>Where a password was set, reload this page: user <code>fast</code>, and the password.</p></body></html>"""
 
 

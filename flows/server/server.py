@@ -20,7 +20,7 @@ from fast.flows.server.environment import enter_environment, list_ignored, make_
 from fast.flows.server.run_process import is_process_alive
 from fast.lake.storage.files import writing_failed
 from fast.lake.store import Lake
-from fast.models.errors import FastError
+from fast.models.errors import FastError, UsageError
 
 START_LIMIT_S = 600.0  # the first start on a machine makes a database: 10 s when it is idle, minutes when busy
 KEEP_S = 1.0  # between looks at a server of ours
@@ -94,7 +94,8 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[Api]:
     A new server is started again when it dies, stopped on exit, and stops by itself when this process dies.
 
     Raises:
-        FastError: the server that was named does not answer, or a new one did not become healthy.
+        UsageError: the server that was named does not answer.
+        FastError: a new one did not become healthy.
     """
     known = reach_named_server() or find_server(lake_root)
     if known:
@@ -125,12 +126,12 @@ def reach_named_server() -> Api | None:
     """The server that FAST_PREFECT_API_URL names, if it names one.
 
     Raises:
-        FastError: it does not answer, or does not let us in.
+        UsageError: it does not answer, or does not let us in.
     """
     named = named_server()
     if named is None or is_healthy(named):
         return named
-    raise FastError(
+    raise UsageError(
         f"FAST_PREFECT_API_URL is {named.url}, which does not answer or does not let us in; start that server, set "
         "FAST_PREFECT_API_AUTH_STRING to its user:password, or unset both, and FAST brings its own."
     )

@@ -54,21 +54,25 @@ def follow(
     path: Path,
     is_running: Callable[[], bool],
     *,
-    address: str | None = None,
+    began: Callable[[], None] | None = None,
     tell: Callable[[str], None] | None = None,
     poll_s: float = POLL_S,
 ) -> int:
-    """Write to a file, and to the viewer at `address`, what the campaign measures and proposes, until it ends.
+    """Write to a file what the campaign measures and proposes, until it ends.
 
-    Looks at the lake every `poll_s`. Ctrl-C ends it too; what was written stays. Returns the number of grasps.
+    Looks at the lake every `poll_s`; `began` is called once the file has a beginning. Ctrl-C ends it too; what was
+    written stays. Returns the number of grasps.
 
     Raises:
         UsageError: there is no such campaign, or the file cannot be written.
     """
     content = Content.load(lake, campaign_id)
     blueprint = lay_out_campaign(content, is_live=True)
-    with open_recording(f"campaign {campaign_id} live", path, blueprint, address=address) as stream:
+    with open_recording(f"campaign {campaign_id} live", path, blueprint) as stream:
         timeline = send_campaign(stream, content)
+        stream.flush()
+        if began is not None:
+            began()
         with suppress(KeyboardInterrupt):
             is_last = False
             while not is_last:

@@ -30,11 +30,8 @@ def open_recording(
     path: Path,
     blueprint: rrb.Blueprint,
     scenes: Sequence[str] = ("cell",),
-    address: str | None = None,
 ) -> Iterator[rr.RecordingStream]:
-    """A recording that is on disk when the context ends, and goes to the viewer at `address` meanwhile.
-
-    `scenes` are the origins of three-dimensional views.
+    """A recording that is on disk when the context ends. `scenes` are the origins of three-dimensional views.
 
     Raises:
         UsageError: the file cannot be written.
@@ -44,11 +41,8 @@ def open_recording(
         path.touch()
     except OSError as error:
         raise UsageError(f"The recording {path} cannot be written ({error}); give another file.") from error
-    sinks: list[rr.FileSink | rr.GrpcSink] = [rr.FileSink(path)]
-    if address:
-        sinks.append(rr.GrpcSink(address))
     with rr.RecordingStream(APPLICATION, recording_id=name) as recording:
-        recording.set_sinks(*sinks, default_blueprint=blueprint)
+        recording.set_sinks(rr.FileSink(path), default_blueprint=blueprint)
         for scene in scenes:
             recording.log(scene, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         try:

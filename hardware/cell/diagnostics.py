@@ -120,6 +120,18 @@ class DiagnosticPlan(Record):
             raise ValueError("reference_tool makes no grasp while reference_every is 0; say after how many grasps")
         return self
 
+    @property
+    def is_made(self) -> bool:
+        """Whether a batch makes any of the experiments."""
+        return bool(self.reference_every) or self.protocol_slot is not None
+
+    @property
+    def objects_of_batch(self) -> set[int]:
+        """Objects of the experiments that a batch makes."""
+        runs = self.runs(0) if self.protocol_slot is not None else []
+        runs += [self.reference(0)] if self.reference_every else []
+        return {run.object_id for run in runs} - {NO_OBJECT}
+
     def runs(self, seed: int) -> list[DiagnosticRun]:
         """The experiments in order: weights up and down first (a person stands by), empty, then all others shuffled.
 

@@ -44,17 +44,25 @@ class BenchLayout(Record):
     )
 
     def has_place(self, object_id: int) -> bool:
-        """Whether it is said where this object stands."""
-        return 0 <= dict(self.own_objects).get(object_id, object_id) < N_OBJECTS
+        """Whether it is said where this object stands, and no own object has taken its place."""
+        places = dict(self.own_objects)
+        is_taken = object_id not in places and object_id in places.values()
+        return 0 <= places.get(object_id, object_id) < N_OBJECTS and not is_taken
 
     def place_of(self, object_id: int) -> int:
         """Number of the place where an object stands.
 
         Raises:
-            UsageError: no such object.
+            UsageError: no such object, or an own object stands on its place.
         """
         place = dict(self.own_objects).get(object_id, object_id)
         if not self.has_place(object_id):
+            standing = [own for own, taken in self.own_objects if taken == object_id]
+            if standing:
+                raise UsageError(
+                    f"Object {object_id} is not on the bench, own object {standing[0]} stands on its place; give that "
+                    "one another of `objects.places`, or do without the other."
+                )
             raise UsageError(
                 f"Object {object_id} has no place on the bench; use an id from 0 to {N_OBJECTS - 1}, or say where an "
                 "own object stands."

@@ -41,7 +41,7 @@ from fast.lake.tables.campaign import (
     TraceRow,
 )
 from fast.lake.tables.imported import importing_campaign
-from fast.lake.tables.material import MaterialRow
+from fast.lake.tables.material import read_lot_rows
 from fast.models.errors import LakeError, UsageError
 from fast.models.records import GraspSetup
 
@@ -89,7 +89,7 @@ def export_handoff(
         of_tools = (*TOOL_COLUMNS, *RECIPE_COLUMNS) if any(row["recipe"] for row in tools) else TOOL_COLUMNS
         files.append(("tools.csv", lambda path: write_csv(path, of_tools, tools)))
         lots = sorted({row["material_lot"] for row in tools if row["material_lot"]})
-        if materials := [row.model_dump() for row in lake.records(MaterialRow, lot=lots)]:
+        if materials := [row.model_dump() for row in read_lot_rows(lake, lots)]:
             files.append(("materials.csv", lambda path: write_csv(path, MATERIAL_COLUMNS, materials)))
     if own:
         files.append((OBJECTS_FILE, lambda path: _write_objects(path, own)))

@@ -34,6 +34,7 @@ from fast.lake.storage.files import (
 )
 from fast.lake.storage.s3_client import Connection, refusal
 from fast.models.errors import LakeError, UsageError
+from fast.models.folders import folder_of_person
 
 _FETCHED_AT_ONCE = 16  # each waits for the network most of its time
 # pyarrow writes the marker of the folder after each delete, and some servers make writers of one object wait a second.
@@ -269,7 +270,7 @@ def working_folder(address: str) -> Path:
     In `$XDG_STATE_HOME/fast/lakes`, or `~/.local/state/fast/lakes`. Two servers may have a bucket of one name, so
     that of the server counts too.
     """
-    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    state = folder_of_person("XDG_STATE_HOME", ".local/state")
     name = re.sub(r"[^A-Za-z0-9.-]+", "-", address.removeprefix("s3://"))
     told_apart = hashlib.sha256(json.dumps([Connection.endpoint(), address]).encode()).hexdigest()[:8]
     return state.absolute() / "fast" / "lakes" / f"{name[:80]}-{told_apart}"

@@ -194,6 +194,7 @@ class ToolRow(Row):
     confirmed_by: Literal["person", "auto"]
     recipe: str | None = Field(default=None, description="name of how it was printed; empty: nobody said")
     recipe_json: str | None = Field(default=None, description="all of the recipe, see `models.design.recipe`")
+    sure: str | None = Field(default=None, description="what was strange in what was measured of it, and is so")
 
     @staticmethod
     def make_id(campaign_id: str, batch: int, slot: int) -> str:

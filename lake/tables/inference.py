@@ -149,9 +149,7 @@ class GapFindingRow(Row):
     answer: Literal["effect", "set", "none", "unknown"] | None = None
     probability: float | None = Field(default=None, ge=0, le=1)
     visible_fraction: float | None = Field(default=None, description="left of the signature when theta is refitted")
-    grouped_r2: float | None = Field(default=None, description="leaving designs, and object classes, out")
-    held_out_gain_nats: float | None = None
-    held_out_rmse_change: float | None = Field(default=None, description="relative; negative is better")
+    evidence_nats: float | None = Field(default=None, description="log of how much more probable it makes the data")
     parameters: tuple[str, ...] = Field(default=(), description="of the effect; the unit is the suffix")
     parameter_values: tuple[float, ...] = Field(default=(), description="posterior medians")
     parameter_ci90_lower: tuple[float, ...] = ()

@@ -1,12 +1,16 @@
 """The table of what was measured of the lots of printing material."""
 
-from typing import ClassVar, Self
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import Field
 
 from fast.lake.tables.row import Row
 from fast.models.ids import content_id
 from fast.models.material import QUANTITIES, MaterialLot, MaterialMeasurement
+
+if TYPE_CHECKING:
+    from fast.lake.store import Lake
 
 
 class MaterialRow(Row):
@@ -22,16 +26,25 @@ class MaterialRow(Row):
     n: int | None = Field(default=None, description="number of tests")
     method: str
     source: str
+    sure: str | None = Field(default=None, description="what was strange in it, and is so")
+    taken_back_by: str | None = Field(default=None, description="who said that it was not measured after all")
 
     @classmethod
-    def of(cls, lot: str, quantity: str, measured: MaterialMeasurement) -> Self:
+    def of(cls, lot: str, quantity: str, measured: MaterialMeasurement, sure: str | None = None) -> Self:
         """Row of a quantity of a lot: a corrected measurement replaces the one before."""
-        return cls(material_id=content_id("L", [lot, quantity]), lot=lot, quantity=quantity, **measured.model_dump())
+        values = measured.model_dump(exclude={"sure"})
+        return cls(material_id=content_id("L", [lot, quantity]), lot=lot, quantity=quantity, sure=sure, **values)
 
     @property
     def measurement(self) -> MaterialMeasurement:
         """The measurement of this row."""
-        return MaterialMeasurement(**self.model_dump(include=set(MaterialMeasurement.model_fields)))
+        return MaterialMeasurement(**self.model_dump(include=set(MaterialMeasurement.model_fields) - {"sure"}))
+
+
+def read_lot_rows(lake: "Lake", lot: str | Sequence[str] | None = None) -> list[MaterialRow]:
+    """What is measured of a lot, of several, or of all of the lake, but for what was taken back."""
+    where = {} if lot is None else {"lot": lot}
+    return lake.records(MaterialRow, taken_back_by=None, **where)
 
 
 def lot_of_rows(rows: list[MaterialRow]) -> MaterialLot:

@@ -7,6 +7,7 @@ from pydantic import model_validator
 from fast.models.records import GraspSetup, Placement, Record
 
 Interval = tuple[float, float]
+_OF_HELD_OUT = ("held_out_gain_nats", "held_out_rmse_change", "grouped_r2")
 LEFTOVER = 0.1  # of what the first name explained
 NONE, UNKNOWN = "none", "unknown"  # candidates that are no effect
 
@@ -31,17 +32,24 @@ class WhereFinding(Record):
 class Candidate(Record):
     """An effect that was tried: `none` and `unknown` are candidates too.
 
-    `visible_fraction`: what is left of its signature when theta and tools are fitted again. `grouped_r2`: of the
-    residual's variance, predicted for designs and object classes that were left out.
+    nats: the log of how much more probable it makes the data; of `unknown`, what a pattern without a name does.
+    visible_fraction: what is left of its signature when theta and tools are fitted again.
     """
 
     effect: str
     probability: float
-    held_out_gain_nats: float
-    held_out_rmse_change: float
-    grouped_r2: float | None = None
+    nats: float | None = None
     visible_fraction: float | None = None
     parameters: dict[str, float] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_older(cls, data: Any) -> Any:
+        """Searches of before 0.3 ranked by what held-out grasps gained."""
+        if isinstance(data, dict) and "held_out_gain_nats" in data:
+            kept = {key: value for key, value in data.items() if key not in _OF_HELD_OUT}
+            return {**kept, "nats": data["held_out_gain_nats"]}
+        return data
 
 
 class ParameterEstimate(Record):
@@ -131,7 +139,7 @@ class RoundFindings(Record):
     def explained_nats(self) -> float:
         """The evidence for the answer: of its best effect, or of any model where it is unknown."""
         wanted = set(self.named.effects) or {self.named.kind}
-        return max((c.held_out_gain_nats for c in self.candidates if c.effect in wanted), default=0.0)
+        return max((c.nats or 0.0 for c in self.candidates if c.effect in wanted), default=0.0)
 
 
 class Gap(Record):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from fast.models.traces.step_noise import SensorNoise
 N_DESIGN_FOLDS = 5
 N_OBJECT_FOLDS = 6
 _T = TypeVar("_T")
+_USUAL = GraspSetup()
 
 
 class Target(NamedTuple):
@@ -148,6 +149,12 @@ class Grasps:
         """Whether the grasp's object is in the first half of all objects, n: they tell a new tool's modulus."""
         _, place = np.unique(self.obj, return_inverse=True)
         return np.asarray(place % 2 == 0)
+
+
+def of_one_setup(n: int, setup: GraspSetup = _USUAL) -> dict[str, Any]:
+    """Fields of `Grasps` that were all made in one way, with the object at its place."""
+    nothing = np.zeros(n, dtype=int)
+    return {"setups": (setup,), "setup": nothing, "placements": (Placement(),), "placement": nothing}
 
 
 def number_distinct(values: Sequence[_T], first: _T) -> tuple[tuple[_T, ...], np.ndarray]:

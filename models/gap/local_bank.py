@@ -12,11 +12,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from fast.models.gap.bank.bank import AMPLITUDES, CLOSED_LESS, LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
+from fast.models.gap.bank.bank import CLOSED_LESS, LOCAL_FRICTION_SHARE, LOCAL_RATIO, SIMULATED, BankPlan
 from fast.models.gap.bank.effect_surfaces import find_amplitude, name_axes
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.naming.name import NamingResult
 from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 _T = TypeVar("_T")
 
@@ -56,7 +57,7 @@ def add_runs(found: NamingResult, plan: BankPlan) -> BankPlan:
     """
     runs = plan.runs
     for value in found.best.effects:
-        if value.effect in AMPLITUDES and value.effect in plan.effects:
+        if CATALOGUE[value.effect].bank_runs and value.effect in plan.effects:
             names = [name for name in name_axes(value.effect) if name]
             own = {name: float(f"{value.parameters[name]:.2g}") for name in names}
             is_new = not any(_is_near(value.effect, own, run) for run in plan.list_amplitudes(value.effect))
@@ -94,14 +95,14 @@ def move_bank(found: NamingResult, plan: BankPlan) -> BankPlan:
 
 
 def _list_effects(found: NamingResult) -> tuple[str, ...]:
-    """Simulated effects that are in the model, and the best of those that predict anything that was left out.
+    """Simulated effects that are in the model, and those for which there is most evidence.
 
     Where repeats tell that something changes, also jaws that stop early: that is one of the things that may change.
     """
     known = {value.effect for fit in (found.fit, found.best) for value in fit.effects}
-    tried = [row for row in found.candidates if row.effect in SIMULATED and (row.grouped_r2 or 0.0) > 0.0]
-    credible = sorted(tried, key=lambda row: -(row.grouped_r2 or 0.0))[:MOST_EFFECTS]
-    drifting = (CLOSED_LESS,) if found.named.drift else ()
+    tried = [row for row in found.candidates if row.effect in SIMULATED and (row.nats or 0.0) > 0.0]
+    credible = sorted(tried, key=lambda row: -(row.nats or 0.0))[:MOST_EFFECTS]
+    drifting = CLOSED_LESS if found.named.drift else ()
     return _merge(tuple(known), tuple(row.effect for row in credible), drifting)
 
 

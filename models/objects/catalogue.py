@@ -31,6 +31,11 @@ def register(obj: RigidObject) -> None:
     _OWN[obj.object_id] = obj
 
 
+def list_known() -> tuple[RigidObject, ...]:
+    """The 36, and the own objects that this process knows."""
+    return (*OBJECTS, *_OWN.values())
+
+
 def add_source(source: ObjectSource) -> None:
     """Have `get_object` ask a source, as long as it is in use, for own objects that this process does not know yet."""
     _SOURCES.add(source)

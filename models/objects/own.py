@@ -12,6 +12,7 @@ import trimesh
 
 from fast.models.errors import ConfigError
 from fast.models.ids import canonical_json
+from fast.models.objects.bodies import check_one_piece
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS
 from fast.models.objects.distance import distance
 from fast.models.objects.grid import SAME_MM, MeshGrid, looks_round, surface_points
@@ -25,7 +26,8 @@ OWN_CLASS = "own"
 LEAST_SIZE_MM, MOST_HEIGHT_MM = 3.0, 50.0
 MOST_WIDTH_MM = (64.0, 100.0)  # x: jaws that are 70 mm open pass; y: the fingers keep clear of the next place
 _LAST_ID = 2**31 - 1
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9 _-]{0,39}")
+MOST_LETTERS = 40
+_NAME = re.compile(f"[A-Za-z][A-Za-z0-9 _-]{{0,{MOST_LETTERS - 1}}}")
 _MIRRORS = (np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0]))
 
 
@@ -33,9 +35,12 @@ def object_of_parts(name: str, parts: Sequence[Part], source: str) -> RigidObjec
     """The object that is the union of `parts`; `source` names where they came from in messages.
 
     Raises:
-        ConfigError: the name or the size cannot be used.
+        ConfigError: the name or the size cannot be used, or parts do not touch.
     """
-    return _of_parts(name, PartsShape(parts=tuple(parts)), source)
+    shape = PartsShape(parts=tuple(parts))
+    obj = _of_parts(name, shape, source)
+    check_one_piece(surface_of(place_parts(shape.parts)), source)
+    return obj
 
 
 def object_of_mesh(
@@ -49,10 +54,12 @@ def object_of_mesh(
     """The object of a watertight mesh in mm: scaled, turned, and stood on the mount with its footprint centred.
 
     Raises:
-        ConfigError: the mesh is not closed, has no volume or too many triangles, or name or size cannot be used.
+        ConfigError: the mesh is not closed, has no volume, too many triangles or bodies that do not touch, or name or
+            size cannot be used.
     """
     stood = _stand(check_mesh(mesh, source), scale, turn_deg)
     _check_size(np.ptp(stood.bounds, axis=0), source)  # before a grid is made for it
+    check_one_piece(stood, source)
     return _of_placed_mesh(name, stood, trimesh.exchange.stl.export_stl(stood), source)
 
 
@@ -124,8 +131,8 @@ def _object(
 def _check_name(name: str, source: str) -> None:
     if not _NAME.fullmatch(name) or name.casefold() in {obj.name for obj in OBJECTS}:
         raise ConfigError(
-            f"{source}: `{name}` cannot be the name of an own object; it begins with a letter, has at most 40 letters, "
-            "digits, spaces, `_` or `-`, and is none of the 36; set `name` in its .toml file."
+            f"{source}: `{name}` cannot be the name of an own object; it begins with a letter, has at most "
+            f"{MOST_LETTERS} letters, digits, spaces, `_` or `-`, and is none of the 36; set `name` in its .toml file."
         )
 
 

@@ -11,11 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from fast.models.traces.batch import TraceFeatures
-from fast.models.traces.expected import LEAST_CELLS, find_shortfalls
+from fast.models.traces.expected import LEAST_CELLS, Chance, find_shortfalls
 from fast.models.traces.names import DIP_MM, NOISE_N, PROFILE_STEP_MM
 
 LEAST_SCALE = 0.03  # of ln force, and of a force over that of the cell: no simulator and no gauge is better than 3 %
 LATE = (0.75, 0.95)  # of the lift over which the object should be held
+# Chance of fewer cells than `LEAST_CELLS`: of 288 sound cells of the world `lab`, 24 at a time, none was as far out as
+# p = 1e-4 of these. A push cannot be told so: its tails are too wide.
+USUAL_CHANCE = {"grip": Chance(0.19, 30.0, 0.01), "late": Chance(0.12, 30.0, 0.01), "press": Chance(100.0, 30.0, 0.01)}
 _HELD = 0.05  # of the largest force, and at least `_HELD_N`: less is not held
 _HELD_N = 0.1
 _MOST_SIZE = 3.0  # scales: what is farther out says nothing of how the forces of the start go together
@@ -39,7 +42,11 @@ def grip_n(features: TraceFeatures) -> np.ndarray:
 
 
 def hold_against(
-    measured: TraceFeatures, simulated: TraceFeatures, tool: np.ndarray, object_id: np.ndarray
+    measured: TraceFeatures,
+    simulated: TraceFeatures,
+    tool: np.ndarray,
+    object_id: np.ndarray,
+    fewest: int = LEAST_CELLS,
 ) -> dict[str, Short]:
     """Shortfalls of n grasps by what they are of: `grip` and `late` of ln(force + 0.5 N), `press` in N.
 
@@ -48,13 +55,15 @@ def hold_against(
         simulated: of the same tools and objects, n rows; NaN where there is none.
         tool: n, any labels.
         object_id: n.
+        fewest: cells with a simulated trace that are enough; of fewer than `LEAST_CELLS` chance is `USUAL_CHANCE`.
     """
     n = len(tool)
     found = {name: Short(np.zeros(n), np.ones(n), np.zeros(n)) for name in ("grip", "late", "press")}
     for is_simulated in (True, False):
         part = np.flatnonzero(simulated.is_usable == is_simulated)
         cells, cell = np.unique(np.stack([_number(tool)[part], object_id[part]]), axis=1, return_inverse=True)
-        if cells.shape[1] < LEAST_CELLS or min(len(np.unique(row)) for row in cells) < 2:
+        least = fewest if is_simulated else LEAST_CELLS
+        if cells.shape[1] < least or min(len(np.unique(row)) for row in cells) < 2:
             continue
         own = _take(measured, part)
         expected = _take(simulated, part) if is_simulated else _like_others(own, cells, cell.ravel())
@@ -103,8 +112,8 @@ def _hold(measured: TraceFeatures, expected: TraceFeatures, cells: np.ndarray, c
     level_n = np.maximum(expected.column("peak_force_n"), 0.0) + 2.0 * NOISE_N
     starts = _start_n(measured) - _start_n(expected)
     return {
-        "grip": Short(*_short(log_n(grip[0]) - log_n(grip[1]), cells, cell)[:2], grip[0]),
-        "late": Short(*_short(log_n(late[0]) - log_n(late[1]), cells, cell)[:2], late[0]),
+        "grip": Short(*_short("grip", log_n(grip[0]) - log_n(grip[1]), cells, cell)[:2], grip[0]),
+        "late": Short(*_short("late", log_n(late[0]) - log_n(late[1]), cells, cell)[:2], late[0]),
         "press": Short(*_press(starts / level_n, level_n, cells, cell), measured.column("initial_force_n")),
     }
 
@@ -123,21 +132,23 @@ def _press(
     of generalised least squares (Aitken 1935) on the three forces of the start, whose errors go together as those of
     all cells do.
     """
-    rests = np.stack([_short(start, cells, cell)[2] for start in starts])
+    rests = np.stack([_short("press", start, cells, cell)[2] for start in starts])
     sizes = np.maximum(np.median(np.abs(rests), axis=1) / 0.6745, 1e-3)
     together = np.cov(np.clip(rests / sizes[:, None], -_MOST_SIZE, _MOST_SIZE)) * np.outer(sizes, sizes)
     edges = np.exp(-PROFILE_STEP_MM * np.arange(3) / DIP_MM)
     push = np.array([1.0, *(DIP_MM / PROFILE_STEP_MM * (edges[:-1] - edges[1:]))])
     weight = np.linalg.solve(together + 1e-4 * np.eye(3), push)
-    shortfall, p, _ = _short((weight / (weight @ push)) @ starts, cells, cell)
+    shortfall, p, _ = _short("press", (weight / (weight @ push)) @ starts, cells, cell)
     return shortfall * level_n, p
 
 
-def _short(difference: np.ndarray, cells: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _short(
+    name: str, difference: np.ndarray, cells: np.ndarray, cell: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shortfall and p of every grasp, against what the other cells say of its own; shortfall of each cell's middle."""
     order = np.argsort(cell, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(cell[order])) + 1)
     middle = np.array([np.median(difference[part]) for part in parts])
-    shortfall, own, chance = find_shortfalls(middle, cells[0], cells[1], LEAST_SCALE)
+    shortfall, own, chance = find_shortfalls(middle, cells[0], cells[1], LEAST_SCALE, USUAL_CHANCE[name])
     of_grasp = (middle + shortfall)[cell] - difference
     return of_grasp, chance.p_of(of_grasp / own[cell]), shortfall

@@ -12,6 +12,7 @@ import numpy as np
 from fast.models.traces.against_expected import Short, grip_n, hold_against
 from fast.models.traces.batch import TraceFeatures
 from fast.models.traces.departures import p_values, shortfall_to_repeats
+from fast.models.traces.expected import LEAST_CELLS
 from fast.models.traces.flags import KINDS, Anomaly, Compared, Kind
 from fast.models.traces.names import NOISE_N, PROFILE_STEP_MM
 
@@ -74,18 +75,22 @@ _Found = dict[Kind, tuple[str, Evidence, np.ndarray]]  # the measure that says s
 
 
 def find_anomalies(
-    features: TraceFeatures, labels: Labels, simulated: TraceFeatures | None = None, limit_p: float = LIMIT_P
+    features: TraceFeatures,
+    labels: Labels,
+    simulated: TraceFeatures | None = None,
+    limit_p: float = LIMIT_P,
+    fewest: int = LEAST_CELLS,
 ) -> list[Anomaly]:
     """Flags on n grasps, in their order; one kind of loss at most per grasp, beside preload and drift.
 
     `simulated`: of the same tools and objects, n rows, NaN where there is none; None: of none. Without repeats, and
-    with fewer than `against_expected.LEAST_CELLS` tools on objects, there is nothing to compare with but the zero.
+    with fewer than `fewest` tools on objects, there is nothing to compare with but the zero.
     """
     of_repeats = evidence_of(features, labels)
     kinds = _kinds_by_repeats(features, labels, of_repeats, limit_p)
     if simulated is None:
         simulated = TraceFeatures(np.full_like(features.values, np.nan), np.zeros_like(features.profile_n))
-    shorts = hold_against(features, simulated, labels.tool, labels.object_id)
+    shorts = hold_against(features, simulated, labels.tool, labels.object_id, fewest)
     expected = _kinds_by_expectation(features, labels, shorts, of_repeats["zero"], limit_p)
     found: dict[tuple[int, Kind], Anomaly] = {}
     for part in (kinds, expected):

@@ -94,7 +94,11 @@ def fit_chance(shortfall: np.ndarray, least_scale: float) -> Chance:
 
 
 def find_shortfalls(
-    difference: np.ndarray, tool: np.ndarray, object_id: np.ndarray, least_scale: float
+    difference: np.ndarray,
+    tool: np.ndarray,
+    object_id: np.ndarray,
+    least_scale: float,
+    usual_chance: Chance | None = None,
 ) -> tuple[np.ndarray, np.ndarray, Chance]:
     """How much less each of n cells is than expected, the scale of its own chance over the common one, and chance.
 
@@ -102,13 +106,16 @@ def find_shortfalls(
     by the same fit on their logarithms. Shortfalls divided by that scale follow `Chance`.
 
     Args:
-        difference: n, measured less simulated, finite; `LEAST_CELLS` or more.
+        difference: n, measured less simulated, finite.
         tool: n, any labels.
         object_id: n, any labels.
         least_scale: what is smaller is not told apart, in the unit of the difference.
+        usual_chance: of fewer than `LEAST_CELLS`, which do not say how wide their tails are.
     """
     expected, growth = predict_cells(difference, tool, object_id)
     shortfall = expected - difference
+    if usual_chance is not None and len(difference) < LEAST_CELLS:
+        return shortfall, growth, usual_chance
     sizes = np.log(np.abs(shortfall / growth) + least_scale)
     usual, _ = predict_cells(sizes, tool, object_id)
     own = np.exp(usual - np.median(usual)) * growth

@@ -7,11 +7,11 @@ decimal point, ln 9.81 for kilogram-force.
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, groupby
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-Kind = Literal["decimal point", "outlier", "copied", "unit", "exchanged tools", "exchanged objects", "told twice"]
+from fast.models.question import Question
 
 UNITS_N = {"kgf": 9.80665, "lbf": 4.4482216152605, "gf": 9.80665e-3, "kN": 1000.0, "mN": 1e-3}
 _LEAST_REPEAT_SD = 0.03  # of ln force: no gauge and no hand repeats a pull-off better than 3 %
@@ -33,14 +33,6 @@ class Told(NamedTuple):
     repeat: int
     force_n: float
     expected_n: float | None = None
-
-
-class Question(NamedTuple):
-    """What is strange and what it would be, in a sentence; `numbers`: which of the told numbers, by position."""
-
-    kind: Kind
-    sentence: str
-    numbers: tuple[int, ...]
 
 
 def find_questions(told: Sequence[Told]) -> list[Question]:
@@ -168,14 +160,16 @@ def _find_exchanges(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> I
         levels = {name: float(np.mean([expected[i] for i in numbers])) for name, numbers in groups.items()}
         if len(groups) < 2:
             continue
-        sd = max(1.4826 * float(np.median(np.abs(list(means.values())))), _LEAST_CELL_SD)
         best, gain = None, _LIMIT_NATS
         for a, b in combinations(groups, 2):
             step = levels[a] - levels[b]
-            now = means[a] ** 2 + means[b] ** 2
-            then = (means[a] + step) ** 2 + (means[b] - step) ** 2
-            if (now - then) / (2 * sd**2) > gain:
-                best, gain = (a, b), (now - then) / (2 * sd**2)
+            exchanged = {**means, a: means[a] + step, b: means[b] - step}
+            rest = np.array(list(exchanged.values())) - np.median(list(exchanged.values()))
+            # Of few objects two exchanged ones are half: what is left without the slip says how far chance goes.
+            sd = max(1.4826 * float(np.median(np.abs(rest))), _LEAST_CELL_SD)
+            better = sum(means[name] ** 2 - exchanged[name] ** 2 for name in (a, b)) / (2 * sd**2)
+            if better > gain:
+                best, gain = (a, b), better
         if best is not None:
             a, b = best
             sentence = f"{a} has the forces that are expected of {b}, and {b} those of {a}; exchanged?"

@@ -1,29 +1,28 @@
 """The rack of a virtual arm: its bench file, and the tools that a lake says hang in it."""
 
+import json
 import tomllib
 from pathlib import Path
 
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import DesignRow, ToolRow
+from fast.lake.tables.campaign import DesignRow, EventRow, ToolRow
 from fast.models.errors import UsageError
+from fast.tasks.campaign.requests import BENCH_OPENED
 
 
 def read_rack(address: str) -> dict[int, MountedTool]:
-    """Printed tools of the newest batch in the lake, by slot; none while there is no lake or no tool."""
+    """Tools that a campaign of the lake expects in the rack of its arm, by slot; none while none has opened one."""
     if not Lake.exists(address):
         return {}
     lake = Lake.open(address)
     try:
-        tools = [row for row in lake.records(ToolRow) if row.status == "printed"]
-        newest = max((row.batch for row in tools), default=0)
-        mounted = [row for row in tools if row.batch == newest]
-        designs = {row.design_id: row.design for row in lake.records(DesignRow)}
-        return {
-            row.slot if row.rack_slot is None else row.rack_slot: MountedTool(row.tool_id, designs[row.design_id])
-            for row in mounted
-        }
+        opened = [json.loads(row["payload_json"]) for row in lake.rows(EventRow, kind=BENCH_OPENED)]
+        hanging: dict[str, str] = next((found["hanging"] for found in reversed(opened) if "hanging" in found), {})
+        tools = {row.tool_id: row.design_id for row in lake.records(ToolRow, tool_id=list(hanging.values()))}
+        designs = {row.design_id: row.design for row in lake.records(DesignRow, design_id=list(tools.values()))}
+        return {int(slot): MountedTool(tool_id, designs[tools[tool_id]]) for slot, tool_id in hanging.items()}
     finally:
         lake.close()
 

@@ -15,21 +15,13 @@ from fast.models.design.recipe import Recipe
 from fast.models.errors import UsageError
 from fast.models.ids import tool_label
 from fast.models.records import Record
+from fast.tasks.bench.measured_tools import MeasuredTool, mark_measured, note_measured
 from fast.tasks.campaign.campaign import stored_provenance
 from fast.tasks.campaign.material import name_campaign_lot, read_stored_recipe
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.state import ProposedTool, load_designs
 
 SHEET = "sheet.html"
-
-
-class MeasuredTool(Record):
-    """What calipers and durometer said of one printed tool; the ranges catch slips of the pen."""
-
-    measured_front_thickness_mm: float | None = Field(default=None, ge=1, le=5)
-    measured_back_thickness_mm: float | None = Field(default=None, ge=1, le=5)
-    measured_rib_thickness_mm: float | None = Field(default=None, ge=1, le=5)
-    hardness_shore_a: float | None = Field(default=None, ge=10, le=100)
 
 
 class PrintConfirmation(Record):
@@ -40,6 +32,7 @@ class PrintConfirmation(Record):
     rejected: Mapping[int, str] = Field(default_factory=dict, description="slot -> reason")
     again: Mapping[int, str] = Field(default_factory=dict, description="slot to be printed again -> reason, or empty")
     measured: Mapping[int, MeasuredTool] = Field(default_factory=dict)
+    is_sure: bool = Field(default=False, description="what was measured is so, however strange it looks")
     mounted: Mapping[int, int] = Field(default_factory=dict, description="slot -> slot of the rack where it hangs")
     confirmed_by: Literal["person", "auto"] = "person"
 
@@ -125,13 +118,17 @@ def write_file(path: Path, content: bytes) -> None:
     os.replace(temporary, path)
 
 
-def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintConfirmation) -> Printed:
+def confirm_print(
+    lake: Lake, campaign_id: str, batch: int, confirmation: PrintConfirmation, *, way: str = "--sure"
+) -> Printed:
     """Record the tools of a printed batch, but for those to be printed again, whose tray is written.
 
-    Tools of the batch that were confirmed before stay as they are. The batch is measured when all are confirmed.
+    Tools of the batch that were confirmed before stay as they are. The batch is measured when all are confirmed. way:
+    how a person says that strange numbers are so.
 
     Raises:
-        UsageError: unknown batch or slot, a slot with two fates, or a batch or slot that is already confirmed.
+        UsageError: unknown batch or slot, a slot with two fates, a batch or slot that is already confirmed, or measured
+            walls or hardness that cannot be, or are strange and nobody is sure of them.
     """
     rows = _proposals(lake, campaign_id, batch)
     _check_slots(BatchRow.make_id(campaign_id, batch), [r["slot"] for r in rows], confirmation)
@@ -141,7 +138,15 @@ def confirm_print(lake: Lake, campaign_id: str, batch: int, confirmation: PrintC
     _check_rack([row["slot"] for row in said], before, confirmation)
     stock = _campaign_stock(lake, campaign_id, confirmation.material_lot)
     tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], stock, confirmation) for r in said]
+    told = {tool.tool_id: confirmation.measured[tool.slot] for tool in tools if tool.slot in confirmation.measured}
+    if told:
+        designs = load_designs(lake)
+        drawn = {tool.tool_id: designs[tool.design_id] for tool in tools}
+        sure = mark_measured(lake, campaign_id, batch, stock.lot, drawn, told, confirmation.is_sure, way)
+        tools = [tool.model_copy(update={"sure": sure.get(tool.tool_id)}) for tool in tools]
     lake.append(tools, stored_provenance(lake, campaign_id, [r["proposal_id"] for r in said]))
+    for tool in (tool for tool in tools if tool.tool_id in told):
+        note_measured(lake, None, tool, confirmation.operator)
     n_mounted = sum(tool.status == "printed" for tool in tools)
     again = tuple(sorted(confirmation.again))
     if not again:
@@ -161,28 +166,6 @@ def confirm_told(lake: Lake, campaign_id: str, tools: Sequence[ProposedTool], op
     word = PrintConfirmation(operator=operator)
     rows = [_tool_row(campaign_id, t.batch, t.slot, t.design.design_id, stock, word) for t in tools]
     lake.append(rows, stored_provenance(lake, campaign_id))
-
-
-def measure_printed(lake: Lake, tool_id: str, measured: MeasuredTool, operator: str) -> ToolRow:
-    """Keep what a person measured of a printed tool after it was confirmed; what is left out stays as it was.
-
-    The surrogate learns from the finger as measured from then on, and a gap search simulates it so.
-
-    Raises:
-        UsageError: there is no such tool, it was rejected, or nothing was measured.
-    """
-    rows = lake.records(ToolRow, tool_id=tool_id)
-    if not rows or rows[-1].status == "rejected":
-        why = "was rejected when it was printed" if rows else "is not among the printed tools of this lake"
-        raise UsageError(f"tool {tool_id} {why}; nothing was changed: name it like quick/B01T0.")
-    found = measured.model_dump(exclude_none=True)
-    if not found:
-        raise UsageError("nothing was measured; give front=MM, back=MM, rib=MM or hardness=SHORE_A.")
-    row = rows[-1].model_copy(update=found)
-    lake.append([row], stored_provenance(lake, row.campaign_id))
-    words = ", ".join(f"{name} {value:g}" for name, value in found.items())
-    append_event(lake, row.campaign_id, "tool_measured", f"{operator} measured {tool_id}: {words}")
-    return row
 
 
 def open_slots(lake: Lake, campaign_id: str, batch: int) -> list[int]:

@@ -17,9 +17,9 @@ from fast.lake.tables.campaign import GraspRow, ProposalRow, ToolRow, TraceRow
 from fast.lake.tables.requests import setup_columns
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
+from fast.models.question import Question, settle
 from fast.models.records import BENCH_FAULT, GraspRequest, Trace, find_setup_id
 from fast.models.traces import initial_force_n, peak_force_n, work_j
-from fast.models.traces.questions import Question
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.measure import find_first_order
 from fast.tasks.bench.plan import order_cells
@@ -123,8 +123,7 @@ def take_told(
         raise UsageError(_say(faults))
     new = [one for one in told if not _is_known(one, before.get(one.key))]
     questions = ask(campaign, tools, new) if ask is not None else []
-    if questions and not is_sure:
-        raise UsageError(_say_questions(questions))
+    settle(questions, is_sure, "Correct the file")
     if new and not is_dry:
         _write(campaign, state, new, before, asked, operator, _mark(questions, new))
     n_traces = sum(one.trace is not None for one in new)
@@ -191,25 +190,12 @@ def _full_id(campaign: Campaign, named: Mapping[str, Sequence[str]], one: ToldGr
 
 def _mark(questions: Sequence[Question], told: Sequence[ToldGrasp]) -> dict[Key, list[str]]:
     """What was strange of each grasp that a person is sure of."""
-    measured = [one for one in told if one.force_n]
+    measured = [one for one in told if one.force_n is not None]
     marks: dict[Key, list[str]] = {}
     for question in questions:
         for number in question.numbers:
             marks.setdefault(measured[number].key, []).append(question.kind)
     return marks
-
-
-def _say_questions(questions: Sequence[Question]) -> str:
-    shown = "\n".join(
-        f"  {question.sentence.rstrip('?.')}{'?' if question.sentence.endswith('?') else '.'}"
-        for question in questions[:_SHOWN]
-    )
-    more = f"\n  and {len(questions) - _SHOWN} more." if len(questions) > _SHOWN else ""
-    what = "number is" if len(questions) == 1 else "things are"
-    return (
-        f"{len(questions)} {what} strange, {_REMEDY}:\n{shown}{more}\n"
-        "Correct the file, or say with --sure that it is so."
-    )
 
 
 def _find_asked(campaign: Campaign, state: CampaignState) -> Mapping[Key, GraspRequest]:
@@ -294,6 +280,8 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
         )
     back_mm = np.maximum.accumulate(lift_mm) - lift_mm
     up_to_top = back_mm[: int(lift_mm.argmax()) + 1]
+    if _are_exchanged(lift_mm, trace.force_n):
+        return f"{one.place}: the lift comes back and the force never does; look whether the two are exchanged"
     if up_to_top.max() > _LIFT_BACK_MM:
         return (
             f"{one.place}: the lift goes back by {up_to_top.max():.1f} mm at sample {int(up_to_top.argmax()) + 1}; "
@@ -310,6 +298,13 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
     return _find_force_fault(campaign, one, peak_force_n(trace)) or _find_force_fault(
         campaign, one, float(np.abs(trace.force_n).max())
     )
+
+
+def _are_exchanged(lift_mm: np.ndarray, force_n: np.ndarray) -> bool:
+    """Whether what is told as force goes one way, as a lift does, and the lift rises and falls, as a force does."""
+    falls_mm = float(lift_mm.max() - lift_mm[int(lift_mm.argmax()) :].min())
+    back_n = float((np.maximum.accumulate(force_n) - force_n).max())
+    return back_n <= _LIFT_BACK_MM < 0.2 * float(np.ptp(force_n)) and falls_mm > 0.5 * float(lift_mm.max())
 
 
 def _find_doubles(told: Sequence[ToldGrasp]) -> list[str]:

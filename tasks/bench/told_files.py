@@ -11,7 +11,7 @@ from fast.lake.handoff.cells import time as read_time
 from fast.lake.handoff.files import read_handoff
 from fast.lake.tables.campaign import DesignRow
 from fast.models.errors import UsageError
-from fast.models.objects.catalogue import OBJECTS
+from fast.models.objects.catalogue import list_known
 from fast.models.records import find_setup_id
 from fast.models.validation import closest
 from fast.tasks.bench.machine_files.words import scale_of
@@ -63,7 +63,7 @@ def read_object(row: CsvRow, column: str) -> int:
         UsageError: it is neither.
     """
     text = row[column].strip().casefold()
-    names = {obj.name.casefold(): obj.object_id for obj in OBJECTS}
+    names = {obj.name.casefold(): obj.object_id for obj in list_known()}
     if text in names:
         return names[text]
     if text.isdecimal():  # numbers of own objects have ten digits

@@ -1,11 +1,16 @@
-"""Questions about told numbers: what the lake expects of each, and what `models.traces.questions` makes of it."""
+"""Questions about told grasps: what the lake expects of each, and what `models.traces` makes of it."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple, cast
 
-from fast.lake.tables.campaign import GraspRow, SimulationRow
+from fast.lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow
 from fast.models.errors import FastError
 from fast.models.objects.catalogue import get_object
-from fast.models.traces.questions import Question, Told, find_questions
+from fast.models.question import Question
+from fast.models.records import Trace
+from fast.models.traces.anomalies import TURNED
+from fast.models.traces.questions import Told, find_questions
+from fast.models.traces.trace_questions import ToldTrace, find_trace_questions
 from fast.tasks.bench.told import ToldGrasp
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import ProposedTool
@@ -14,17 +19,38 @@ MOST_SIMULATED = 8  # cells that are simulated to compare with, half a second ea
 _DEADLINE_S = 20.0
 
 
+class Expected(NamedTuple):
+    """What the simulator gives for a tool and an object: peak force, N, and the trace, if it is kept."""
+
+    peak_force_n: float
+    trace: Trace | None = None
+
+
 def ask_about(campaign: Campaign, tools: Mapping[str, ProposedTool], told: Sequence[ToldGrasp]) -> list[Question]:
-    """What is strange in told numbers, beside what cannot be used at all; `told`: with full tool ids."""
-    measured = [one for one in told if one.force_n and one.tool_id in tools]
+    """What is strange in told grasps, beside what cannot be used at all; `told`: with full tool ids."""
+    measured = [one for one in told if one.force_n is not None and one.tool_id in tools]
     expected = _find_expected(campaign, tools, measured)
-    numbers = [
-        Told(one.place, one.tool_id, one.object_id, one.repeat, one.force_n or 0.0, expected.get(one.key[:2]))
-        for one in measured
-    ]
+    of_traces = _ask_about_traces(measured, expected)
+    odd = {number for question in of_traces for number in question.numbers}
+    pulled = [number for number, one in enumerate(measured) if one.force_n and number not in odd]
+    numbers = []
+    for one in (measured[number] for number in pulled):
+        known = expected.get(one.key[:2])
+        wanted_n = known.peak_force_n if known is not None else None
+        numbers.append(Told(one.place, one.tool_id, one.object_id, one.repeat, one.force_n or 0.0, wanted_n))
     found = find_questions([*numbers, *_read_before(campaign, measured)])
-    asked = [q._replace(numbers=tuple(number for number in q.numbers if number < len(numbers))) for q in found]
-    return [question for question in asked if question.numbers]
+    asked = [q._replace(numbers=tuple(pulled[n] for n in q.numbers if n < len(numbers))) for q in found]
+    return sorted([*of_traces, *(q for q in asked if q.numbers)], key=lambda question: question.numbers[0])
+
+
+def _ask_about_traces(measured: Sequence[ToldGrasp], expected: Mapping[tuple[str, int], Expected]) -> list[Question]:
+    traced = [number for number, one in enumerate(measured) if one.trace is not None]
+    told = []
+    for one in (measured[number] for number in traced):
+        known, is_turned = expected.get(one.key[:2]), get_object(one.object_id).orientation == TURNED
+        wanted = known.trace if known is not None else None
+        told.append(ToldTrace(one.place, one.tool_id, one.object_id, is_turned, cast(Trace, one.trace), wanted))
+    return [q._replace(numbers=tuple(traced[n] for n in q.numbers)) for q in find_trace_questions(told)]
 
 
 def _read_before(campaign: Campaign, told: Sequence[ToldGrasp]) -> list[Told]:
@@ -40,16 +66,25 @@ def _read_before(campaign: Campaign, told: Sequence[ToldGrasp]) -> list[Told]:
 
 def _find_expected(
     campaign: Campaign, tools: Mapping[str, ProposedTool], told: Sequence[ToldGrasp]
-) -> dict[tuple[str, int], float]:
-    """Peak force that the simulator gives for tool and object, N: of the lake, else of some cells, simulated now."""
+) -> dict[tuple[str, int], Expected]:
+    """What the simulator gives for tool and object: of the lake, else of some cells, simulated now."""
     cells = list(dict.fromkeys(one.key[:2] for one in told))
     design_of = {tool_id: tools[tool_id].design.design_id for tool_id, _ in cells}
     rows = campaign.lake.rows(SimulationRow, design_id=sorted(set(design_of.values()))) if cells else []
-    known = {(row["design_id"], row["object_id"]): row["peak_force_n"] for row in rows if row["status"] == "ok"}
-    found = {cell: known.get((design_of[cell[0]], cell[1])) for cell in cells}
-    if len([force_n for force_n in found.values() if force_n]) < 3:
-        found |= {cell: _simulate(campaign, tools, cell) for cell in _spread(cells)}
-    return {cell: force_n for cell, force_n in found.items() if force_n}
+    known = {(row["design_id"], row["object_id"]): row for row in rows if row["status"] == "ok" and row["peak_force_n"]}
+    ids = [row["simulation_id"] for row in known.values()]
+    traces = (
+        {row.simulation_id: row.trace for row in campaign.lake.records(SimTraceRow, simulation_id=ids)} if ids else {}
+    )
+    found = {
+        cell: Expected(row["peak_force_n"], traces.get(row["simulation_id"]))
+        for cell in cells
+        if (row := known.get((design_of[cell[0]], cell[1]))) is not None
+    }
+    if len(found) < 3:
+        simulated = {cell: _simulate(campaign, tools, cell) for cell in _spread(cells)}
+        found |= {cell: one for cell, one in simulated.items() if one is not None and one.peak_force_n}
+    return found
 
 
 def _spread(cells: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:
@@ -59,17 +94,18 @@ def _spread(cells: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:
     return list(cells[::step])[:MOST_SIMULATED]
 
 
-def _simulate(campaign: Campaign, tools: Mapping[str, ProposedTool], cell: tuple[str, int]) -> float | None:
+def _simulate(campaign: Campaign, tools: Mapping[str, ProposedTool], cell: tuple[str, int]) -> Expected | None:
     """None where the simulator has no answer: then nothing is known of this cell."""
     from fast.models.simulation.grasp import simulate_grasp  # loads the kernels
 
     try:
-        return simulate_grasp(
+        found = simulate_grasp(
             tools[cell[0]].design,
             get_object(cell[1]),
             campaign.version,
             campaign.config.grasp,
             deadline_s=_DEADLINE_S,
-        ).peak_force_n
+        )
     except FastError:
         return None
+    return Expected(found.peak_force_n, found.trace)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from fast.hardware.cell.diagnostics import DiagnosticPlan
+from fast.hardware.parts.layout import BenchLayout
 from fast.models.design.printability import PrintingRules
 from fast.models.design.recipe import Recipe
 from fast.models.design.reference import make_reference
@@ -14,6 +15,7 @@ from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.material import TABLE_3, MaterialLot
 from fast.models.records import GraspSetup, Record
+from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
 from fast.models.simulation.version import check_tier
 from fast.models.validation import load_record, parse_toml
@@ -112,8 +114,7 @@ class CampaignConfig(Record):
 
     @model_validator(mode="after")
     def _check_first_data(self) -> "CampaignConfig":
-        simulated = self.schedule.initial_simulations + self.simulator.simulate_tools * self.schedule.initial_tools
-        n = self.schedule.initial_tools + simulated
+        n = self.schedule.initial_tools + self.n_simulated_first
         if self.schedule.guided_batches and n < MIN_OBSERVATIONS:
             raise ValueError(
                 f"schedule.initial_tools and initial_simulations give the surrogate {n} observations before the first "
@@ -123,7 +124,7 @@ class CampaignConfig(Record):
 
     @model_validator(mode="after")
     def _check_folder_bench(self) -> "CampaignConfig":
-        if self.bench.is_folder and (self.diagnostics.reference_every or self.diagnostics.protocol_slot is not None):
+        if self.bench.is_folder and self.diagnostics.is_made:
             raise ValueError(
                 'a bench of kind "folder" makes grasps alone; remove diagnostics.reference_every and '
                 "diagnostics.protocol_slot (schedule.reference_tools measures tools again)"
@@ -134,6 +135,11 @@ class CampaignConfig(Record):
     def campaign_id(self) -> str:
         """The name under which everything of the campaign is stored: `<name>`, or `<lab>.<name>`."""
         return id_in_lab(self.name, self.lab)
+
+    @property
+    def n_simulated_first(self) -> int:
+        """Designs that are simulated before the first guided batch."""
+        return self.schedule.initial_simulations + self.simulator.simulate_tools * self.schedule.initial_tools
 
     @property
     def max_grasp_attempts(self) -> int:
@@ -323,6 +329,8 @@ def _check_science(config: CampaignConfig, source: str) -> None:
     try:
         _check_design(config)
         _check_recipe(config)
+        _check_diagnostics(config)
+        _check_objectives(config)
         build_effects(config.simulator.effects)
         check_tier(config.simulator.tier)
         for rule in (config.scientist.acquisition, config.scientist.simulation_acquisition):
@@ -356,6 +364,36 @@ def _check_recipe(config: CampaignConfig) -> None:
                 f"the recipe {recipe.name} prints walls from {recipe.wall_mm:g} mm ({recipe.wall_rule}), `{name}` may "
                 f"be {lowest:g} mm; set design.ranges.{name} = [{recipe.wall_mm:g}, "
                 f"{largest[name]:g}] or change the recipe."
+            )
+
+
+def _check_diagnostics(config: CampaignConfig) -> None:
+    """Refuse experiments on objects that do not stand on the bench.
+
+    Raises:
+        UsageError: with the object.
+    """
+    layout = config.objects.stand_on(BenchLayout())
+    for object_id in sorted(config.diagnostics.objects_of_batch):
+        layout.place_of(object_id)
+
+
+def _check_objectives(config: CampaignConfig) -> None:
+    """Refuse objectives and limits of which the first batches teach too little.
+
+    Raises:
+        UsageError: with the name, and what to raise.
+    """
+    if not config.schedule.guided_batches:
+        return
+    for name in sorted(config.scientist.wanted & set(OUTCOMES) - {MEAN_PEAK.name}):
+        is_simulated = OUTCOMES[name].is_simulated
+        n = config.n_simulated_first if is_simulated else config.schedule.initial_tools
+        if n < MIN_OBSERVATIONS:
+            of, key = ("simulated designs", "initial_simulations") if is_simulated else ("tools", "initial_tools")
+            raise UsageError(
+                f"the objective or limit `{name}` is learned from {MIN_OBSERVATIONS} {of} at least, there are {n} "
+                f"before the first guided batch; raise schedule.{key}."
             )
 
 

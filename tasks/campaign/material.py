@@ -4,18 +4,20 @@ A calibration takes its priors from a lot.
 """
 
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import CampaignRow
+from fast.lake.tables.campaign import CampaignRow, ToolRow
 from fast.lake.tables.imported import is_imported
-from fast.lake.tables.material import MaterialRow, lot_of_rows
+from fast.lake.tables.material import MaterialRow, lot_of_rows, read_lot_rows
 from fast.models.design.recipe import Recipe
 from fast.models.errors import UsageError
-from fast.models.material import TABLE_3, MaterialLot
+from fast.models.material import TABLE_3, MaterialLot, MaterialMeasurement, find_lot_questions
+from fast.models.question import Question, settle
 from fast.models.validation import closest, load_record
 from fast.tasks.campaign.config import LOT_SUFFIX, read_lot
 
@@ -34,14 +36,34 @@ def store_lot(lake: Lake, path: Path) -> str:
 
     Raises:
         ConfigError: the file cannot be used.
+        UsageError: something in it is strange, and it does not say that it is so.
     """
     name, lot = path.stem, read_lot(path)
-    known = {row.material_id: row for row in lake.records(MaterialRow, lot=name)}
-    rows = [MaterialRow.of(name, quantity, measured) for quantity, measured in lot.measured.items()]
-    new = [row for row in rows if known.get(row.material_id) != row]
-    if new:
-        lake.append(new, current_provenance())
+    known = {row.quantity: row.measurement for row in read_lot_rows(lake, name)}
+    new = [quantity for quantity, one in lot.measured.items() if known.get(quantity) != _bare(one)]
+    questions = _ask_about(lake, name, lot, new) if new else []
+    doubted = [q for q in questions if not all(lot.measured[new[number]].sure for number in q.numbers)]
+    settle(doubted, False, f"Correct {path}", "`sure = true` in its table")
+    rows = []
+    for number, quantity in enumerate(new):
+        kinds = dict.fromkeys(question.kind for question in questions if number in question.numbers)
+        rows.append(MaterialRow.of(name, quantity, lot.measured[quantity], ", ".join(kinds) or None))
+    if rows:
+        lake.append(rows, current_provenance())
     return name
+
+
+def _bare(measured: MaterialMeasurement) -> MaterialMeasurement:
+    return measured.model_copy(update={"sure": False})
+
+
+def _ask_about(lake: Lake, name: str, lot: MaterialLot, new: Sequence[str]) -> list[Question]:
+    rows = read_lot_rows(lake)
+    names = dict.fromkeys(row.lot for row in rows)
+    others = {other: lot_of_rows([row for row in rows if row.lot == other]) for other in names if other != name}
+    tools = lake.rows(ToolRow, material_lot=name, status="printed")
+    hardness = [row["hardness_shore_a"] for row in tools if row["hardness_shore_a"] is not None]
+    return find_lot_questions(name, lot, new, others, median(hardness) if hardness else None)
 
 
 def name_campaign_lot(config_toml: str) -> str:
@@ -83,9 +105,9 @@ def find_lot(lake: Lake, asked: str | None, campaign_ids: Collection[str]) -> St
 
 
 def _stored_lot(lake: Lake, name: str) -> StoredLot:
-    rows = lake.records(MaterialRow, lot=name)
+    rows = read_lot_rows(lake, name)
     if not rows:
-        lots = sorted({row["lot"] for row in lake.rows(MaterialRow)})
+        lots = sorted({row.lot for row in read_lot_rows(lake)})
         raise UsageError(
             f"material lot `{name}` is not in {lake.address}; {closest(name, lots)} A new one comes in by its file: "
             "--lot materials/paper.toml."

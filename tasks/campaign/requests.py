@@ -17,6 +17,7 @@ from fast.models.ids import canonical_json, content_id
 from fast.tasks.campaign.campaign import stored_provenance
 
 STARTED = "started"  # kind of the event with which a process begins to run a campaign
+BENCH_OPENED = "bench_opened"  # the campaign's bench is connected
 # A verb is meant for the run that it names. One that names none (a single step, version 0.1) counts for the run before.
 _LATEST = f"""
     WITH said AS (

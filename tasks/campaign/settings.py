@@ -274,6 +274,11 @@ class ScientistSettings(Record):
         return self
 
     @property
+    def wanted(self) -> set[str]:
+        """Names of the objectives and of what has a limit."""
+        return {*self.objectives, *self.at_least, *self.at_most}
+
+    @property
     def has_criteria(self) -> bool:
         """Whether tools are chosen for anything but the largest mean peak force."""
         return self.objectives != (MEAN_PEAK.name,) or bool(self.at_least or self.at_most)

@@ -8,15 +8,16 @@ from pathlib import Path
 
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
+from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.virtual.world.file import World, load_world
 from fast.lake.tables.campaign import CampaignRow, ProposalRow, ToolRow
 from fast.lake.tables.catalogue_rows import object_rows
 from fast.lake.tables.imported import IMPORTED, is_imported
 from fast.lake.tables.row import Row
 from fast.models.design.recipe import Recipe
-from fast.models.errors import ConfigError
+from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import content_id
-from fast.models.objects.catalogue import get_object
+from fast.models.objects.catalogue import get_object, name_object
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import BODIES, CampaignConfig, differences, read_toml, relative_to
@@ -35,6 +36,36 @@ def read_real_bench(path: Path) -> BenchSettings | ArmSettings:
     """
     data = read_toml(path, "bench file")
     return load_record(ArmSettings, data, str(path)) if "kind" in data else read_bench(path)
+
+
+def check_arm(config: CampaignConfig, config_path: Path, settings: ArmSettings, path: Path) -> None:
+    """Refuse a campaign that asks for what an arm, or the one of this bench file, cannot do.
+
+    Raises:
+        ConfigError: with what is missing, and where.
+    """
+    schedule, n_slots = config.schedule, len(settings.rack_mm)
+    if config.diagnostics.is_made:
+        raise ConfigError(
+            f"{config_path}: an arm makes no diagnostic runs; remove diagnostics.reference_every and "
+            "diagnostics.protocol_slot (schedule.reference_tools measures tools again)."
+        )
+    if schedule.n_references and n_slots < N_SLOTS:
+        raise ConfigError(
+            f"{path}: reference tools hang in the last of {N_SLOTS} slots, rack_mm has {n_slots}; teach the others, or "
+            "set schedule.reference_tools to 0."
+        )
+    if n_slots < schedule.tools_per_batch:
+        raise ConfigError(
+            f"{path}: rack_mm has {n_slots} slots, a batch has {schedule.tools_per_batch} tools; teach more slots, or "
+            "lower schedule.tools_per_batch."
+        )
+    if missing := [name_object(one) for one in config.objects.object_ids if one not in settings.mounts_mm]:
+        raise ConfigError(f"{path}: mounts_mm has no place of {', '.join(missing)}; teach and add it.")
+    try:
+        settings.limits.check(config.grasp)
+    except UsageError as error:
+        raise ConfigError(f"{config_path}: {error}") from error
 
 
 def read_bench(path: Path) -> BenchSettings:

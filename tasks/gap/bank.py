@@ -13,7 +13,6 @@ from fast.lake.tables.campaign import EventRow, SimTraceRow, SimulationRow
 from fast.models.calibration.traces.theta_grid import ThetaGrid
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import (
-    AMPLITUDES,
     CLOSED_LESS,
     DEEPER_MM,
     NUMERICAL,
@@ -33,6 +32,7 @@ from fast.models.gap.fit.theta import make_grid_bank
 from fast.models.gap.grasps import Cells
 from fast.models.ids import canonical_json, content_id
 from fast.models.records import Design, GraspSetup, Placement, Theta, Trace, find_setup_id
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import N_STEPS, is_usable, step_means
 from fast.tasks.gap.trace_rows import read_traces
@@ -117,7 +117,7 @@ def _list_other_setups(bank_plan: BankPlan) -> dict[str, list[Callable[[GraspSet
     found = {}
     if not bank_plan.is_local:
         found["placed_steps_n"] = _picks(list_placed_setups, len(DEEPER_MM))
-    if CLOSED_LESS in bank_plan.effects:
+    if set(CLOSED_LESS) & set(bank_plan.effects):
         found["wider_steps_n"] = _picks(list_wider_setups, len(WIDER_MM))
     return found
 
@@ -193,7 +193,7 @@ def _picks(
 def _part_effects(steps_n: np.ndarray, bank_plan: BankPlan) -> dict[str, EffectRuns]:
     """Effects of a bank from their simulations (t x k x n x 120), in order."""
     found, start = {}, 0
-    for effect in (name for name in bank_plan.effects if name in AMPLITUDES):
+    for effect in (name for name in bank_plan.effects if CATALOGUE[name].bank_runs):
         parameters = bank_plan.list_amplitudes(effect)
         end = start + len(parameters)
         found[effect] = EffectRuns(effect, parameters, steps_n[:, :, start:end])

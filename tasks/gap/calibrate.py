@@ -19,6 +19,7 @@ from fast.models.gap.ask.answers import Answers
 from fast.models.gap.bank.bank import WIDE, BankPlan
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.data import GapData
+from fast.models.gap.evidence.rehearsal import Rehearsal
 from fast.models.gap.findings import ParameterEstimate
 from fast.models.ids import canonical_json
 from fast.models.records import EffectValue
@@ -39,8 +40,8 @@ class SearchInputs:
 
     gap_id: of the search. data: with the bank of `bank_plan`. base: the simulator of the bank, without effects.
     simulate: makes what the lake lacks of plans, which the first argument names; it fails if it cannot make all.
-    answers: what came of earlier questions. rehearsed: made-up worlds from which the lines come beyond which
-    *none* is not said.
+    rehearsal: made-up worlds of the wide bank, from which lines and probabilities come. answers: what came of earlier
+    questions.
     """
 
     lake: Lake
@@ -50,7 +51,7 @@ class SearchInputs:
     campaign_id: str | None
     settings: CalibrationSettings
     simulate: Simulate
-    rehearsed: int
+    rehearsal: Rehearsal
     bank_plan: BankPlan = WIDE
     answers: Answers | None = None
     progress: Progress | None = None

@@ -9,10 +9,11 @@ import numpy as np
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulatorVersionRow
-from fast.models.gap.bank.bank import AMPLITUDES, CENTRE, BankPlan
+from fast.models.gap.bank.bank import CENTRE, BankPlan
 from fast.models.gap.local_bank import MOST_EFFECTS, MOST_RUNS
 from fast.models.ids import canonical_json
 from fast.models.records import Design, EffectValue, Theta
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.simulation.plan import SimulationPlan, missing_objects
 
@@ -90,9 +91,9 @@ def choose_largest_bank() -> BankPlan:
 
     Runs at fitted parameters count, too: here, between those of the bank and no effect.
     """
-    most = sorted(AMPLITUDES, key=lambda name: -len(AMPLITUDES[name]))[:MOST_EFFECTS]
+    most = sorted(CATALOGUE, key=lambda name: -len(CATALOGUE[name].bank_runs))[:MOST_EFFECTS]
     theta = np.array(list(CENTRE.model_dump().values())) * np.array([1.01, 1.0, 1.0])
-    halves = [{name: 0.5 * value for name, value in row.items()} for row in AMPLITUDES[most[0]][:MOST_RUNS]]
+    halves = [{name: 0.5 * value for name, value in row.items()} for row in CATALOGUE[most[0]].bank_runs[:MOST_RUNS]]
     runs = tuple(EffectValue(effect=most[0], parameters=row) for row in halves)
     return replace(BankPlan.around(theta, theta[None, 1:], most), runs=runs)
 

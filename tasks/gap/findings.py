@@ -184,9 +184,7 @@ def _candidate_row(run: GapRun, number: int, place: int, candidate: Candidate) -
         effect=candidate.effect,
         probability=candidate.probability,
         visible_fraction=candidate.visible_fraction,
-        grouped_r2=candidate.grouped_r2,
-        held_out_gain_nats=candidate.held_out_gain_nats,
-        held_out_rmse_change=candidate.held_out_rmse_change,
+        evidence_nats=candidate.nats,
         parameters=tuple(candidate.parameters),
         parameter_values=tuple(candidate.parameters.values()),
     )

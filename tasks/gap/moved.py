@@ -7,10 +7,10 @@ import numpy as np
 from fast.models.gap.ask.hypotheses import Hypothesis
 from fast.models.gap.ask.predict import Moved, Pair
 from fast.models.gap.ask.settings import Setting
-from fast.models.gap.bank.bank import AMPLITUDES
 from fast.models.gap.bank.sensor_effects import N_LEAD, read_lead
 from fast.models.gap.grasps import Cells, Grasps, Target
 from fast.models.records import EffectValue, Theta
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_cells, read_simulated_steps
 from fast.tasks.gap.calibrate import SearchInputs
@@ -59,7 +59,7 @@ def simulate_moved(search: SearchInputs, hypotheses: Sequence[Hypothesis], pairs
 
 def _key(hypothesis: Hypothesis) -> str:
     """Forms of one hypothesis, and what differs in no simulated effect, are simulated once."""
-    solid = [value.model_dump() for value in hypothesis.fit.effects if value.effect in AMPLITUDES]
+    solid = [value.model_dump() for value in hypothesis.fit.effects if CATALOGUE[value.effect].bank_runs]
     return f"{[float(f'{x:.3g}') for x in hypothesis.fit.theta]} {solid}"
 
 
@@ -69,7 +69,7 @@ def _make_version(base: SimulatorVersion, hypothesis: Hypothesis) -> SimulatorVe
     effects = tuple(
         EffectValue(effect=value.effect, parameters={name: float(f"{x:.3g}") for name, x in value.parameters.items()})
         for value in hypothesis.fit.effects
-        if value.effect in AMPLITUDES
+        if CATALOGUE[value.effect].bank_runs
     )
     theta = Theta(young_modulus_mpa=modulus, friction=friction, poisson_ratio=ratio)
     return base.model_copy(update={"theta": theta, "effects": effects})

@@ -6,58 +6,99 @@ simulates each tool as it was measured, and where all are, walls explain nothing
 """
 
 import json
+from typing import Any
+
+import numpy as np
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, ToolRow
-from fast.lake.tables.material import MaterialRow
+from fast.lake.tables.material import MaterialRow, read_lot_rows
 from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
-from fast.models.gap.ask.answers import Reading, check_reading
-from fast.models.gap.ask.person import find_measurement
+from fast.models.gap.ask.answers import Reading
+from fast.models.gap.ask.person import find_measurement, find_reading_questions
 from fast.models.ids import canonical_json, content_id
 from fast.models.material import LAYER_EXCESS, MaterialMeasurement
+from fast.models.question import settle
 from fast.tasks.campaign.campaign import stored_provenance
-from fast.tasks.campaign.state import THICKNESSES
+from fast.tasks.campaign.state import THICKNESSES, load_designs
 
 KIND = "gap_reading"
 BAR, WALLS = "tensile_bar", "walls"
+_LEAST_WALLS = 6  # measured ones that say what a reading of them should be
+_READING_SD_MM = 0.05  # of the mean over three fingers about that over all
 
 
-def write_reading(lake: Lake, campaign_id: str | None, gap_id: str, reading: Reading, operator: str) -> None:
+def write_reading(
+    lake: Lake,
+    campaign_id: str | None,
+    gap_id: str,
+    reading: Reading,
+    operator: str,
+    *,
+    is_sure: bool = False,
+    way: str = "--sure",
+) -> None:
     """Keep what a person measured; a reading of the same kind for the same question replaces the one before.
 
+    is_sure: it is so, however strange, and is marked in the lake; `way` is how a person says so.
+
     Raises:
-        UsageError: nobody asks for it, it cannot be, or nobody says who measured it.
+        UsageError: nobody asks for it, it cannot be or is strange, or nobody says who measured it.
     """
-    complaint = check_reading(reading.kind, reading.value)
-    if complaint:
-        raise UsageError(complaint)
+    if find_measurement(reading.kind) is None:
+        raise UsageError(f"nobody asks for a `{reading.kind}`.")
     if not operator.strip():
         raise UsageError("nobody said who measured it; give a name.")
-    row: Row = EventRow(
-        event_id=content_id("E", [KIND, gap_id, reading.kind]),
-        campaign_id=campaign_id or "",
-        kind=KIND,
-        message=f"{operator} measured {reading.kind.replace('_', ' ')}: {reading.value:g}",
-        payload_json=canonical_json({"gap_id": gap_id, "operator": operator, **reading.model_dump()}),
-    )
-    rows = [row]
+    known = _excess_of_tools(lake, campaign_id) if reading.kind == WALLS else None
+    sure = settle(find_reading_questions(reading.kind, reading.value, known), is_sure, "Measure again", way)
+    text = f"{operator} measured {reading.kind.replace('_', ' ')}: {reading.value:g}"
+    said = {"operator": operator, "sure": sure, **reading.model_dump()}
+    rows: list[Row] = [_event(campaign_id, gap_id, reading.kind, text, said)]
     lot = _find_lot(lake, campaign_id) if reading.kind == BAR else ""
     if lot:
-        rows.append(MaterialRow.of(lot, LAYER_EXCESS, _describe_bar(reading, f"{operator}, asked by search {gap_id}")))
+        bar = _describe_bar(reading, f"{operator}, asked by search {gap_id}")
+        rows.append(MaterialRow.of(lot, LAYER_EXCESS, bar, sure))
     lake.append(rows, stored_provenance(lake, campaign_id or ""))
+
+
+def take_back_reading(lake: Lake, campaign_id: str | None, gap_id: str, kind: str, operator: str) -> None:
+    """Take back what a person measured for a search: the question is open again.
+
+    Raises:
+        UsageError: nobody has measured it.
+    """
+    if not is_answered(lake, gap_id, kind):
+        raise UsageError(f"nobody has answered `{kind}` of search {gap_id}; nothing was changed.")
+    text = f"{operator} took back {kind.replace('_', ' ')}"
+    rows: list[Row] = [_event(campaign_id, gap_id, kind, text, {"kind": kind, "taken_back_by": operator})]
+    lot = _find_lot(lake, campaign_id) if kind == BAR else ""
+    bars = [row for row in read_lot_rows(lake, lot) if row.quantity == LAYER_EXCESS] if lot else []
+    rows += [row.model_copy(update={"taken_back_by": operator}) for row in bars]
+    lake.append(rows, stored_provenance(lake, campaign_id or ""))
+
+
+def _event(campaign_id: str | None, gap_id: str, kind: str, message: str, said: dict[str, Any]) -> EventRow:
+    return EventRow(
+        event_id=content_id("E", [KIND, gap_id, kind]),
+        campaign_id=campaign_id or "",
+        kind=KIND,
+        message=message,
+        payload_json=canonical_json({"gap_id": gap_id, **said}),
+    )
 
 
 def read_readings(lake: Lake, campaign_id: str | None) -> tuple[Reading, ...]:
     """All readings of a campaign, or of the lake, in order; bar and walls as lot and tools have them, if known."""
     where = {"campaign_id": campaign_id} if campaign_id else {}
     payloads = [json.loads(row.payload_json) for row in lake.records(EventRow, kind=KIND, **where)]
-    ordered = sorted(payloads, key=lambda payload: (payload["gap_id"], payload["kind"]))
+    standing = [payload for payload in payloads if "value" in payload]
+    ordered = sorted(standing, key=lambda payload: (payload["gap_id"], payload["kind"]))
     said = [Reading(kind=payload["kind"], value=payload["value"]) for payload in ordered]
     if _are_walls_known(lake, campaign_id):  # tools are simulated as measured: nothing is left to explain
         said = [*(reading for reading in said if reading.kind != WALLS), Reading(kind=WALLS, value=0.0)]
     lot = _find_lot(lake, campaign_id)
-    bars = lake.records(MaterialRow, lot=lot, quantity=LAYER_EXCESS) if lot else []
+    bars = [row for row in read_lot_rows(lake, lot) if row.quantity == LAYER_EXCESS] if lot else []
     if not bars:
         return tuple(said)
     others = [reading for reading in said if reading.kind != BAR]
@@ -66,7 +107,23 @@ def read_readings(lake: Lake, campaign_id: str | None) -> tuple[Reading, ...]:
 
 def is_answered(lake: Lake, gap_id: str, kind: str) -> bool:
     """Whether a person has measured what a search asked for."""
-    return bool(lake.records(EventRow, event_id=content_id("E", [KIND, gap_id, kind])))
+    rows = lake.records(EventRow, event_id=content_id("E", [KIND, gap_id, kind]))
+    return bool(rows) and "value" in json.loads(rows[-1].payload_json)
+
+
+def _excess_of_tools(lake: Lake, campaign_id: str | None) -> tuple[float, float] | None:
+    """What measured walls have more than drawn, mm, and how far a reading may be from it; None where no tool says."""
+    where = {"campaign_id": campaign_id} if campaign_id else {}
+    designs = load_designs(lake)
+    more_mm = [
+        measured_mm - getattr(designs[row.design_id], name)
+        for row in lake.records(ToolRow, **where)
+        for name in THICKNESSES
+        if (measured_mm := getattr(row, f"measured_{name}")) is not None and hasattr(designs.get(row.design_id), name)
+    ]
+    if len(more_mm) < _LEAST_WALLS:
+        return None
+    return float(np.median(more_mm)), float(np.hypot(_READING_SD_MM, 1.25 * np.std(more_mm) / np.sqrt(len(more_mm))))
 
 
 def _are_walls_known(lake: Lake, campaign_id: str | None) -> bool:

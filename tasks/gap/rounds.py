@@ -16,7 +16,7 @@ from fast.lake.store import Lake
 from fast.models.gap.ask.answers import believe
 from fast.models.gap.ask.hypotheses import list_hypotheses
 from fast.models.gap.ask.settle import settle, tell_asked
-from fast.models.gap.bank.bank import AMPLITUDES, BankPlan
+from fast.models.gap.bank.bank import BankPlan
 from fast.models.gap.bank.surrogate import N_BINS
 from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.confounds import find_confounds
@@ -24,12 +24,10 @@ from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evalu
 from fast.models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter
 from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.evaluation.rest import describe_rest
-from fast.models.gap.evidence.doubt import Doubt
-from fast.models.gap.findings import NONE, UNKNOWN, Asked, Confound, Decision, RoundFindings, Verdict
+from fast.models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
 from fast.models.gap.local_bank import answer_locally
-from fast.models.gap.naming.decide import Judgement
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.where.locate import Where, locate
 from fast.models.gap.where.residuals import Residuals
@@ -104,6 +102,8 @@ class Settled:
 def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: BankPlan | None = None) -> Settled:
     """Name what is missing with the wide bank, and again with one around the theta that was found, which is simulated.
 
+    Whether anything is missing is told by the wide bank, from which the rehearsal is.
+
     in_model: effects of the simulator, and those that are taken for granted. former: the bank of the round before,
     which stays if it can.
 
@@ -114,27 +114,12 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
 
     def answer(plan: BankPlan) -> tuple[SearchInputs, NamingResult]:
         search = _with_bank(wide, plan)
-        return search, name_effect(search.data, in_model)
+        return search, name_effect(search.data, wide.rehearsal, in_model, proposed.alarm)
 
-    proposed = name_effect(wide.data, in_model)
+    proposed = name_effect(wide.data, wide.rehearsal, in_model)
     search, naming, _ = answer_locally(proposed, former, answer)
     naming, asked = settle_answers(search, naming)
-    if naming.named.kind == "none":
-        naming = doubt_none(wide, naming, in_model)
     return Settled(search, proposed, naming, asked)
-
-
-def doubt_none(wide: SearchInputs, naming: NamingResult, in_model: Sequence[EffectValue]) -> NamingResult:
-    """An answer of "nothing" as the likelihood has it: with what could still hide, or an alarm without a name."""
-    usable, known = wide.data.usable, {value.effect for value in in_model}
-    names = [name for name in usable.names if name not in known]
-    doubt = Doubt.of(usable, in_model, names, wide.rehearsed, wide.settings.seed)
-    decision = doubt.decide()
-    gap = decision.probability if doubt.is_alarm else 1.0 - decision.probability
-    shares = {NONE: 1.0 - gap, UNKNOWN: gap}
-    candidates = tuple(one.model_copy(update={"probability": shares.get(one.effect, 0.0)}) for one in naming.candidates)
-    judged = Judgement(decision=decision, gap=gap, over_line=doubt.over_line)
-    return replace(naming, judged=judged, candidates=candidates)
 
 
 def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingResult, Asked | None]:
@@ -200,7 +185,7 @@ def plan_held_out(data: GapData, versions: Sequence[SimulatorVersion]) -> tuple[
 
 def keep_simulated_effects(version: SimulatorVersion) -> SimulatorVersion:
     """The version with those effects alone that have simulations of their own."""
-    solid = tuple(value for value in version.effects if value.effect in AMPLITUDES)
+    solid = tuple(value for value in version.effects if CATALOGUE[value.effect].bank_runs)
     return version.model_copy(update={"effects": solid})
 
 

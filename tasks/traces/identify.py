@@ -1,5 +1,6 @@
 """Which object a grasp of the lake was of, told from its trace by what other tools' grasps look like."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
 from fast.models.ids import seed_from
-from fast.models.objects.catalogue import get_object
+from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object
 from fast.models.records import Trace
 from fast.models.traces.identification.classifier import CLASSES, ORIENTATIONS, Beliefs, train
 from fast.models.traces.identification.evaluate import N_FOLDS, beliefs_of_unseen, rank_of_truth
@@ -16,6 +17,7 @@ from fast.models.traces.identification.kinds import MEANINGS, SIDES
 
 MOST_GRASPS = 5000  # to learn from: 140 of each object
 N_SHOWN = 3
+_OWN = "own object"
 
 _GRASP = """
     SELECT s.grasp_id, s.tool_id, s.object_id, s.object_name, s.setup_id, s.is_valid, f.feature_id IS NOT NULL AS lifts
@@ -69,7 +71,9 @@ def identify(lake: Lake, grasp_id: str) -> Identification:
             "told apart from them; measure more tools, then `fast features`."
         )
     same = [row for row in known if (row["tool_id"], row["object_id"]) == (grasp["tool_id"], grasp["object_id"])]
-    inputs, object_id = _inputs(lake, others), np.array([row["object_id"] for row in others])
+    own = sorted({row["object_id"] for row in others if row["object_id"] >= FIRST_OWN_ID})
+    column = {object_id: len(OBJECTS) + place for place, object_id in enumerate(own)}
+    inputs, object_id = _inputs(lake, others), np.array([column.get(r["object_id"], r["object_id"]) for r in others])
     tool = np.unique([row["tool_id"] for row in others], return_inverse=True)[1]
     beliefs = train(inputs, object_id).beliefs(_inputs(lake, same))
     place = [row["grasp_id"] for row in same].index(grasp_id)
@@ -79,8 +83,8 @@ def identify(lake: Lake, grasp_id: str) -> Identification:
         len(np.unique(tool)),
         len(others),
         _accuracy(inputs, object_id, tool),
-        _answer(Beliefs(beliefs.objects[[place]]), 1),
-        _answer(beliefs.combined(), len(same)),
+        _answer(Beliefs(beliefs.objects[[place]]), 1, own),
+        _answer(beliefs.combined(), len(same), own),
     )
 
 
@@ -114,15 +118,15 @@ def _accuracy(inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray) -> fl
     return float((rank_of_truth(beliefs.objects, object_id) == 1).mean())
 
 
-def _answer(beliefs: Beliefs, n_grasps: int) -> Answer:
+def _answer(beliefs: Beliefs, n_grasps: int, own: Sequence[int]) -> Answer:
     sides = [f"{name}: {MEANINGS[name]}" for name in SIDES]
-    names = [get_object(number).name for number in range(beliefs.objects.shape[1])]
+    names = [obj.name for obj in (*OBJECTS, *map(get_object, own))]
     return Answer(
         n_grasps,
         _best(beliefs.objects[0], names),
-        _best(beliefs.classes[0], CLASSES),
-        _best(beliefs.orientations[0], ORIENTATIONS),
-        _best(beliefs.sides[0], sides),
+        _best(beliefs.classes[0], (*CLASSES, _OWN)),
+        _best(beliefs.orientations[0], (*ORIENTATIONS, _OWN)),
+        _best(beliefs.sides[0], (*sides, _OWN)),
     )
 
 

@@ -50,3 +50,20 @@ def test_a_package_that_cannot_be_written_has_its_cache_in_the_home_folder(tmp_p
     assert found.name.startswith("fast-cache-")
     assert found.stat().st_mode & 0o777 == 0o700
     assert cache_folder(Path("/proc/package")) == found
+
+
+def test_a_wish_not_to_compile_is_left_aside_and_said_once(package: Path, monkeypatch, caplog) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    use_cache_of(package)
+    use_cache_of(package)
+    assert os.environ["NUMBA_DISABLE_JIT"] == "0"
+    assert caplog.text.count("NUMBA_DISABLE_JIT is left aside: the simulator has to be compiled.") == 1
+
+
+def test_matplotlib_gets_a_folder_where_its_own_cannot_be_written(package: Path, monkeypatch) -> None:
+    monkeypatch.setenv("MPLCONFIGDIR", str(package / "figures"))
+    use_cache_of(package)
+    assert os.environ["MPLCONFIGDIR"] == str(package / "figures")
+    monkeypatch.setenv("MPLCONFIGDIR", "/proc/nothing")
+    use_cache_of(package)
+    assert os.environ["MPLCONFIGDIR"] == str(package / "__pycache__" / "matplotlib")

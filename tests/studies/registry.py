@@ -11,12 +11,12 @@ from tests.studies.benchmarks.scientist import measure_scientist
 from tests.studies.calibration.peers import measure_calibration_peers
 from tests.studies.calibration.ranks import measure_calibration_ranks
 from tests.studies.calibration.traces import measure_calibration_traces
+from tests.studies.challenge.study import measure_challenge
 from tests.studies.crash.aimed import measure_aimed_kills
 from tests.studies.crash.kills import measure_host_kills, measure_kills
 from tests.studies.crash.server_kills import measure_server_kills
 from tests.studies.gap.ask import measure_asking
 from tests.studies.gap.development import measure_gap
-from tests.studies.gap.doubts import measure_doubts
 from tests.studies.gap.independent import measure_gap_independent
 from tests.studies.gap.intervals import measure_gap_intervals
 from tests.studies.gap.sealed import measure_gap_sealed
@@ -40,6 +40,7 @@ from tests.studies.simulation.scale import measure_scale
 from tests.studies.traces.anomalies import measure_anomalies
 from tests.studies.traces.figure import measure_traces
 from tests.studies.traces.identification import measure_identification
+from tests.studies.traces.told_slips import measure_told_slips
 
 _KEPT = ("designs", "objects", "results", "limit_minutes")
 _SIMULATED = (*_KEPT, "workers", "tiers")
@@ -58,12 +59,12 @@ STUDIES: dict[str, Benchmark] = {
     "placement": benchmark(measure_placement, "designs", "objects"),
     "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
-    "gap-doubts": benchmark(measure_doubts, "results"),
-    "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds"),
+    "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds", "workers"),
     "gap-ask": benchmark(measure_asking, "worlds", "results"),
     "gap-independent": benchmark(measure_gap_independent, "results", "limit_minutes", "worlds"),
     "gap-intervals": benchmark(measure_gap_intervals, "results", "limit_minutes", "worlds", "workers"),
     "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds", "workers"),
+    "challenge": benchmark(measure_challenge, "results", "worlds", "figure"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
     ),
@@ -79,12 +80,13 @@ STUDIES: dict[str, Benchmark] = {
     "traces": benchmark(measure_traces, "designs", "objects", "figure"),
     "identification": benchmark(measure_identification, *_KEPT, "figure"),
     "anomalies": benchmark(measure_anomalies, *_KEPT, "worlds"),
+    "told-slips": benchmark(measure_told_slips, *_KEPT, "worlds"),
     "kills": benchmark(measure_kills, "n"),
     "aimed-kills": benchmark(measure_aimed_kills, "n"),
     "host-kills": benchmark(measure_host_kills, "n"),
     "server-kills": benchmark(measure_server_kills, "n", "results", "limit_minutes"),
     "day": benchmark(measure_day, "figure"),
-    "environments": benchmark(measure_environments, "n", "results"),
+    "environments": benchmark(measure_environments, "n", "results", "workers"),
     "feature-pairs": benchmark(measure_feature_pairs, "n", "results"),
     "paper-schedule": benchmark(measure_paper_schedule, "results", "limit_minutes", "figure"),
 }

@@ -9,7 +9,6 @@ and those with a memory are the catalogue's own.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from fast.models.design.space import numbered_design, to_unit
 from fast.models.gap.ask.answers import Answers
 from fast.models.gap.ask.predict import Pair, make_grasps
 from fast.models.gap.bank.bank import (
-    AMPLITUDES,
     DEEPER_MM,
     NUMERICAL,
     WIDE,
@@ -28,8 +26,8 @@ from fast.models.gap.bank.bank import (
 )
 from fast.models.gap.bank.sensor_effects import read_lead
 from fast.models.gap.data import GapData
-from fast.models.gap.grasps import Cells, Grasps
-from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Placement, Theta, Trace
+from fast.models.gap.grasps import Cells, Grasps, of_one_setup
+from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Theta, Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
 from fast.models.traces.step_features import N_STEPS, step_means
 from fast.models.traces.step_noise import SensorNoise
@@ -120,12 +118,6 @@ def made_up_answers(data: GapData, seed: int, truth: GapTruth, experiments: Mapp
     return Answers(replace(asked, steps_n=steps_n), np.stack([rows, rows + len(pairs)], axis=1))
 
 
-def of_one_setup(n: int, setup: GraspSetup = SETUP) -> dict[str, Any]:
-    """Fields of `Grasps` that were all made in one way, with the object at its place."""
-    nothing = np.zeros(n, dtype=int)
-    return {"setups": (setup,), "setup": nothing, "placements": (Placement(),), "placement": nothing}
-
-
 @lru_cache(maxsize=8)
 def _bank_of(designs: tuple[Design, ...], objects: tuple[int, ...]) -> Bank:
     """The same for every truth, so made once; nobody may write into it."""
@@ -142,7 +134,7 @@ def made_up_bank(objects: Sequence[int], shapes: np.ndarray, plan: BankPlan = WI
             np.stack([_steps(shapes, centre, {name: _whole(name, row)}) for row in plan.list_amplitudes(name)], axis=2),
         )
         for name in plan.effects
-        if name in AMPLITUDES and name in _MADE_UP
+        if CATALOGUE[name].bank_runs and name in _MADE_UP
     }
     return Bank(
         targets=Cells.full([], objects, GraspSetup()).targets,

@@ -1,5 +1,6 @@
 """Own objects from files, in configs, in a lake, and by name."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -93,6 +94,16 @@ def test_objects_are_found_by_name_number_and_file(folder: Path) -> None:
             find_object(text, lake)
 
 
+def test_experiments_are_on_objects_that_stand_on_the_bench(folder: Path) -> None:
+    text = CONFIG.replace('files = ["ball.stl", "dumbbell.toml"]', 'files = ["ball.stl"]\nplaces = [14]')
+    (folder / "own.toml").write_text(text + "[diagnostics]\nreference_every = 4\n")
+    ball = read_object(folder / "ball.stl").object_id
+    with pytest.raises(ConfigError, match=f"object 14 is not on the bench, own object {ball} stands on its place"):
+        load_config(folder / "own.toml")
+    (folder / "own.toml").write_text(f"{text}[diagnostics]\nreference_every = 4\nreference_object = {ball}\n")
+    assert load_config(folder / "own.toml").diagnostics.objects_of_batch == {ball}
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
@@ -160,18 +171,67 @@ def write_bodies(path: Path, gap_mm: float) -> Path:
     return path
 
 
-def test_a_body_that_floats_is_refused_and_bodies_that_touch_are_one_object(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="has bodies that do not touch, 2 mm apart at the nearest"):
-        read_object(write_bodies(tmp_path / "two.stl", 2.0))
-    assert read_object(write_bodies(tmp_path / "touching.stl", 0.0)).name == "touching"
-    assert read_object(write_bodies(tmp_path / "overlapping.stl", -1.0)).name == "overlapping"
+def test_a_body_that_floats_is_refused_and_bodies_that_touch_are_one_object(folder: Path) -> None:
+    with pytest.raises(ConfigError, match="has 2 bodies that do not touch, 2 mm apart at the nearest"):
+        read_object(write_bodies(folder / "two.stl", 2.0))
+    assert read_object(write_bodies(folder / "touching.stl", 0.0)).name == "touching"
+    assert read_object(write_bodies(folder / "overlapping.stl", -1.0)).name == "overlapping"
 
 
-def test_a_name_that_begins_with_a_digit_is_made_usable_and_ply_is_read(tmp_path: Path) -> None:
-    trimesh.creation.box((40, 40, 40)).export(tmp_path / "7up.ply")
-    assert read_object(tmp_path / "7up.ply").name == "object 7up"
+@pytest.mark.parametrize(("gap_mm", "floats"), [(0.1, False), (2.0, True)])
+def test_gaps_of_bodies_are_those_of_the_scaled_object(folder: Path, gap_mm: float, floats: bool) -> None:
+    mesh = trimesh.load_mesh(write_bodies(folder / "metres.stl", gap_mm))
+    mesh.apply_scale(1e-3).export(folder / "metres.stl")
+    (folder / "scaled.toml").write_text('mesh = "metres.stl"\nscale = 1000')
+    with pytest.raises(ConfigError, match="do not touch") if floats else nullcontext():
+        assert read_object(folder / "scaled.toml").size_mm[2] == pytest.approx(30 + gap_mm)
 
 
-def test_a_solid_of_a_cad_program_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is a solid of a CAD program; export it there as STL, in mm"):
-        read_object(tmp_path / "cup.STEP")
+def test_a_ball_in_the_hole_of_a_ring_floats_and_the_wall_of_a_cavity_does_not(folder: Path) -> None:
+    ring, ball = trimesh.creation.annulus(15, 20, 20), trimesh.creation.icosphere(2, 6)
+    trimesh.util.concatenate([ring, ball]).export(folder / "ring.stl")
+    with pytest.raises(ConfigError, match="has 2 bodies that do not touch"):
+        read_object(folder / "ring.stl")
+    hollow, wall = trimesh.creation.icosphere(3, 20), trimesh.creation.icosphere(3, 16)
+    wall.invert()
+    trimesh.util.concatenate([hollow, wall]).export(folder / "hollow.stl")
+    assert read_object(folder / "hollow.stl").size_mm[2] == pytest.approx(40, abs=0.1)
+    trimesh.util.concatenate([hollow, wall, ball]).export(folder / "rattle.stl")
+    with pytest.raises(ConfigError, match="has 2 bodies that do not touch"):
+        read_object(folder / "rattle.stl")
+
+
+def test_parts_that_do_not_touch_are_refused(folder: Path) -> None:
+    sphere = '[[parts]]\nshape = "sphere"\ndiameter_mm = 14\nat_mm = [0, 0, {}]\n'
+    (folder / "pair.toml").write_text(sphere.format(7) + sphere.format(26))
+    with pytest.raises(ConfigError, match="has 2 bodies that do not touch, 5 mm apart at the nearest"):
+        read_object(folder / "pair.toml")
+    (folder / "pair.toml").write_text(sphere.format(7) + sphere.format(20))
+    assert read_object(folder / "pair.toml").size_mm[2] == pytest.approx(27)
+
+
+@pytest.mark.parametrize(
+    ("stem", "name"),
+    [
+        ("7up", "object 7up"),
+        ("mug.v2 (copy)", "mug-v2 -copy"),
+        ("größe", "groe"),
+        ("_mug", "object _mug"),
+        ("杯", "object"),
+        ("m" * 60, "m" * 40),
+    ],
+)
+def test_any_file_name_gives_a_name_and_ply_is_read(folder: Path, stem: str, name: str) -> None:
+    trimesh.creation.box((40, 40, 40)).export(folder / f"{stem}.ply")
+    assert read_object(folder / f"{stem}.ply").name == name
+
+
+def test_a_solid_of_a_cad_program_is_refused_with_what_to_do(folder: Path) -> None:
+    (folder / "turned.toml").write_text('mesh = "cup.stp"')
+    for give in (
+        lambda: read_object(folder / "cup.STEP"),
+        lambda: read_object(folder / "turned.toml"),
+        lambda: find_object("cup.step", folder / "lake"),
+    ):
+        with pytest.raises(ConfigError, match="is a solid of a CAD program, .* export it there as 3MF, or as STL"):
+            give()

@@ -1,6 +1,5 @@
 """A calibration as the lake has it: row, draws, history, the data it learned from; and all that as an ArviZ file."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,6 +12,7 @@ from fast.flows.report.calibration.prediction_figures import Cloud, Panel
 from fast.flows.report.campaign.queries import Result, fetch
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
+from fast.models.calibration.inference.libraries import quiet_import
 from fast.models.calibration.inference.result import CalibrationResult, measure_convergence
 from fast.models.calibration.inference.settings import CalibrationSettings, read_settings
 from fast.models.calibration.inference.summary import ParameterSummary, summarise_all
@@ -227,8 +227,7 @@ def write_archive(path: Path, result: CalibrationResult, calibration_id: str, da
 
     Diagnostics are attributes; the data, where known, constant and observed data.
     """
-    with warnings.catch_warnings():  # ArviZ announces its next version on import
-        warnings.simplefilter("ignore", FutureWarning)
+    with quiet_import():
         import arviz
     posterior, dims, coords = _posterior(result)
     constant, observed = ({}, {}) if data is None else _data(data)

@@ -215,6 +215,18 @@ UNION ALL
 SELECT 'grasp, told with --sure', json_extract_string(details_json, '$.sure'), count(*) FROM grasps
 WHERE campaign_id = {{campaign}} AND json_extract(details_json, '$.sure') IS NOT NULL GROUP BY ALL
 UNION ALL
+SELECT 'tool, measured with --sure', sure, count(*) FROM tools
+WHERE campaign_id = {{campaign}} AND sure IS NOT NULL GROUP BY ALL
+UNION ALL
+SELECT 'material, told as sure', lot || ', ' || quantity || ': ' || sure, count(*) FROM materials
+WHERE sure IS NOT NULL AND taken_back_by IS NULL
+  AND lot IN (SELECT material_lot FROM tools WHERE campaign_id = {{campaign}}) GROUP BY ALL
+UNION ALL
+SELECT 'answer to a search, with --sure', json_extract_string(payload_json, '$.kind') || ': '
+  || json_extract_string(payload_json, '$.sure'), count(*) FROM events
+WHERE campaign_id = {{campaign}} AND kind = 'gap_reading' AND json_extract_string(payload_json, '$.sure') IS NOT NULL
+GROUP BY ALL
+UNION ALL
 SELECT 'tool', coalesce(nullif(reason, ''), 'no reason given'), count(*) FROM tools
 WHERE campaign_id = {{campaign}} AND status = 'rejected' GROUP BY ALL
 ORDER BY what, n DESC, reason"""

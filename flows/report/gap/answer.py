@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 from fast.models.gap.evaluation.evaluate import FEWEST_HELD_OUT, Evaluation
-from fast.models.gap.evaluation.power import VisibleSize
+from fast.models.gap.evidence.rehearsal import FamilyTold
+from fast.models.gap.evidence.visible import VisibleSize
 from fast.models.gap.findings import UNKNOWN, Decision, Findings, Gap, RoundFindings
-from fast.models.gap.naming.families import WORDS
-from fast.models.gap.naming.rank_effects import Separability
 from fast.models.gap.where.cells import UnsureCell
 from fast.models.gap.where.locate import Where
 from fast.models.gap.where.residuals import Residuals
@@ -36,9 +35,9 @@ class ThetaRow:
 class GapPage:
     """A finished search; all but the answer is optional.
 
-    `where`: of each round; `residuals`, `separability`: of the first; `assumed`: sentences. `unsure`: cells in which
-    meshes or heights differ; `visible`: sizes of effects that would have been seen. `command`: by which a person
-    answers the open question.
+    `where`: of each round; `residuals`: of the first; `assumed`: sentences. `unsure`: cells in which meshes or heights
+    differ; `visible`: sizes of effects that would have been seen; `rehearsed`: what made-up worlds were told to be.
+    `command`: by which a person answers the open question.
     """
 
     findings: Findings
@@ -46,7 +45,7 @@ class GapPage:
     residuals: Residuals | None = None
     evaluation: Evaluation | None = None
     theta: tuple[ThetaRow, ...] = ()
-    separability: Separability | None = None
+    rehearsed: tuple[FamilyTold, ...] = ()
     assumed: tuple[str, ...] = ()
     unsure: tuple[UnsureCell, ...] = ()
     visible: tuple[VisibleSize, ...] = ()
@@ -194,7 +193,8 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
 
 def _describe_possible(named: Decision) -> list[str]:
     """What an alarm does not exclude besides what it says, a sentence; none if that is not known."""
-    families = list(dict.fromkeys(WORDS.get(name, describe_effect(name)) for name in named.possible if name != UNKNOWN))
+    known = (name for name in named.possible if name != UNKNOWN)
+    families = list(dict.fromkeys(CATALOGUE[e].family if e in CATALOGUE else describe_effect(e) for e in known))
     if not named.possible:
         return []
     excluded = "less than 10 % probable" if named.drift else "excluded at 90 %"  # drifts have no conformal set

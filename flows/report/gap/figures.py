@@ -12,7 +12,6 @@ from fast.flows.report.gap.answer import describe_effect, shorten_tool
 from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
 from fast.models.gap.findings import Candidate, Decision, LawCurve, Rest
-from fast.models.gap.naming.rank_effects import LEAST_NATS, Separability
 from fast.models.gap.where.residuals import AT, PHASES, Residuals
 from fast.models.gap.where.variance_components import SOURCES, PhaseComponents
 from fast.models.objects.catalogue import get_object
@@ -138,44 +137,25 @@ def draw_rest(rest: Rest) -> Figure:
 
 
 def draw_names(candidates: Sequence[Candidate], named: Decision) -> Figure:
-    """What each candidate predicts of the gap on left-out designs and objects, the answer's in blue."""
-    known = [c for c in candidates if c.grouped_r2 is not None]
-    by_name = sorted((c for c in known if c.effect != "unknown"), key=lambda c: -(c.grouped_r2 or 0.0))
+    """Evidence for each candidate, the answer's in blue."""
+    known = [c for c in candidates if c.nats is not None]
+    by_name = sorted((c for c in known if c.effect != "unknown"), key=lambda c: -(c.nats or 0.0))
     chosen = by_name[:_MOST_NAMES]
     chosen += [c for c in by_name[_MOST_NAMES:] if c.effect in named.effects]
     chosen += [c for c in known if c.effect == "unknown"]
-    values = [max(100.0 * (c.grouped_r2 or 0.0), 0.0) for c in chosen]
+    values = [max(c.nats or 0.0, 0.0) for c in chosen]
     figure, axes = new_axes(WIDTH_IN, 0.8 + 0.32 * len(chosen), grid="x")
     answer = set(named.effects) or {named.kind}
     places = np.arange(len(chosen))
     axes.barh(places, values, height=0.62, color=[BEST if c.effect in answer else FAINT for c in chosen])
     for place, value in enumerate(values):
-        axes.text(value, place, f" {value:.1f} %" if value < 10.0 else f" {value:.0f} %", va="center", fontsize=8.5)
-    labels = ["any model, without a name" if c.effect == "unknown" else describe_effect(c.effect) for c in chosen]
+        axes.text(value, place, f" {value:.0f}", va="center", fontsize=8.5)
+    labels = ["a pattern without a name" if c.effect == "unknown" else describe_effect(c.effect) for c in chosen]
     axes.set_yticks(places, labels)
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0.0, max(1.18 * max(values, default=0.0), _LEAST_AXIS))
-    axes.set_xlabel("share of the left-out gap predicted (%)")
-    return figure
-
-
-def draw_separability(separability: Separability) -> Figure:
-    """Which effects these designs and objects could tell apart: dark is sure, white is not at all."""
-    n = len(separability.effects)
-    apart = np.minimum(separability.nats, separability.nats.T)
-    figure, axes = new_axes(WIDTH_IN, 1.2 + 0.185 * n, grid="")
-    shown = np.log10(np.clip(np.where(np.eye(n) > 0, np.nan, apart), 0.1, 1000.0))
-    image = axes.imshow(shown, cmap="Greys", vmin=-1.0, vmax=3.0, aspect="auto")
-    for i, j in zip(*np.nonzero((apart < LEAST_NATS) & ~np.eye(n, dtype=bool)), strict=True):
-        axes.plot(j, i, marker="x", color=FIRST, markersize=3.5, markeredgewidth=1.1)
-    axes.set_yticks(range(n), [describe_effect(e) for e in separability.effects], fontsize=7.2)
-    axes.set_xticks(range(n), [str(i + 1) for i in range(n)], fontsize=6.5)
-    axes.set_yticklabels([f"{describe_effect(e)}  {i + 1}" for i, e in enumerate(separability.effects)], fontsize=7.2)
-    axes.tick_params(length=0)
-    bar = figure.colorbar(image, ax=axes, location="top", shrink=0.7, aspect=28, pad=0.02, ticks=[-1, 0, 1, 2, 3])
-    bar.ax.set_xticklabels(["0.1", "1", "10", "100", "1000"], fontsize=8)
-    bar.set_label("evidence that these data would give (nats)", fontsize=8.5)
+    axes.set_xlabel("evidence: log of how much more probable the measurement gets")
     return figure
 
 

@@ -33,7 +33,6 @@ from fast.flows.report.gap.figures import (
     draw_map,
     draw_names,
     draw_rest,
-    draw_separability,
     draw_trace,
     name_cell,
 )
@@ -54,7 +53,6 @@ from fast.flows.report.html import (
 )
 from fast.models.gap.evaluation.evaluate import Evaluation
 from fast.models.gap.findings import Decision, Findings, RoundFindings
-from fast.models.gap.naming.rank_effects import Separability
 from fast.models.gap.where.cells import find_heaviest_cells
 from fast.models.gap.where.locate import describe_silence
 from fast.models.gap.where.permutation_tests import Q
@@ -176,9 +174,8 @@ def write_name(content: GapPage, folder: Folder) -> Markup:
         pictures = _law_or_rest(found, place, folder)
         parts += [columns(told, pictures or bars)]
         if pictures:
-            parts.append(folded("What each candidate predicts", columns(bars, "")) if bars else "")
-    if content.separability is not None and len(content.separability.effects) > 1:
-        parts.append(_isolability(content.separability, folder))
+            parts.append(folded("Evidence for each candidate", columns(bars, "")) if bars else "")
+    parts.append(_rehearsed(content))
     parts.append(_visible_sizes(content))
     parts.append(_candidates(rounds, folder))
     return section("name", "What is missing", *parts)
@@ -223,25 +220,40 @@ def _law_or_rest(found: RoundFindings, place: int, folder: Folder) -> Markup:
 
 
 def _bars(found: RoundFindings, place: int, folder: Folder) -> Markup:
-    if all(c.grouped_r2 is None for c in found.candidates):
+    if all(c.nats is None for c in found.candidates):
         return Markup("")
     figure = draw_names(found.candidates, found.named)
-    shown = folder.figure(f"gap_names_{place + 1}", figure, "What each candidate predicts")
+    shown = folder.figure(f"gap_names_{place + 1}", figure, "Evidence for each candidate")
     note = paragraph(
-        "Each candidate was fitted to some of the grasps and had to predict the gap of designs and objects that were "
-        "left out. Several may do well; the probability beside the answer says how sure the choice is.", "note",
+        "Each candidate was put into the simulator and everything fitted again; the bar says how much more probable "
+        "that makes what was measured, as a logarithm: 2.3 more is ten times as probable. "
+        "Several may do well; the probability beside the answer says how sure the choice is.", "note",
     )  # fmt: skip
     return Markup(shown + note) if place == 0 else shown
 
 
-def _isolability(separability: Separability, folder: Folder) -> Markup:
-    figure = folder.figure("gap_isolability", draw_separability(separability), "Which effects could be told apart")
+def _rehearsed(content: GapPage) -> Markup:
+    rows = [
+        (
+            one.family,
+            f"{one.n_alarms} of {one.n}",
+            "never" if one.seen_size is None else f"{100.0 * one.seen_size:.1f} %",
+            f"{one.n_right} of {one.n_alarms}",
+            f"{one.n_unknown} of {one.n_alarms}",
+            "; ".join(one.taken_for) or "nothing",
+        )
+        for one in content.rehearsed
+    ]
+    if not rows:
+        return Markup("")
     note = paragraph(
-        "What these designs, objects and repeats could tell apart at all, computed before looking at the gap: each row "
-        "against each column, at a plausible size. Dark: surely. White, with a cross: not at all; such a pair is "
-        "reported as a set.", "note",
-    )  # fmt: skip
-    return folded("What could be told apart", columns(figure, note))
+        "Before the answer, made-up worlds of these very tools, objects, repeats and noise were answered in the same "
+        "way. Each hides one cause of this kind, at 1 to 20 % of the force. This is what became of them: whether "
+        "anything was noticed, the smallest size that was, and whether it got its right name, none, or a wrong one.",
+        "note",
+    )
+    heads = ("hidden", "noticed", "smallest noticed", "right name", "“unknown”", "taken for")
+    return folded("What this panel can tell", note + f'<div class="words">{table(heads, rows)}</div>')
 
 
 def _visible_sizes(content: GapPage) -> Markup:

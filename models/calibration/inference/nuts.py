@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fast.models.blas import one_blas_thread
+from fast.models.calibration.inference.libraries import quiet_import
 from fast.models.calibration.inference.optimise import LogDensity
 from fast.models.calibration.inference.settings import CalibrationSettings
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version once a day
+with quiet_import():
     import pymc as pm
 import pytensor
 from pymc.step_methods.hmc.quadpotential import QuadPotentialFull

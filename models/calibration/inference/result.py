@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fast.models.calibration.inference.libraries import quiet_import
 from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
 from fast.models.calibration.means.problem import THETA, CalibrationProblem
 from fast.models.errors import UsageError
@@ -112,10 +113,10 @@ def measure_convergence(
     names: Sequence[str], draws: np.ndarray
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Rank-normalised R-hat, bulk ESS and tail ESS by name (Vehtari et al. 2021), of chains x n x len(names)."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # announcements of ArviZ's next version
+    with quiet_import():
         import arviz as az
-
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         columns = {name: np.ascontiguousarray(draws[:, :, i]) for i, name in enumerate(names)}
         r_hat = {name: float(az.rhat(column)) for name, column in columns.items()}
         ess_bulk = {name: float(az.ess(column, method="bulk")) for name, column in columns.items()}

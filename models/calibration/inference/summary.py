@@ -1,12 +1,12 @@
 """What a calibration found, in numbers: Table 2 of the paper, densities, and whether anything may be built on it."""
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 from scipy.ndimage import gaussian_filter
 
+from fast.models.calibration.inference.libraries import quiet_import
 from fast.models.calibration.inference.result import K_HAT_LIMIT, WEIGHTED, CalibrationResult
 from fast.models.calibration.inference.settings import ThetaPriors
 from fast.models.calibration.means.parameters import LENGTHSCALE, NOISE_SD, NUGGET, RHO_MEAN, RHO_SD, SD_E, SD_H
@@ -163,8 +163,7 @@ def estimate_density(draws: np.ndarray) -> Density:
     values = np.ravel(draws)
     if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
         return Density(values[:1], np.ones(1))
-    with warnings.catch_warnings():  # ArviZ announces its next version on import
-        warnings.simplefilter("ignore", FutureWarning)
+    with quiet_import():
         from arviz import Numba, kde
     Numba.disable_numba()  # to compile its histogram takes seconds, numpy's takes milliseconds
     grid, density = kde(values, bound_correction=True)

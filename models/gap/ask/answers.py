@@ -8,7 +8,7 @@ import numpy as np
 
 from fast.models.gap.ask.forecast import MOST_NATS, Forecast, weigh
 from fast.models.gap.ask.hypotheses import Hypothesis
-from fast.models.gap.ask.person import find_measurement, forecast_readings
+from fast.models.gap.ask.person import forecast_readings
 from fast.models.gap.ask.predict import Moved, Pair, forecast_pairs
 from fast.models.gap.ask.settings import Setting
 from fast.models.gap.bank.surrogate import features_of_steps
@@ -89,14 +89,3 @@ def merge_forms(hypotheses: Sequence[Hypothesis]) -> dict[str, float]:
     for one in hypotheses:
         found[one.name] = found.get(one.name, 0.0) + one.probability
     return found
-
-
-def check_reading(kind: str, value: float) -> str:
-    """Why a reading cannot be; empty if it can."""
-    known = find_measurement(kind)
-    if known is None:
-        return f"nobody asks for a `{kind}`."
-    low, high = known.values
-    if not low <= value <= high:
-        return f"{known.label} is {value:g}, beyond {low:g} to {high:g}; measure again, or look at the unit."
-    return ""

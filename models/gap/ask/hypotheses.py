@@ -96,22 +96,18 @@ def list_hypotheses(naming: NamingResult) -> tuple[Hypothesis, ...]:
     if named.kind == "none" or (named.kind == "effect" and named.probability >= SURE):
         return ()
     chances = {candidate.effect: candidate.probability for candidate in naming.candidates}
-    fits = {
-        single.effects[0]: single.fit
-        for single in naming.tried.singles
-        if single.r2 > 0.0 or single.effects[0] in named.effects
-    }
-    best = max((chances[name] for name in fits), default=0.0)
-    members = [name for name in named.effects if name in fits]
-    weight = {name: max(chances[name], _LEAST_SHARE * best if name in members else 0.0) for name in fits}
+    tried = [trial.effect for trial in naming.trials.tried if trial.nats > 0.0 or trial.effect in named.effects]
+    best = max((chances[name] for name in tried), default=0.0)
+    members = [name for name in named.effects if name in tried]
+    weight = {name: max(chances[name], _LEAST_SHARE * best if name in members else 0.0) for name in tried}
     weight = {name: chance for name, chance in weight.items() if chance >= _LEAST or name in members}
     chosen = sorted(weight, key=lambda name: -weight[name])[:_MOST_EFFECTS]
     base = naming.fit
-    found = [Hypothesis(name, weight[name], fits[name]) for name in chosen]
+    found = [Hypothesis(name, weight[name], naming.decider.fit_with(name)) for name in chosen]
     if chances[NONE] >= _LEAST:
         found.append(Hypothesis(NONE, chances[NONE], base))
     unknown = max(chances[UNKNOWN], LEAST_UNKNOWN)
-    found += [Hypothesis(UNKNOWN, 0.5 * unknown, base, size) for size in (0.0, _REACH * naming.tried.pattern.size)]
+    found += [Hypothesis(UNKNOWN, 0.5 * unknown, base, size) for size in (0.0, _REACH * naming.pattern_size)]
     return _normalise(found)
 
 

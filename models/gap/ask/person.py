@@ -1,65 +1,25 @@
 """What a person can measure where no grasp of the bench tells: a number, which each hypothesis predicts.
 
 An effect whose own parameter is measured predicts its fitted value; all others predict that nothing is there. So a
-reading is an experiment like any other: it has a forecast, it promises nats, and it is weighed by the same rules.
+reading is an experiment like any other: it has a forecast, it promises nats, and it is weighed by the same rules. What
+can be measured of an effect, its entry in the catalogue says.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from fast.models.gap.ask.forecast import Forecast
 from fast.models.gap.findings import UNKNOWN
+from fast.models.question import Question, Slip, apart_of, ask_of, slips_of_factor
 from fast.models.simulation.effects.catalogue import CATALOGUE
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """A number that a person measures. `sd`: of a reading; `minutes`: that it takes; `values`: bounds of a reading.
-
-    It reads `parameter` of `effect`; without the effect it reads `nothing`.
-    """
-
-    kind: str
-    words: str
-    label: str
-    effect: str
-    parameter: str
-    sd: float
-    minutes: float
-    values: tuple[float, float]
-    nothing: float = 0.0
-
-
-_WALLS = (
-    "measure both walls and the ribs of three fingers with callipers, and take the mean of what is more than drawn; or "
-    "measure those of every tool, and say them with `fast print measured`"
-)
-_BOW = "photograph three fingers from the side with a scale, and measure by how much the ribs are bowed"
-_WEIGHT = "take the tool off, tare, hang 1 kg on the load cell, and note by how much it reads more than 9.81 N"
-_BARS = "pull two tensile bars, printed upright and flat, and take the ratio of their moduli, upright over flat, less 1"
-_JAW = "push against a jaw without a finger with 20 N, and read on a dial gauge how far it gives way per N"
-_POST = "push up against an object on its post with 20 N, and read on a dial gauge how far it gives way per N"
-_EDGE = "photograph an object's edge with a scale, and measure by how much its radius is larger than drawn"
-
-MEASUREMENTS: tuple[Measurement, ...] = tuple(
-    Measurement(*row)
-    for row in (
-        ("walls", _WALLS, "Walls, more than drawn, mm", "wall_thickness_offset", "offset_mm", 0.03, 6.0, (-1.0, 1.0)),
-        ("photograph", _BOW, "Bow of the ribs, mm", "rib_imperfection", "bow_mm", 0.1, 8.0, (0.0, 3.0)),
-        ("dead_weight", _WEIGHT, "Reading less 9.81 N, N", "load_cell_offset", "offset_n", 0.05, 10.0, (-5.0, 5.0)),
-        ("tensile_bar", _BARS, "Ratio of moduli, less 1", "print_anisotropy", "rib_excess", 0.05, 60.0, (-0.9, 2.0)),
-        ("jaw_push", _JAW, "Jaw, mm/N", "base_compliance", "compliance_mm_per_n", 0.005, 10.0, (0.0, 1.0)),
-        ("post_push", _POST, "Post, mm/N", "object_post_compliance", "compliance_mm_per_n", 0.005, 10.0, (0.0, 1.0)),
-        ("edge_photograph", _EDGE, "Radius, mm", "object_edge_radius", "extra_radius_mm", 0.1, 8.0, (-3.0, 5.0)),
-    )
-)
+from fast.models.simulation.effects.spec import EffectSpec, Measurement
+from fast.models.units import STANDARD_GRAVITY_M_PER_S2
 
 
 def find_measurement(kind: str) -> Measurement | None:
     """The measurement of this kind, if there is one."""
-    return next((one for one in MEASUREMENTS if one.kind == kind), None)
+    return next((one for _, one in list_measurements() if one.kind == kind), None)
 
 
 def forecast_readings(
@@ -70,22 +30,108 @@ def forecast_readings(
     parameters: of each effect, value and standard deviation. What nobody in the catalogue explains may be seen by a
     person or not: *unknown* predicts anything that an effect might.
     """
-    known = tuple(one for one in MEASUREMENTS if one.parameter in parameters.get(one.effect, {}))
+    known = [(spec, one) for spec, one in list_measurements() if one.parameter in parameters.get(spec.effect, {})]
     means, columns = np.zeros((len(names), len(known), 1)), []
     for place, name in enumerate(names):
         spread = np.zeros((len(known), 1, len(known)))
-        for at, one in enumerate(known):
-            value, sd = parameters[one.effect][one.parameter]
-            is_own = name == one.effect
-            means[place, at] = value if is_own else one.nothing
-            spread[at, 0, at] = sd if is_own else _imagine(one) if name == UNKNOWN else 0.0
+        for at, (spec, one) in enumerate(known):
+            value, sd = parameters[spec.effect][one.parameter]
+            is_own = name == spec.effect
+            means[place, at] = value if is_own else 0.0
+            spread[at, 0, at] = sd if is_own else _imagine(spec, one) if name == UNKNOWN else 0.0
         columns.append(spread)
-    noise = np.array([[[one.sd**2]] for one in known]).reshape(len(known), 1, 1)
+    noise = np.array([[[one.sd**2]] for _, one in known]).reshape(len(known), 1, 1)
     is_sharp = np.array([name != UNKNOWN for name in names])
-    return known, Forecast(tuple(names), probability, is_sharp, means, tuple(columns), np.zeros_like(noise), noise)
+    forecast = Forecast(tuple(names), probability, is_sharp, means, tuple(columns), np.zeros_like(noise), noise)
+    return tuple(one for _, one in known), forecast
 
 
-def _imagine(one: Measurement) -> float:
+def list_measurements() -> list[tuple[EffectSpec, Measurement]]:
+    """What a person can measure, with the effect that it tells of."""
+    return [(spec, spec.measurement) for spec in CATALOGUE.values() if spec.measurement is not None]
+
+
+def _imagine(spec: EffectSpec, one: Measurement) -> float:
     """How far a reading may be from nothing if something is wrong that the catalogue does not know."""
-    spec = next(p for p in CATALOGUE[one.effect].parameters if p.name == one.parameter)
-    return float(abs(spec.prior_median - spec.neutral) + spec.prior_sd)
+    own = next(p for p in spec.parameters if p.name == one.parameter)
+    return float(abs(own.prior_median - own.neutral) + own.prior_sd)
+
+
+_FAR_SD = 4.0  # of what any simulator had to be put right by; a reading farther out is strange
+_WALLS_MM = (1.5, 5.0)  # of a whole wall, in place of what it has more than drawn
+_LEAST_OF_SMALL = 2.0  # per cents and grams that anybody tells
+_PUSH_N = 20.0  # with which a person pushes
+_LENGTHS_MM = {"um": 1e-3}
+
+
+def find_reading_questions(kind: str, value: float, known: tuple[float, float] | None = None) -> list[Question]:
+    """Questions about a reading; `known`: what the lake says it should be, with its sd, where it says anything."""
+    found = next(((spec, one) for spec, one in list_measurements() if one.kind == kind), None)
+    if found is None:
+        return []
+    effect, one = found
+    spec = next(p for p in effect.parameters if p.name == one.parameter)
+    wide = float(np.hypot(spec.prior_sd, one.sd))
+    expected, sd = known if known is not None else (spec.prior_median, wide)
+    lowest, highest = one.values
+    unit = one.label.rpartition(", ")[2]
+    unit = unit if unit in ("mm", "N", "mm/N") else ""
+    is_possible = lowest <= value <= highest
+    slips = _list_slips(kind, value) + (slips_of_factor(value, {}) if known is not None else [])
+    told = f"{value:g} {unit}".rstrip()
+    told += f", measured walls of tools say {expected:.3g}" if known is not None else f", usual is {expected:g} or so"
+    asked = ask_of(kind, told, 0, slips, apart_of(expected, sd), unit)
+    if is_possible and abs(value - expected) <= _FAR_SD * sd:
+        return []
+    is_in_bounds = spec.lower - _FAR_SD * one.sd <= value <= spec.upper + _FAR_SD * one.sd
+    if is_possible and known is None and is_in_bounds and asked.kind == "outlier":
+        return []  # no simulator was ever so wrong, but it may be
+    if asked.kind == "outlier":
+        asked = ask_of(kind, told, 0, slips_of_factor(value, {}), apart_of(expected, sd), unit)
+    if kind == "walls" and _WALLS_MM[0] <= value <= _WALLS_MM[1]:
+        asked = Question("another quantity", f"{kind}: {told}, the whole wall? Tell what it has more than drawn", (0,))
+    if not is_possible:
+        text = f"{asked.sentence} (it is {lowest:g} to {highest:g} {unit}".rstrip() + ")"
+        asked = asked._replace(kind="impossible", sentence=text)
+    return [asked]
+
+
+def _list_slips(kind: str, value: float) -> list[Slip]:
+    """Usual slips of a reading but for the decimal point: units, and telling the whole in place of the difference."""
+    if kind == "dead_weight":
+        kilogram, gram = STANDARD_GRAVITY_M_PER_S2, 1e-3 * STANDARD_GRAVITY_M_PER_S2
+        return [
+            Slip("another quantity", "the whole reading", value - kilogram),
+            Slip("unit", "the whole reading in kg", kilogram * (value - 1.0)),
+            Slip("unit", "the whole reading in g", gram * (value - 1000.0)),
+            *([Slip("unit", "g", gram * value)] if abs(value) >= _LEAST_OF_SMALL else []),
+        ]
+    if kind == "tensile_bar":
+        ratio = Slip("another quantity", "the ratio itself", value - 1.0)
+        per_cent = [
+            Slip("unit", "per cent", value / 100),
+            Slip("unit", "the ratio in per cent", value / 100 - 1.0),
+        ]
+        return [ratio, *(per_cent if abs(value) >= _LEAST_OF_SMALL else [])]
+    if kind in ("jaw_push", "post_push"):
+        inverse = [Slip("another quantity", "N/mm", 1.0 / value)] if value else []
+        whole = Slip("another quantity", f"the way at {_PUSH_N:g} N", value / _PUSH_N)
+        return [whole, *inverse, Slip("unit", "um/N", value / 1000.0)]
+    return [Slip("unit", name, value * factor) for name, factor in _LENGTHS_MM.items()]
+
+
+_GAIN_LN_SD = 0.05  # of a load cell's gain: what is farther out is no drift
+_MASSES_KG = {"lb": 0.45359237, "g": 1e-3, "oz": 0.028349523125}
+
+
+def find_weight_questions(mass_kg: float, reading_n: float) -> list[Question]:
+    """Questions about a known mass that was hung on the load cell: its mass as told, or the unit of the cell."""
+    wanted_n = mass_kg * STANDARD_GRAVITY_M_PER_S2
+    if wanted_n <= 0 or abs(reading_n - wanted_n) <= _FAR_SD * _GAIN_LN_SD * wanted_n:
+        return []
+    slips = slips_of_factor(mass_kg, _MASSES_KG)
+    told = f"{mass_kg:g} kg, the cell says {reading_n:.4g} N"
+    expected_kg = reading_n / STANDARD_GRAVITY_M_PER_S2
+    if abs(reading_n - mass_kg) <= _FAR_SD * _GAIN_LN_SD * mass_kg:
+        return [Question("unit", f"weight: {told}, a cell set to kg? It should say {wanted_n:.4g} N", (0,))]
+    return [ask_of("weight", told, 0, slips, apart_of(expected_kg, _GAIN_LN_SD * abs(expected_kg) + 1e-6), "kg")]

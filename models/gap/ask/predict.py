@@ -15,11 +15,12 @@ from fast.models.gap.ask.forecast import Forecast
 from fast.models.gap.ask.hypotheses import Hypothesis
 from fast.models.gap.ask.settings import Setting
 from fast.models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
+from fast.models.gap.evidence.reading import KNOTS_MM
 from fast.models.gap.fit.law_freedom import LAW_SD
 from fast.models.gap.fit.whitened_features import FLOOR_SHARE, OWN_SHARE, estimate_repeat_noise, find_amplitude
 from fast.models.gap.grasps import Grasps, number_distinct
-from fast.models.gap.naming.patterns import list_changes
 from fast.models.records import EffectValue, GraspContext
+from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 N_DRAWS = 16
 _TIMING_SHARE = 0.3  # of the simulator's error: at another speed it simulates the same closing
@@ -175,7 +176,7 @@ def _list_doubts(hypothesis: Hypothesis, side: _Sides, pairs: Sequence[Pair]) ->
     if hypothesis.size == 0.0:
         return []
     changed_n = np.split(side.steps_n, 2)[1]
-    found = [hypothesis.size * np.moveaxis(change, 0, -1) for _, change in list_changes(changed_n)]
+    found = [hypothesis.size * np.moveaxis(change, 0, -1) for change in _list_patterns(changed_n)]
     return [_part_by_setting(np.concatenate(found, axis=-1), pairs)]
 
 
@@ -192,3 +193,20 @@ def _part_by_setting(columns: np.ndarray, pairs: Sequence[Pair]) -> np.ndarray:
     found = np.zeros((*columns.shape[:2], numbers.max() + 1, columns.shape[2]))
     found[np.arange(len(pairs)), :, numbers] = columns
     return found.reshape(*columns.shape[:2], -1)
+
+
+def _list_patterns(steps_n: np.ndarray) -> list[np.ndarray]:
+    """Changes of features (k x m x f) by a force as large as the median peak, or twice the force, about each knot."""
+    peak_n = float(np.median(steps_n.max(axis=1)))
+    changes = (np.full_like(steps_n, peak_n), steps_n)
+    small, before = 1e-3, features_of_steps(steps_n)
+    return [
+        np.array([(features_of_steps(steps_n + small * hat * change_n) - before) / small for hat in _hats()])
+        for change_n in changes
+    ]
+
+
+def _hats() -> np.ndarray:
+    """Straight-sided functions over the steps of the lift, one at each knot, k x 120; constant beyond the last."""
+    lift_mm = STEP_MM * (np.arange(N_STEPS) + 0.5)
+    return np.array([np.interp(lift_mm, KNOTS_MM, row) for row in np.eye(len(KNOTS_MM))])

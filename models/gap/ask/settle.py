@@ -9,9 +9,7 @@ from fast.models.gap.ask.answers import Answers, believe, merge_forms
 from fast.models.gap.ask.choose import ENOUGH_NATS
 from fast.models.gap.ask.hypotheses import Hypothesis
 from fast.models.gap.findings import NONE, UNKNOWN, Asked, Decision, NextExperiment
-from fast.models.gap.naming.decide import answer_effect, answer_set, answer_unknown
 from fast.models.gap.naming.name import NamingResult
-from fast.models.gap.naming.second_look import SecondLook, look_at
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
 
@@ -24,20 +22,16 @@ def settle(naming: NamingResult, believed: Sequence[Hypothesis]) -> NamingResult
     effects = sorted((name for name in chance if name in CATALOGUE), key=lambda name: -chance[name])
     gap = 1.0 - chance.get(NONE, 0.0)
     named = sum(chance[name] for name in effects)
-    look = naming.look
     if chance.get(NONE, 0.0) > 0.5:
         decision = Decision(kind="none", probability=chance[NONE], sentence="What was asked for shows no gap.")
     elif not effects or chance.get(UNKNOWN, 0.0) > named:
-        decision = answer_unknown(naming.tried, chance.get(UNKNOWN, 0.0), look)
+        decision = naming.decider.answer_unknown(chance.get(UNKNOWN, 0.0))
     else:
         alike = [name for name in effects if chance[name] > chance[effects[0]] * np.exp(-ENOUGH_NATS)]
-        look = _look(naming, effects[0])
-        probability = sum(chance[name] for name in alike)
-        decision = answer_effect(look, probability) if len(alike) == 1 else answer_set(alike, look, probability)
-    judged = replace(naming.judged, decision=decision, gap=gap, name=named / max(gap, 1e-9))
+        decision = naming.decider.answer_effects(alike, sum(chance[name] for name in alike))
     candidates = tuple(row.model_copy(update={"probability": chance.get(row.effect, 0.0)}) for row in naming.candidates)
-    best = look.fit if decision.effects and look is not None else naming.fit
-    return replace(naming, judged=judged, candidates=candidates, look=look, best=best)
+    alarm = replace(naming.alarm, gap=gap)
+    return replace(naming, named=decision, alarm=alarm, name=named / max(gap, 1e-9), candidates=candidates)
 
 
 def tell_asked(
@@ -73,14 +67,6 @@ def _group(hypotheses: Sequence[Hypothesis], likelihood: np.ndarray) -> Mapping[
     for one, value in zip(hypotheses, likelihood, strict=True):
         found.setdefault(one.name, []).append(float(value))
     return found
-
-
-def _look(naming: NamingResult, effect: str) -> SecondLook:
-    """The look at an effect: the one that was made, or another."""
-    if naming.look is not None and naming.look.effect == effect:
-        return naming.look
-    (candidate,) = (single for single in naming.tried.singles if single.effects == (effect,))
-    return look_at(naming.tried.score, candidate, naming.ranking.names)
 
 
 def _title(name: str) -> str:

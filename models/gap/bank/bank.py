@@ -21,32 +21,6 @@ from fast.models.simulation.version import ContactSettings, MeshSettings, Simula
 
 CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
 
-# Amplitudes from what is hardly seen to what is plausible; both signs where the effect has them. At the centre a jaw
-# closes with 1.5 N (one rib, an edge) to 27 N (ten ribs, a wide object): its limits of force span that.
-AMPLITUDES: Mapping[str, tuple[Mapping[str, float], ...]] = {
-    "wall_thickness_offset": ({"offset_mm": -0.1}, {"offset_mm": 0.1}, {"offset_mm": 0.2}),
-    "rib_imperfection": ({"bow_mm": 0.15}, {"bow_mm": 0.4}),
-    "hyperelastic_stiffening": ({"stiffening": 2.0}, {"stiffening": 8.0}),
-    "print_anisotropy": ({"rib_excess": -0.25}, {"rib_excess": 0.25}),
-    "static_kinetic_friction": (
-        {"kinetic_ratio": 0.6, "slip_scale_mm": 1.0},
-        {"kinetic_ratio": 0.8, "slip_scale_mm": 1.0},
-        {"kinetic_ratio": 1.25, "slip_scale_mm": 1.0},
-        {"kinetic_ratio": 0.7, "slip_scale_mm": 4.0},
-    ),
-    "pressure_dependent_friction": ({"exponent": 0.1}, {"exponent": 0.25}),
-    "shear_adhesion": ({"shear_strength_mpa": 0.0007}, {"shear_strength_mpa": 0.003}),
-    "object_edge_radius": ({"extra_radius_mm": 0.4}, {"extra_radius_mm": 1.2}),
-    "finger_finger_contact": ({"half_gap_mm": 6.0}, {"half_gap_mm": 8.0}),
-    "base_compliance": ({"compliance_mm_per_n": 0.03}, {"compliance_mm_per_n": 0.08}),
-    "force_limited_closing": (
-        {"max_force_n": 20.0},
-        {"max_force_n": 12.0},
-        {"max_force_n": 7.0},
-        {"max_force_n": 4.0},
-    ),
-}
-
 # Numerical variants, other choices of a simulator of the same physics: what they change is not to be explained by an
 # effect. How far a contact gives way before it slides decides the first millimetre of the lift (decision 055).
 NUMERICAL: tuple[Mapping[str, Record], ...] = (
@@ -58,15 +32,15 @@ NUMERICAL: tuple[Mapping[str, Record], ...] = (
 # How much deeper the tips stand below the object, in mm: a bench places objects to about this height.
 DEEPER_MM = (-0.25, 0.25)
 
-# Gaps at which jaws stop that lose pressure, wider than the setup's by so much, in mm, and the effect that needs them.
+# Gaps at which jaws stop that lose pressure, wider than the setup's by so much, in mm.
 WIDER_MM = (1.0, 3.0)
-CLOSED_LESS = "pressure_droop"
 
 # Arrays of a bank that a local one takes over from the wide one unless it has its own.
 VARIANTS = ("numerical_steps_n", "placed_steps_n", "wider_steps_n")
 
-# Effects that need simulations of their own.
-SIMULATED = (*AMPLITUDES, CLOSED_LESS)
+# Effects that need simulations of their own, and of these the ones that need jaws that stop early.
+CLOSED_LESS = tuple(name for name, spec in CATALOGUE.items() if spec.needs_wider_gaps)
+SIMULATED = (*(name for name, spec in CATALOGUE.items() if spec.bank_runs), *CLOSED_LESS)
 
 # Of a bank around a fitted theta, which may lie this near to an end of its grid before the bank is moved.
 LOCAL_FRICTION_SHARE, LOCAL_RATIO = 0.2, 0.04
@@ -82,7 +56,7 @@ class BankPlan:
     The default is the wide bank: all that is plausible, with every effect, numerical variants, and other placements.
     A local one has a cross of theta and some effects; how much variants and placements change, it takes from the wide
     bank, and so it does with jaws that stop early unless it has their effect. `effects`: names, of
-    `SIMULATED`. `runs`: of these effects at parameters of their own, besides `AMPLITUDES`.
+    `SIMULATED`. `runs`: of these effects at parameters of their own, besides those of the catalogue.
     """
 
     centre: Theta = CENTRE
@@ -123,7 +97,7 @@ class BankPlan:
     def list_amplitudes(self, effect: str) -> tuple[Mapping[str, float], ...]:
         """Parameters at which an effect is simulated; none for one that needs no runs of its own."""
         own = (value.parameters for value in self.runs if value.effect == effect)
-        return (*AMPLITUDES.get(effect, ()), *own)
+        return (*CATALOGUE[effect].bank_runs, *own)
 
     @property
     def grid_thetas(self) -> tuple[Theta, ...]:

@@ -17,8 +17,6 @@ from fast.models.units import unit_of
 
 # What a quantity of this unit is in a finger k times as stiff, for the same shape of all forces: a power of k.
 _POWER_OF_MODULUS = {"N": -1, "MPa": -1, "mm/N": 1}
-_INVERTED = "force_limited_closing"  # neutral at infinity: what counts is the inverse of its amplitude
-_REFERENCE = "reference_mpa"  # no shape: a pressure scale that acts as a factor on friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +54,14 @@ class EffectSurface:
     def change_n(
         self, parameters: Mapping[str, float], stiffer: np.ndarray, tool: np.ndarray, obj: np.ndarray
     ) -> np.ndarray:
-        """Changes of step means of grasps (n x 120) at the bank's modulus, `stiffer` (n) over it being theirs."""
+        """Changes of step means of grasps (n x 120) at the bank's modulus, `stiffer` (n) over it being theirs.
+
+        Where what the effect brings in is larger in a setup, the fingers are softer against it.
+        """
         name, shape_name = name_axes(self.effect)
         values = _whole(self.effect, parameters)
         power = 0 if CATALOGUE[self.effect].scales_with_modulus else _POWER_OF_MODULUS.get(unit_of(name) or "", 0)
-        power = -power if self.effect == _INVERTED else power
+        power = -power if CATALOGUE[self.effect].parameters[0].is_limit else power
         amplitude = find_amplitude(self.effect, values[name]) * stiffer**power
         shares = self._shares(values[shape_name] if shape_name else 1.0)
         total = np.zeros((len(tool), self.shapes[0].change_n.shape[-1]))
@@ -81,33 +82,17 @@ class EffectSurface:
         return np.array([np.interp(np.log(value), at, row) for row in np.eye(len(at))])
 
 
-def friction_factor_of_reference(effect: str, parameters: Mapping[str, float], stiffer: np.ndarray) -> np.ndarray:
-    """Factor on friction that a pressure scale other than the bank's makes, n; 1 for effects without one.
-
-    mu (p / p0)^-k with another p0 is the law of the bank's p0 with mu times (p0 / bank's)^k; pressures scale with the
-    modulus, `stiffer` (n) over the bank's.
-    """
-    values = _whole(effect, parameters)
-    if _REFERENCE not in values:
-        return np.ones_like(stiffer)
-    neutral = CATALOGUE[effect].neutral.parameters[_REFERENCE]
-    exponent = values[CATALOGUE[effect].parameters[0].name]
-    return np.asarray((values[_REFERENCE] / neutral / stiffer) ** exponent)
-
-
 def _whole(effect: str, parameters: Mapping[str, float]) -> dict[str, float]:
     return CATALOGUE[effect].neutral.parameters | dict(parameters)
 
 
 def name_axes(effect: str) -> tuple[str, str | None]:
     """Names of an effect's amplitude and of what shapes it, along which it has runs."""
-    names = [p.name for p in CATALOGUE[effect].parameters if p.name != _REFERENCE]
+    names = [p.name for p in CATALOGUE[effect].parameters if p.has_runs]
     return names[0], names[1] if len(names) > 1 else None
 
 
 def find_amplitude(effect: str, value: float) -> float:
     """The first parameter of an effect on an axis on which 0 is neutral."""
-    if effect == _INVERTED:
-        unlimited = CATALOGUE[effect].parameters[0].neutral
-        return 1.0 / value - 1.0 / unlimited
-    return value - CATALOGUE[effect].parameters[0].neutral
+    first = CATALOGUE[effect].parameters[0]
+    return 1.0 / value - 1.0 / first.neutral if first.is_limit else value - first.neutral

@@ -4,28 +4,17 @@ In front of step means lie `N_LEAD` forces, the end of closing up to the start o
 clock or a slow transmitter brings them into the lift. In its first steps the force turns round and rises by more than
 it ever does again, and within half a step it may be at its plateau. So there the force is read in fifths of a step: a
 ramp that is as steep as the step's mean says, and a plateau where a ramp alone would overshoot the next step. Later
-step means are taken as the force at the middle of their steps. Laws that are simple on such a lattice are written out
-for n grasps; any other effect of the catalogue is replayed grasp by grasp. Either way it is the change that counts, so
-that an effect of amplitude zero leaves the prediction alone to the last bit.
+step means are taken as the force at the middle of their steps. Effects that say what they do to forces read at such
+times (`Effect.modify_forces`) are asked for n grasps at once; any other is replayed grasp by grasp. Either way it is
+the change that counts, so that an effect of amplitude zero leaves the prediction alone to the last bit.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from fast.models.records import GraspSetup, Trace
-from fast.models.simulation.effects.actuation import LiftStartError
-from fast.models.simulation.effects.base import Effect
-from fast.models.simulation.effects.contact import ObjectPostCompliance
-from fast.models.simulation.effects.material import StressRelaxation
-from fast.models.simulation.effects.sensor import (
-    SHIFT_SPEED_MM_PER_S,
-    LiftMisalignment,
-    LoadCellDrift,
-    LoadCellLag,
-    LoadCellOffset,
-    ToolWeight,
-)
+from fast.models.simulation.effects.base import Effect, Readings
 from fast.models.traces.step_features import N_STEPS, STEP_MM, step_means
 
 N_LEAD = 12
@@ -36,26 +25,17 @@ _LEAST_RAMP = 1e-6  # of a step
 _AT_MM = STEP_MM * np.concatenate(
     [np.arange(1 - N_LEAD, 1), (np.arange(_N_FINE)[:, None] + _PART).ravel(), np.arange(_N_FINE, N_STEPS) + 0.5]
 )
-_IS_LIFT = _AT_MM > 0
-
-Law = Callable[[Sequence[Effect], np.ndarray, GraspSetup], np.ndarray]
 
 
 def apply_sensor_effect(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
     """Step means with their lead (n x 132) with one effect, as it acts in each of n grasps (`Effect.in_grasp`)."""
-    law = _LAWS.get(type(effects[0]))
-    if law is None:
+    if not effects[0].overrides("modify_forces"):
         return _replay(effects, steps_n, setup)
     fine_n = _fine(steps_n)
-    change_n = law(effects, fine_n, setup) - fine_n
+    change_n = _stack(effects).modify_forces(fine_n, _make_readings(setup)) - fine_n
     end = N_LEAD + _N_FINE * _PARTS
     of_steps = change_n[:, N_LEAD:end].reshape(len(steps_n), _N_FINE, _PARTS).mean(axis=2)
     return steps_n + np.concatenate([change_n[:, :N_LEAD], of_steps, change_n[:, end:]], axis=1)
-
-
-def acts_on_traces(effect: Effect) -> bool:
-    """Whether the effect changes finished traces."""
-    return type(effect).modify_trace is not Effect.modify_trace
 
 
 def read_lead(trace: Trace, setup: GraspSetup) -> np.ndarray:
@@ -114,99 +94,19 @@ def _replay(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -
     return steps_n + np.pad(np.array(changes), ((0, 0), (N_LEAD, 0)))
 
 
-def _offset(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    return steps_n + _column(effects, "offset_n")
+def _stack(effects: Sequence[Effect]) -> Effect:
+    """N effects of one kind as one, whose parameters are columns (n x 1) where they differ."""
+    first = effects[0]
+    values = {name: [vars(effect)[name] for effect in effects] for name in vars(first)}
+    columns = {name: np.array(own)[:, None] for name, own in values.items() if any(value != own[0] for value in own)}
+    return type(first)(**(vars(first) | columns))
 
 
-def _weight(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    return steps_n + _column(effects, "share") * _column(effects, "weight_n")
-
-
-def _drift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    time_s = _column(effects, "clock_s") + _closed_s(setup) + _AT_MM / setup.lift_speed_mm_per_s
-    return steps_n + _column(effects, "drift_per_hour_n") * time_s / 3600.0
-
-
-def _relaxation(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    held_s = np.maximum(_AT_MM / setup.lift_speed_mm_per_s + setup.dwell_s, 0.0)
-    lost = _column(effects, "relaxed_share") * np.expm1(-held_s / _column(effects, "time_constant_s"))
-    return np.asarray(steps_n + lost * steps_n)
-
-
-def _lag(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """The recursion of `models.simulation.effects.sensor` as one matrix per time constant."""
-    all_tau_s = _column(effects, "time_constant_s")[:, 0]
-    at_s = _AT_MM / setup.lift_speed_mm_per_s
-    reported_n = steps_n.copy()
-    for tau_s in np.unique(all_tau_s[all_tau_s > 0.0]):
-        rows = all_tau_s == tau_s
-        reported_n[rows] -= np.diff(steps_n[rows], axis=1) @ _share_behind(at_s, tau_s)
-    return reported_n
-
-
-def _share_behind(at_s: np.ndarray, tau_s: float) -> np.ndarray:
-    """Share of the j-th change of force (rows) by which the i-th reading (columns) is behind, (n - 1) x n.
-
-    The force changes evenly from one time to the next; a first-order lag is then behind by tau / step (1 - exp(-step /
-    tau)) of the change, and forgets that with time constant tau.
-    """
-    steps_s, since_s = np.diff(at_s), at_s - at_s[1:, None]
-    at_end = -tau_s / steps_s * np.expm1(-steps_s / tau_s)
-    return at_end[:, None] * np.where(since_s < 0.0, 0.0, np.exp(-np.maximum(since_s, 0.0) / tau_s))
-
-
-def _shift(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    from_mm = _AT_MM - _column(effects, "shift_mm") * setup.lift_speed_mm_per_s / SHIFT_SPEED_MM_PER_S
-    return _read_at(from_mm, steps_n)
-
-
-def _late_start(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """Forces at the true lift, which a slow start and a backlash leave behind; the same in every grasp."""
-    effect = effects[0]
-    assert isinstance(effect, LiftStartError)
-    time_s = _AT_MM[_IS_LIFT] / setup.lift_speed_mm_per_s
-    true_mm = np.maximum(_AT_MM[_IS_LIFT] - effect.behind_mm(time_s, setup.lift_speed_mm_per_s), 0.0)
-    found = steps_n.copy()
-    found[:, _IS_LIFT] = _read_at(np.broadcast_to(true_mm, found[:, _IS_LIFT].shape), steps_n)
-    return found
-
-
-def _compliance(effects: Sequence[Effect], steps_n: np.ndarray, setup: GraspSetup) -> np.ndarray:
-    """Force over the lift of the gantry; where that goes back, the system has jumped."""
-    start = N_LEAD - 1
-    lift_n, centres_mm = steps_n[:, start:], _AT_MM[start:]
-    seen_mm = centres_mm + _column(effects, "compliance_mm_per_n") * (lift_n - lift_n[:, :1])
-    ahead = np.maximum.accumulate(seen_mm, axis=1)
-    rows = zip(ahead, seen_mm, lift_n, strict=True)
-    found = np.array([np.interp(centres_mm, at[at <= own], force[at <= own]) for at, own, force in rows])
-    return np.concatenate([steps_n[:, :start], found], axis=1)
-
-
-def _read_at(from_mm: np.ndarray, steps_n: np.ndarray) -> np.ndarray:
-    """Forces at lifts (n x 144) of forces on the lattice (n x 144), constant beyond its ends."""
-    places = np.arange(len(_AT_MM))
-    place = np.interp(from_mm, _AT_MM, places)
-    low = np.minimum(place.astype(int), places[-2])
-    before, after = (np.take_along_axis(steps_n, at, axis=1) for at in (low, low + 1))
-    return np.asarray(before + (place - low) * (after - before))
-
-
-def _column(effects: Sequence[Effect], name: str) -> np.ndarray:
-    return np.array([[getattr(effect, name)] for effect in effects])
+def _make_readings(setup: GraspSetup) -> Readings:
+    speed = setup.lift_speed_mm_per_s
+    return Readings(_AT_MM, _AT_MM / speed, _closed_s(setup), speed)
 
 
 def _closed_s(setup: GraspSetup) -> float:
     """Time from the start of closing to the lift."""
     return 0.5 * (setup.open_gap_mm - setup.closed_gap_mm) / setup.close_speed_mm_per_s + setup.dwell_s
-
-
-_LAWS: Mapping[type[Effect], Law] = {
-    LoadCellOffset: _offset,
-    ToolWeight: _weight,
-    LoadCellDrift: _drift,
-    StressRelaxation: _relaxation,
-    LoadCellLag: _lag,
-    LiftMisalignment: _shift,
-    LiftStartError: _late_start,
-    ObjectPostCompliance: _compliance,
-}

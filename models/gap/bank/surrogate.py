@@ -7,17 +7,17 @@ the lift are compared as 16 features: those of calibration, and the rise of the 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank, EffectRuns
-from fast.models.gap.bank.effect_surfaces import EffectSurface, friction_factor_of_reference
-from fast.models.gap.bank.sensor_effects import N_LEAD, acts_on_traces, apply_sensor_effect, make_lead_map
+from fast.models.gap.bank.effect_surfaces import EffectSurface
+from fast.models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, make_lead_map
 from fast.models.gap.grasps import Grasps
 from fast.models.records import EffectValue, Theta
-from fast.models.simulation.effects.actuation import FORCE_LIMITED_CLOSING, find_air_share
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
 from fast.models.traces import step_features
@@ -26,6 +26,7 @@ from fast.models.traces.step_features import FORCE_BINS, N_STEPS, START_BINS, ST
 FEATURES = (*START_BINS, *step_features.FEATURES)
 N_BINS = len(START_BINS) + len(FORCE_BINS)
 _LIFT_AT_PEAK = FEATURES.index("lift_at_peak_mm")
+_MOST_KNOWN = 2000  # sets of effects whose actions in each grasp are kept
 _NEAR = 0.04  # of the peak: how much less force counts e times less
 _CENTRES_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
 LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is left alone
@@ -109,11 +110,8 @@ class Surrogate:
     def can_predict(self, effect: str) -> bool:
         """Whether the effect can be predicted: it has a surface, acts on traces, or through a memory."""
         kind = CATALOGUE[effect].kind
-        hooks = ("modify_theta", "friction_factor", "modify_setup", "modify_trace")
-        has_memory = kind.in_grasp is not Effect.in_grasp
-        on_trace = kind.modify_trace is not Effect.modify_trace
-        acts = any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
-        return effect in self.effect_surfaces or on_trace or (has_memory and acts)
+        has_memory = kind.overrides("in_grasp") and kind.overrides("modify_theta", "friction_factor", "modify_setup")
+        return effect in self.effect_surfaces or kind.acts_on_traces() or has_memory
 
     def predict_features(
         self, theta: np.ndarray, effects: Sequence[EffectValue] = (), tool_factor: np.ndarray | None = None
@@ -139,19 +137,18 @@ class Surrogate:
     ) -> np.ndarray:
         """The end of closing and step means, n x 132; what an effect of the bank changes first, it changes before."""
         tool = self.grasps.tool
-        acting = self._list_acting(effects)
-        memory = _Memory.of(acting, self.grasps, self.centre)
+        acting, memory = self._find_acting(effects)
         factor = 1.0 if tool_factor is None else tool_factor[tool]
         stiffer = theta[0] / self.centre.young_modulus_mpa * factor * memory.modulus
         friction = theta[1] * memory.friction
         from_bank = [value for value in effects if value.effect in self.effect_surfaces]
         for value in from_bank:
-            friction = friction * friction_factor_of_reference(value.effect, value.parameters, stiffer)
+            friction = friction * build_effects([value])[0].friction_of_runs(stiffer)
         low, high = self.surfaces.lower[0], self.surfaces.upper[0]
         basis = self.surfaces.rows(np.clip(friction, low, high), float(theta[2]))
         steps = (basis[:, None] @ self.rows_n)[:, 0]
         for value in from_bank:
-            against = stiffer / self._air_share if value.effect == FORCE_LIMITED_CLOSING.effect else stiffer
+            against = stiffer / self._find_strength(value)
             change_n = self.effect_surfaces[value.effect].change_n(value.parameters, against, tool, self.column)
             steps = steps + with_own_lead(change_n)
         if memory.wider_mm.any():
@@ -160,7 +157,7 @@ class Surrogate:
             steps = steps + self.moved_n
         steps = steps * stiffer[:, None]
         for of_grasps in acting:
-            if acts_on_traces(of_grasps[0]):
+            if of_grasps[0].acts_on_traces():
                 steps = self.apply_to_traces(of_grasps, steps)
         return steps
 
@@ -173,11 +170,27 @@ class Surrogate:
             found[rows] = apply_sensor_effect(own, steps_n[rows], self.grasps.setups[number])
         return found
 
-    @property
-    def _air_share(self) -> np.ndarray:
-        """Supply pressure over the usual one, n."""
-        shares = np.array([find_air_share(setup) for setup in self.grasps.setups])
-        return np.asarray(shares[self.grasps.setup])
+    def _find_strength(self, value: EffectValue) -> np.ndarray:
+        """How large what an effect brings in is in each grasp, over the usual, n."""
+        (effect,) = build_effects([value])
+        return np.array([effect.strength_in(setup) for setup in self.grasps.setups])[self.grasps.setup]
+
+    def _find_acting(self, effects: Sequence[EffectValue]) -> tuple[list[list[Effect]], "_Memory"]:
+        """Effects that no surface stands for as they act in every grasp, and what they make of its closing.
+
+        Both are the same at any theta, and a search asks for the same values again and again.
+        """
+        key = tuple((value.effect, tuple(value.parameters.items())) for value in effects)
+        if key not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            acting = self._list_acting(effects)
+            self._known[key] = acting, _Memory.of(acting, self.grasps, self.centre)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> "dict[tuple[object, ...], tuple[list[list[Effect]], _Memory]]":
+        return {}
 
     def _list_acting(self, effects: Sequence[EffectValue]) -> list[list[Effect]]:
         """Effects that no surface stands for, layer by layer, each as it acts in every grasp."""
@@ -258,12 +271,12 @@ class _Memory:
         for effects in acting:
             kind, designs = type(effects[0]), [grasps.designs[tool] for tool in grasps.tool]
             pairs = list(zip(effects, designs, strict=True))
-            if kind.modify_theta is not Effect.modify_theta:
+            if kind.overrides("modify_theta"):
                 real = [effect.modify_theta(theta, design).young_modulus_mpa for effect, design in pairs]
                 modulus *= np.array(real) / theta.young_modulus_mpa
-            if kind.friction_factor is not Effect.friction_factor:
+            if kind.overrides("friction_factor"):
                 friction *= np.array([float(effect.friction_factor(nowhere, nowhere)) for effect in effects])
-            if kind.modify_setup is not Effect.modify_setup:
+            if kind.overrides("modify_setup"):
                 wider_mm += [
                     effect.modify_setup(setup, design).closed_gap_mm - setup.closed_gap_mm
                     for setup, (effect, design) in zip(setups, pairs, strict=True)

@@ -1,8 +1,7 @@
 """What may be missing, each candidate with its evidence: effects, patterns without a name, and drifts.
 
-An effect is tried at its secants: what it changes at single amplitudes, scaled by a factor of about 1. Its law is never
-exactly the catalogue's, so that change may be larger or smaller by some 30 % smoothly along the lift, with the force of
-a grasp, and from print to print. A pattern is a smooth force or factor over the lift that all grasps, an object, or a
+An effect is tried at its secants: what it changes at single amplitudes, scaled by a factor of about 1, its law free. A
+pattern is a smooth force or factor over the lift that all grasps, an object, or a
 tool have for themselves. A drift is a quantity that changes from grasp to grasp along a clock. The evidence is the log
 of how much more probable the data are than with nothing missing, in nats; sizes and laws are integrated out.
 """
@@ -12,23 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fast.models.gap.evidence.drifts import CLOCKS, describe_drift, find_effect, make_basis, place_knots
+from fast.models.gap.evidence.laws import find_level, has_memory, list_law_changes, scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit
-from fast.models.gap.evidence.reading import MIDDLES_MM, OF_BINS, OF_CONTRASTS, SMOOTH, compute_rms
-from fast.models.gap.fit.fit import axes_of
-from fast.models.gap.fit.law_freedom import LAW_SD
-from fast.models.gap.naming.drifts import CLOCKS, find_effect, make_basis, place_knots
-from fast.models.gap.naming.rank_effects import list_secants
+from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, SMOOTH, compute_rms
+from fast.models.gap.evidence.secants import list_secants
 from fast.models.records import EffectValue
-from fast.models.simulation.effects.base import Effect
-from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import STEP_MM
 
 SCALES = np.array([0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.3, 1.7])  # of a secant's amplitude, as probable as each other
 SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)  # of patterns and drifts, of the force
 ALIKE = 0.9  # correlation of an object's or a tool's coefficients along the lift, where they are alike
 _N_FREED = 2  # secants of an effect whose law is freed: those that fit best
-_N_KNOTS = 5
-_LENGTHS = {"batch": (30.0, 100.0, 300.0), "tool": (10.0, 30.0), "repeat": (1.0,)}  # of drifts, in grasps
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +31,7 @@ class Candidate:
 
     name: of an effect, or a pattern or drift in words. effect: of the catalogue, also of a drift that one of them
     makes; empty without one. value: the effect at its likeliest. change_n: c x b, what it then changes in the means, in
-    N; None for a drift.
+    N; None for a drift. visible: of an effect, the share of its change that theta, prints and variants cannot make.
     """
 
     name: str
@@ -46,38 +40,37 @@ class Candidate:
     effect: str = ""
     value: EffectValue | None = None
     change_n: np.ndarray | None = None
+    visible: float | None = None
 
 
 def weigh_candidates(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
     """Effects of these names, patterns and drifts with their evidence, the most first."""
-    found = [*(_weigh_effect(fit, name) for name in names), *_weigh_patterns(fit), *_weigh_drifts(fit)]
+    found = [*weigh_effects(fit, names), *weigh_patterns(fit), *weigh_drifts(fit)]
     return sorted(found, key=lambda one: -one.nats)
 
 
-def scale_value(value: EffectValue, scale: float) -> EffectValue:
-    """An effect with its amplitudes scaled on their axes, from neutral; what shapes it stays."""
-    found = CATALOGUE[value.effect].neutral.parameters | dict(value.parameters)
-    for spec, axis in zip(CATALOGUE[value.effect].parameters, axes_of(value.effect), strict=True):
-        if spec.neutral != spec.prior_median:
-            neutral = axis.inner(spec.neutral)
-            found[spec.name] = axis.value(neutral + scale * (axis.inner(found[spec.name]) - neutral))
-    return EffectValue(effect=value.effect, parameters=found)
+def weigh_effects(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
+    """Effects of these names, each alone."""
+    return [_weigh_effect(fit, name) for name in names]
 
 
 def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     values = list_secants(name)
-    means_n, contrasts_n = _predict_changes(fit, values)
+    means_n, contrasts_n = predict_changes(fit, values)
     white = fit.whiten(means_n, contrasts_n)
     products, along = fit.multiply(white)
+    whole = (white**2 * fit.spread_weights()).sum(axis=1)
+    visible = np.sqrt(np.diag(products) / np.maximum(whole, 1e-12))
     plain = (along[:, None] * SCALES - 0.5 * np.diag(products)[:, None] * SCALES**2).max(axis=1)
     places, tried = np.argsort(-plain)[:_N_FREED].tolist(), []
     for place in places:
-        law = fit.whiten(_list_law_changes(fit, means_n[place]))
-        products, along = fit.multiply(np.concatenate([white[place : place + 1], law]))
+        law_n = list_law_changes(fit.problem.tool, len(fit.moduli), fit.force_n, means_n[place])
+        law = fit.whiten(law_n)
+        freed, pulls = fit.multiply(np.concatenate([white[place : place + 1], law]))
         for scale in SCALES:
-            pull = scale * (along[1:] - scale * products[1:, 0])
-            nats = scale * along[0] - 0.5 * scale**2 * products[0, 0]
-            tried.append((nats + _integrate(scale**2 * products[1:, 1:], pull), place, scale))
+            pull = scale * (pulls[1:] - scale * freed[1:, 0])
+            nats = scale * pulls[0] - 0.5 * scale**2 * freed[0, 0]
+            tried.append((nats + _integrate(scale**2 * freed[1:, 1:], pull), place, scale))
     all_nats = np.array([nats for nats, _, _ in tried])
     _, place, scale = tried[int(np.argmax(all_nats))]
     return Candidate(
@@ -87,46 +80,33 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
         effect=name,
         value=scale_value(values[place], float(scale)),
         change_n=scale * means_n[place],
+        visible=float(visible[place]),
     )
 
 
-def _list_law_changes(fit: EvidenceFit, change_n: np.ndarray) -> np.ndarray:
-    """Changes (k x c x b) by which that of an effect (c x b) may differ, prior standard deviation 1."""
-    place = np.log1p(MIDDLES_MM)
-    knots = np.linspace(0.0, place.max(), _N_KNOTS)
-    near = place.max() / 3.0
-
-    def kernel(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return np.asarray(np.exp(-0.5 * ((first[:, None] - second) / near) ** 2))
-
-    along = np.linalg.solve(np.linalg.cholesky(kernel(knots, knots) + 1e-6 * np.eye(_N_KNOTS)), kernel(knots, place))
-    level = _find_level(fit.force_n)
-    tools = (fit.problem.tool == np.arange(len(fit.moduli))[:, None])[:, :, None]
-    by_level = np.stack([level, 0.7 * level**2])[:, :, None]
-    return np.asarray(LAW_SD * np.concatenate([along[:, None] * change_n, by_level * change_n, tools * change_n]))
-
-
-def _predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
+def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
     """What an effect at s values changes in means (s x c x b), and in contrasts (s x r x ...) if it has a memory."""
-    problem, reading = fit.problem, fit.problem.reading
-    if CATALOGUE[values[0].effect].kind.in_grasp is Effect.in_grasp:
-        base_n = problem.predict_cells(fit.theta)
-        found = [problem.predict_cells(fit.theta, [value]) - base_n for value in values]
+    problem, reading, known = fit.problem, fit.problem.reading, fit.effects
+    if not has_memory(values[0].effect):
+        base_n = problem.predict_cells(fit.theta, known)
+        found = [problem.predict_cells(fit.theta, [*known, value]) - base_n for value in values]
         return np.array([fit.factor[:, None] * (change_n @ OF_BINS.T) for change_n in found]), None
-    base_n = problem.predict_steps(fit.theta)
+    base_n = problem.predict_steps(fit.theta, known)
     factor = np.exp(fit.moduli)[reading.grasps.tool][:, None]
-    found = [factor * (problem.predict_steps(fit.theta, [value]) - base_n) for value in values]
+    found = [factor * (problem.predict_steps(fit.theta, [*known, value]) - base_n) for value in values]
     return np.array([reading.average(one) for one in found]), np.array([reading.contrast(one) for one in found])
 
 
-def _weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
+def weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
+    """Smooth forces and factors over the lift, of all grasps, of objects, and of tools."""
+
     def weigh(name: str, kind: str, columns_n: np.ndarray) -> Candidate:
         nats, coefficients = _weigh_sizes(*fit.multiply(fit.whiten(columns_n)))
         return Candidate(name, kind, nats, change_n=np.tensordot(coefficients, columns_n, 1))
 
     problem, force_n = fit.problem, fit.force_n
     peak_n = float(np.median(np.abs(force_n).max(axis=1)))
-    level = _find_level(force_n)[:, None]
+    level = find_level(force_n)[:, None]
     alike = np.linalg.cholesky(ALIKE + (1.0 - ALIKE) * np.eye(len(SMOOTH)))
     factor_n = SMOOTH[:, None] * force_n
     constant_n = np.broadcast_to(SMOOTH[:, None] * peak_n, factor_n.shape)
@@ -146,14 +126,15 @@ def _weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
     return found
 
 
-def _weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
+def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
     """Quantities that change from grasp to grasp, told by what repeats of the same cells differ by."""
     problem, reading, errors = fit.problem, fit.problem.reading, fit.problem.errors
     if not len(reading.mix):
         return []
     theta, cells = fit.theta, problem.of_cells
-    force_n = fit.factor[:, None] * problem.predict_cells(theta)
-    more_n, less_n = (problem.predict_cells(theta * np.array([1.0, by, 1.0])) for by in (1.01, 0.99))
+    known = fit.effects
+    force_n = fit.factor[:, None] * problem.predict_cells(theta, known)
+    more_n, less_n = (problem.predict_cells(theta * np.array([1.0, by, 1.0]), known) for by in (1.01, 0.99))
     grows = errors.grow(fit.force_n)[:, None]
     tool, column = cells.grasps.tool, cells.column
     closing_n = np.nan_to_num(cells.wider_n[tool, column, 1:]) * theta[0] / cells.centre.young_modulus_mpa
@@ -167,11 +148,11 @@ def _weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
         ("delay", -np.gradient(force_n, STEP_MM, axis=1)),
     ]
     found = []
-    for clock, lengths in _LENGTHS.items():
-        group, at = CLOCKS[clock].place(reading.grasps)
+    for name, clock in CLOCKS.items():
+        group, at = clock.place(reading.grasps)
         if np.ptp(at) == 0.0:
             continue
-        for length in lengths:
+        for length in clock.lengths:
             bases = []
             for one in np.unique(group):
                 knots = place_knots(at[group == one], length)
@@ -184,8 +165,8 @@ def _weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
                     continue
                 columns = mixed[:, :, None] * own[reading.of_cell] / share
                 nats, _ = _weigh_sizes(*fit.multiply_contrasts(fit.whiten_contrasts(columns)))
-                effect = find_effect(quantity, clock)
-                found.append(Candidate(f"{quantity} {clock}", "drift", nats, effect=effect))
+                words, effect = describe_drift(quantity, name), find_effect(quantity, name)
+                found.append(Candidate(words, "drift", nats, effect=effect))
     return found
 
 
@@ -204,9 +185,3 @@ def _integrate(products: np.ndarray, along: np.ndarray) -> float:
     root = np.linalg.cholesky(np.eye(len(products)) + products)
     inner = np.linalg.solve(root, along)
     return float(0.5 * inner @ inner - np.log(np.diag(root)).sum())
-
-
-def _find_level(force_n: np.ndarray) -> np.ndarray:
-    """Logarithm of the force of cells (c x b), mean 0 and standard deviation 1."""
-    level = np.log(np.maximum(np.sqrt((force_n**2).mean(axis=1)), 1e-6))
-    return np.asarray((level - level.mean()) / max(float(level.std()), 1e-9))

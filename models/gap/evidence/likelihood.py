@@ -4,6 +4,9 @@ At the fit everything is linear: what is measured less what is predicted is a su
 moduli, variants, a small smooth error that all grasps share) and of normal errors by cell, whose tails are wide: a cell
 counts less the larger its misfit (a multivariate t with `TAILS` degrees of freedom). A change of the forces by anything
 else is weighed with what these columns can make up for taken out.
+
+An effect that the simulator has, or has on trial, is fitted along: its amplitude, and its law, which is never exactly
+the catalogue's (`laws`). The evidence of two fits of the same data may be compared (Laplace's approximation).
 """
 
 from collections.abc import Sequence
@@ -14,6 +17,7 @@ import numpy as np
 
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, Errors, Scatter
+from fast.models.gap.evidence.laws import has_memory, list_law_changes, scale_value
 from fast.models.gap.evidence.reading import N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
 from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.records import EffectValue, GraspContext
@@ -21,18 +25,22 @@ from fast.models.records import EffectValue, GraspContext
 TAILS = 8.0  # degrees of freedom of a cell's errors
 SHARED_SD = 0.005  # of the force: a smooth error over the lift that all grasps share
 LARGEST_SOLVER = 2.0  # how many times larger than the bank's variants a simulator's errors may be, and still be errors
-_N_STEPS = 7  # of Gauss-Newton; the last two change weights alone
+_N_STEPS, _N_TRIAL = 7, 5  # of Gauss-Newton, of a fit and of one with an effect more
 _STEPS = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
 _LARGEST = np.array([0.5, 0.1, 0.05])  # step of ln E, friction, Poisson's ratio
 _PRIOR_SD = np.array([3.0, 0.5, 0.15])  # of the same from where the fit began: next to none
 _LEAST_REPEAT, _CELL = 0.002, (0.01, 0.05)  # ends of estimated scatters
+_AMPLITUDE_SD = 0.7  # of ln of an effect's amplitude about its start
+_LARGEST_AMPLITUDE = 0.5  # step of the same
+_AMPLITUDES = (0.05, 1.7)  # of where an effect starts: farther it is not fitted
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What is measured (means_n: c x b, contrasts_n: r x ...), and what it is compared with.
 
-    in_model: effects that the simulator has already.
+    of_cells: the surrogate of one grasp of each cell that nothing came before. effects: that the simulator has; their
+    amplitudes and laws are fitted along.
     """
 
     surrogate: Surrogate
@@ -40,14 +48,18 @@ class Problem:
     errors: Errors
     means_n: np.ndarray
     contrasts_n: np.ndarray
-    in_model: tuple[EffectValue, ...] = ()
+    of_cells: Surrogate
+    effects: tuple[EffectValue, ...] = ()
 
     @staticmethod
-    def of(surrogate: Surrogate, in_model: Sequence[EffectValue] = ()) -> "Problem":
+    def of(surrogate: Surrogate, effects: Sequence[EffectValue] = ()) -> "Problem":
         """The problem of the grasps of a surrogate, all of them usable."""
         reading = Reading.of(surrogate.grasps)
         errors = Errors.of(surrogate, reading)
-        blank = Problem(surrogate, reading, errors, np.zeros(0), np.zeros(0), tuple(in_model))
+        of_cells = surrogate.select(reading.rows)
+        fresh = replace(of_cells.grasps, contexts=(GraspContext(),) * reading.n_cells)
+        of_cells = replace(of_cells, grasps=fresh)
+        blank = Problem(surrogate, reading, errors, np.zeros(0), np.zeros(0), of_cells, tuple(effects))
         return blank.measured(surrogate.grasps.steps_n)
 
     def measured(self, steps_n: np.ndarray) -> "Problem":
@@ -64,41 +76,50 @@ class Problem:
         """Object of each cell, c."""
         return np.asarray(self.reading.grasps.obj[self.reading.rows])
 
-    @cached_property
-    def of_cells(self) -> Surrogate:
-        """The surrogate of one grasp of each cell that nothing came before."""
-        found = self.surrogate.select(self.reading.rows)
-        return replace(found, grasps=replace(found.grasps, contexts=(GraspContext(),) * self.reading.n_cells))
+    def scale_effects(self, scales: np.ndarray) -> tuple[EffectValue, ...]:
+        """The effects with other amplitudes."""
+        return tuple(scale_value(value, float(scale)) for value, scale in zip(self.effects, scales, strict=True))
 
-    def predict_steps(self, theta: np.ndarray, effects: Sequence[EffectValue] = ()) -> np.ndarray:
-        """Step means of every grasp with the model's effects and these, n x 120."""
-        return self.surrogate.predict_steps(theta, [*self.in_model, *effects])
+    def predict_steps(self, theta: np.ndarray, effects: Sequence[EffectValue]) -> np.ndarray:
+        """Step means of every grasp with these effects, n x 120."""
+        return self.surrogate.predict_steps(theta, effects)
 
     def predict_cells(self, theta: np.ndarray, effects: Sequence[EffectValue] = ()) -> np.ndarray:
-        """Step means of one grasp of each cell that nothing came before, c x 120."""
-        return self.of_cells.predict_steps(theta, [*self.in_model, *effects])
+        """Step means of one grasp of each cell that nothing came before, with these effects, c x 120."""
+        return self.of_cells.predict_steps(theta, effects)
 
-    def predict_means(self, theta: np.ndarray) -> np.ndarray:
-        """Means of cells, c x b."""
-        if not self.in_model:
-            return np.asarray(self.predict_cells(theta) @ OF_BINS.T)
-        return self.reading.average(self.predict_steps(theta))
+    def predict_means(self, theta: np.ndarray, effects: Sequence[EffectValue]) -> np.ndarray:
+        """Means of cells with these effects, c x b."""
+        if any(has_memory(value.effect) for value in effects):
+            return self.reading.average(self.predict_steps(theta, effects))
+        return np.asarray(self.predict_cells(theta, effects) @ OF_BINS.T)
+
+    def predict_contrasts(self, theta: np.ndarray, effects: Sequence[EffectValue]) -> np.ndarray:
+        """Contrasts of repeats with these effects, r x ...; none without a memory."""
+        if any(has_memory(value.effect) for value in effects):
+            return self.reading.contrast(self.predict_steps(theta, effects))
+        return np.zeros((len(self.reading.mix), len(OF_CONTRASTS)))
 
 
 @dataclass(frozen=True, eq=False)
 class EvidenceFit:
     """A problem at its fit; what is measured is one vector of d values, means of cells and then contrasts.
 
-    theta: 3. moduli: t, ln of each print's modulus over Young's. force_n: c x b, as predicted. weights: c, how much
-    each cell counts. columns: k x d, whitened, of what is free, with prior standard deviation 1. gap: d, what is
-    measured less what is predicted, whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per
-    value by the bank's own errors. mean_roots, contrast_roots: whiten means and contrasts.
+    theta: 3; began: 3, about which it is held. moduli: t, ln of each print's modulus over Young's. scales: amplitudes
+    of the problem's effects over those they were given with. nats: log of the evidence, to be compared with that of
+    another fit of the same data. force_n: c x b, as predicted. weights: c, how much each cell counts. columns: k x d,
+    whitened, of what is free, with prior standard deviation 1. gap: d, what is measured less what is predicted,
+    whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per value by the bank's own errors.
+    mean_roots, contrast_roots: whiten means and contrasts.
     """
 
     problem: Problem
     scatter: Scatter
     theta: np.ndarray
+    began: np.ndarray
     moduli: np.ndarray
+    scales: np.ndarray
+    nats: float
     force_n: np.ndarray
     weights: np.ndarray
     columns: np.ndarray
@@ -107,6 +128,11 @@ class EvidenceFit:
     misfit: np.ndarray
     mean_roots: np.ndarray
     contrast_roots: np.ndarray
+
+    @property
+    def effects(self) -> tuple[EffectValue, ...]:
+        """The simulator's effects, as fitted."""
+        return self.problem.scale_effects(self.scales)
 
     @property
     def omnibus(self) -> float:
@@ -151,6 +177,10 @@ class EvidenceFit:
             products, along = products - inner.T @ inner, along - inner.T @ self._own
         return np.asarray(products), np.asarray(along)
 
+    def spread_weights(self) -> np.ndarray:
+        """How much each of the d values counts."""
+        return self._heavy
+
     @cached_property
     def _heavy(self) -> np.ndarray:
         return _spread_weights(self.weights, len(self.gap))
@@ -177,93 +207,157 @@ def _spread_weights(weights: np.ndarray, n: int) -> np.ndarray:
 
 def fit_evidence(problem: Problem) -> EvidenceFit:
     """Theta, moduli and the simulator's errors at the most probable point, with scatters as the data have them."""
-    fit = _fit(problem, Scatter(), None, _N_STEPS)
+    fit = _fit(problem, Scatter(), _start(problem), _N_STEPS)
     scatter = Scatter(_estimate_cell(fit), _estimate_repeat(fit), 1.0)
-    fit = _fit(problem, scatter, fit, 3)
+    fit = _fit(problem, scatter, _Start.of(fit), 3)
     solver = float(np.clip(np.sqrt(fit.omnibus), 1.0, LARGEST_SOLVER))
-    found = _fit(problem, replace(scatter, solver=solver), fit, 3)
+    found = _fit(problem, replace(scatter, solver=solver), _Start.of(fit), 3)
     return replace(found, misfit=fit.misfit)
 
 
-def _fit(problem: Problem, scatter: Scatter, start: EvidenceFit | None, n_steps: int) -> EvidenceFit:
+def add_effect(fit: EvidenceFit, value: EffectValue) -> EvidenceFit:
+    """The fit with one more effect in the simulator, everything fitted again but scatters; value: where it starts."""
+    problem = replace(fit.problem, effects=(*fit.problem.effects, value))
+    start = _Start.of(fit)
+    return _fit(problem, fit.scatter, replace(start, scales=np.append(start.scales, 1.0)), _N_TRIAL)
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where a fit begins. began: theta about which it is held; scales: of the problem's effects."""
+
+    theta: np.ndarray
+    began: np.ndarray
+    moduli: np.ndarray
+    weights: np.ndarray
+    scales: np.ndarray
+
+    @staticmethod
+    def of(fit: EvidenceFit) -> "_Start":
+        """Where a fit has ended."""
+        return _Start(fit.theta, fit.began, fit.moduli, fit.weights, fit.scales)
+
+
+def _start(problem: Problem) -> _Start:
+    bank = problem.surrogate.bank
+    theta = np.array([bank.centre.young_modulus_mpa, bank.centre.friction, bank.centre.poisson_ratio])
+    theta[0] *= _find_scale(problem, theta)
+    moduli, weights = np.zeros(len(problem.surrogate.grasps.tools)), np.ones(problem.reading.n_cells)
+    return _Start(theta, theta, moduli, weights, np.ones(len(problem.effects)))
+
+
+def _fit(problem: Problem, scatter: Scatter, start: _Start, n_steps: int) -> EvidenceFit:
+    """Gauss-Newton; the last two steps change weights alone."""
     bank, errors, reading, tool = problem.surrogate.bank, problem.errors, problem.reading, problem.tool
     low, high = bank.grid.min(axis=0), bank.grid.max(axis=0)
-    if start is None:
-        theta = np.array([bank.centre.young_modulus_mpa, bank.centre.friction, bank.centre.poisson_ratio])
-        theta[0] *= _find_scale(problem, theta)
-        moduli, weights = np.zeros(len(problem.surrogate.grasps.tools)), np.ones(reading.n_cells)
-    else:
-        theta, moduli, weights = start.theta.copy(), start.moduli, start.weights
-    began = theta.copy()
+    theta, moduli, weights, scales = start.theta.copy(), start.moduli, start.weights, start.scales
+    t = len(moduli)
     for step in range(n_steps):
-        factor = np.exp(moduli)[tool][:, None]
-        force_n = problem.predict_means(theta) * factor
-        columns = _list_columns(problem, theta, force_n, factor)
-        inverse = np.linalg.inv(np.linalg.cholesky(errors.cover_means(force_n, reading.n_repeats, scatter)))
+        factor, effects = np.exp(moduli)[tool][:, None], problem.scale_effects(scales)
+        force_n = problem.predict_means(theta, effects) * factor
+        columns, contrast_columns = _list_columns(problem, theta, effects, force_n, factor)
+        contrast_n = problem.predict_cells(theta) @ OF_CONTRASTS.T * factor
+        roots = _invert(errors.cover_means(force_n, reading.n_repeats, scatter))
+        contrast_roots = _invert(errors.cover_contrasts(contrast_n[reading.of_cell], scatter))
         from_prior = np.zeros(len(columns))
-        from_prior[:3] = np.array([np.log(theta[0] / began[0]), *(theta[1:] - began[1:])]) / _PRIOR_SD
-        from_prior[3 : 3 + len(moduli)] = moduli / TOOL_SD
-        white = np.einsum("cij,kcj->kci", inverse, columns)
-        gap = np.einsum("cij,cj->ci", inverse, problem.means_n - force_n)
-        flat = white.reshape(len(columns), -1)
-        heavy = flat * np.repeat(weights, N_BINS)
-        moved = np.linalg.solve(heavy @ flat.T + np.eye(len(flat)), heavy @ gap.ravel() - from_prior)
-        left = gap - np.tensordot(moved, white, 1)
-        chi = (left**2).sum(axis=1)
+        from_prior[:3] = np.array([np.log(theta[0] / start.began[0]), *(theta[1:] - start.began[1:])]) / _PRIOR_SD
+        from_prior[3 : 3 + t] = moduli / TOOL_SD
+        gap = np.einsum("cij,cj->ci", roots, problem.means_n - force_n)
+        known_n = problem.predict_contrasts(theta, effects)
+        of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
+        white = np.einsum("cij,kcj->kci", roots, columns).reshape(len(columns), -1)
+        white_contrasts = np.einsum("rij,krj->kri", contrast_roots, contrast_columns).reshape(len(columns), -1)
+        white, all_gap = np.concatenate([white, white_contrasts], axis=1), np.concatenate([gap.ravel(), of_contrasts])
+        heavy = white * _spread_weights(weights, len(all_gap))
+        precision = heavy @ white.T + np.eye(len(white))
+        moved = np.linalg.solve(precision, heavy @ all_gap - from_prior)
+        left = all_gap - moved @ white
+        chi = (left[: gap.size].reshape(gap.shape) ** 2).sum(axis=1)
         if step < n_steps - 1:
             weights = _weigh_cells(chi)
         if step < n_steps - 2:
             by = np.clip(moved[:3] * _PRIOR_SD, -_LARGEST, _LARGEST)
             theta[0] *= np.exp(by[0])
             theta[1:] = np.clip(theta[1:] + by[1:], low, high)
-            moduli = moduli + TOOL_SD * moved[3 : 3 + len(moduli)]
-    contrast_n = problem.predict_cells(theta) @ OF_CONTRASTS.T * factor
-    contrast_roots = np.linalg.inv(np.linalg.cholesky(errors.cover_contrasts(contrast_n[reading.of_cell], scatter)))
-    known_n = reading.contrast(problem.predict_steps(theta)) if problem.in_model else 0.0
-    of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
+            moduli = moduli + TOOL_SD * moved[3 : 3 + t]
+            own = _AMPLITUDE_SD * moved[len(moved) - len(scales) :]
+            own = np.clip(own, -_LARGEST_AMPLITUDE, _LARGEST_AMPLITUDE)
+            scales = np.clip(scales * np.exp(own), *_AMPLITUDES)
+    nats = float(
+        -0.5 * (TAILS + N_BINS) * np.log1p(chi / TAILS).sum()
+        - 0.5 * (left[gap.size :] ** 2).sum()
+        - 0.5 * ((from_prior + moved) ** 2).sum()
+        - 0.5 * np.linalg.slogdet(precision)[1]
+        + sum(np.log(np.diagonal(one, axis1=1, axis2=2)).sum() for one in (roots, contrast_roots))
+    )
     return EvidenceFit(
         problem=problem,
         scatter=scatter,
         theta=theta,
+        began=start.began,
         moduli=moduli,
+        scales=scales,
+        nats=nats,
         force_n=force_n,
         weights=weights,
-        columns=np.concatenate([flat, np.zeros((len(flat), len(of_contrasts)))], axis=1),
-        gap=np.concatenate([gap.ravel(), of_contrasts]),
+        columns=white,
+        gap=all_gap,
         rest_n=problem.means_n - force_n - np.tensordot(moved, columns, 1),
         misfit=chi / N_BINS,
-        mean_roots=inverse,
+        mean_roots=roots,
         contrast_roots=contrast_roots,
     )
 
 
-def _list_columns(problem: Problem, theta: np.ndarray, force_n: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """Changes of means (k x c x b) by what is free, one prior standard deviation of each.
+def _invert(covariances: np.ndarray) -> np.ndarray:
+    """Matrices that whiten values with these covariances."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariances)))
 
-    Theta first, then moduli of prints, variants of the simulator, smooth errors of all grasps, heights of objects.
-    force_n: c x b, as predicted; factor: c x 1, moduli of prints.
+
+def _list_columns(
+    problem: Problem, theta: np.ndarray, effects: Sequence[EffectValue], force_n: np.ndarray, factor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Changes of means (k x c x b) and of contrasts (k x r x ...) by what is free, one prior sd each.
+
+    Theta first, then moduli of prints, variants of the simulator, smooth errors of all grasps, heights of objects, laws
+    of effects, and their amplitudes. force_n: c x b, as predicted; factor: c x 1, moduli of prints.
     """
     errors, grasps = problem.errors, problem.surrogate.grasps
     grows = errors.grow(force_n)[:, None]
     peak_n = np.abs(force_n).max(axis=1)[:, None]
     slopes_n = []
     for place, by in enumerate(_STEPS, start=1):
-        more_n, less_n = (problem.predict_means(_moved(theta, place, side * by)) for side in (1.0, -1.0))
+        more_n, less_n = (problem.predict_means(_moved(theta, place, side * by), effects) for side in (1.0, -1.0))
         slopes_n.append(factor * (more_n - less_n) / (2.0 * by))
     is_tool, is_object = (
         (own == np.arange(n)[:, None])[:, :, None]
         for own, n in ((problem.tool, len(grasps.tools)), (problem.obj, len(grasps.objects)))
     )
-    return np.concatenate(
-        [
-            _PRIOR_SD[:, None, None] * np.array([force_n, *slopes_n]),
-            TOOL_SD * force_n * is_tool,
-            np.moveaxis(errors.variants_n @ OF_BINS.T, 1, 0) * grows,
-            SHARED_SD * SMOOTH[:, None] * force_n,
-            SHARED_SD * SMOOTH[:, None] * peak_n,
-            PLACEMENT_SD_MM * (errors.placed_n @ OF_BINS.T) * grows * is_object,
-        ]
-    )
+    columns = [
+        _PRIOR_SD[:, None, None] * np.array([force_n, *slopes_n]),
+        TOOL_SD * force_n * is_tool,
+        np.moveaxis(errors.variants_n @ OF_BINS.T, 1, 0) * grows,
+        SHARED_SD * SMOOTH[:, None] * force_n,
+        SHARED_SD * SMOOTH[:, None] * peak_n,
+        PLACEMENT_SD_MM * (errors.placed_n @ OF_BINS.T) * grows * is_object,
+    ]
+    own_n, own_contrasts_n = [], []
+    contrasts_n = problem.predict_contrasts(theta, effects)
+    for place, value in enumerate(effects):
+        others = [*effects[:place], *effects[place + 1 :]]
+        change_n = force_n - factor * problem.predict_means(theta, others)
+        columns.append(list_law_changes(problem.tool, len(grasps.tools), force_n, change_n))
+        own_n.append(_AMPLITUDE_SD * change_n)
+        own_contrasts_n.append(
+            _AMPLITUDE_SD * (contrasts_n - problem.predict_contrasts(theta, others))
+            if has_memory(value.effect)
+            else np.zeros_like(contrasts_n)
+        )
+    all_n = np.concatenate([*columns, np.array(own_n).reshape(len(own_n), *force_n.shape)])
+    of_contrasts = np.zeros((len(all_n), *contrasts_n.shape))
+    if own_contrasts_n:
+        of_contrasts[len(all_n) - len(own_n) :] = own_contrasts_n
+    return all_n, of_contrasts
 
 
 def _estimate_cell(fit: EvidenceFit) -> float:
@@ -306,6 +400,6 @@ def _moved(theta: np.ndarray, place: int, by: float) -> np.ndarray:
 
 def _find_scale(problem: Problem, theta: np.ndarray) -> float:
     """Measured over predicted force, the median of cells."""
-    force_n = problem.predict_means(theta)
+    force_n = problem.predict_means(theta, problem.effects)
     along = (force_n * problem.means_n).sum(axis=1) / np.maximum((force_n**2).sum(axis=1), 1e-9)
     return float(np.clip(np.median(along), 0.05, 20.0))

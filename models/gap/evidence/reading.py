@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.models.gap.grasps import Grasps
-from fast.models.gap.naming.patterns import KNOTS_MM
 from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 # Steps of 0.5 mm at which bins begin: fine at the start of the lift, where friction and zeros show, coarser later.
@@ -28,6 +27,7 @@ def _averaging(edges: np.ndarray) -> np.ndarray:
 
 OF_BINS, OF_CONTRASTS = _averaging(EDGES), _averaging(CONTRAST_EDGES)
 N_BINS = len(OF_BINS)
+KNOTS_MM = (0.0, 1.5, 5.0, 12.0, 25.0, 45.0)  # of the lift, where a pattern has a coefficient; straight between
 MIDDLES_MM = OF_BINS @ (STEP_MM * (np.arange(N_STEPS) + 0.5))
 SMOOTH = np.array([np.interp(MIDDLES_MM, KNOTS_MM, row) for row in np.eye(len(KNOTS_MM))])  # 6 x b
 

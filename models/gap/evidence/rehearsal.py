@@ -1,90 +1,162 @@
-"""Rehearsal: made-up worlds of the panel at hand, weighed as the real one is, from which the lines are taken.
+"""Rehearsal: made-up worlds of the panel at hand, answered as the real one is; lines and probabilities come from them.
 
-A world has the lab's own tools, objects, repeats, order and noise. Every other one hides nothing but another mesh,
-contact, placement and prints. The others hide, in turn, an effect of the catalogue, by its own law or by one that
-differs along the lift and from print to print, and a cause of no catalogue: a force or factor of all grasps, objects,
-tools or single cells, or a drift. Sizes are drawn from a hundredth to a fifth of the force. Forces are the bank's, so
-that a world costs no simulation.
+Nothing about them ships: what is an alarm, how probable a name is, and what may be taken for what else are outcomes of
+the lab's own tools, objects, repeats and noise.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fast.models.gap.evidence.candidates import scale_value, weigh_candidates
-from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, Scatter
-from fast.models.gap.evidence.likelihood import SHARED_SD, Problem, fit_evidence
-from fast.models.gap.evidence.reading import OF_BINS, compute_rms
-from fast.models.gap.fit.law_freedom import LAW_SD
-from fast.models.gap.fit.recalibrate import TOOL_SD
-from fast.models.gap.naming.patterns import KNOTS_MM
-from fast.models.gap.naming.rank_effects import list_secants
-from fast.models.traces.step_features import N_STEPS, STEP_MM
+from fast.models.calibration.inference.processes import spread
+from fast.models.gap.evidence.candidates import weigh_candidates
+from fast.models.gap.evidence.drifts import find_effect
+from fast.models.gap.evidence.likelihood import Problem, fit_evidence
+from fast.models.gap.evidence.odds import Odds
+from fast.models.gap.evidence.trials import N_DESCRIBED, Trials
+from fast.models.gap.evidence.worlds import DRIFTS, NOTHING, Group, World, make_world
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
-SCATTER = Scatter()  # of cells and repeats of made-up worlds
 FALSE_SHARE = 0.01  # of worlds with nothing hidden, that each line lets pass
 # Below these nothing is an alarm, however few worlds were rehearsed: other solvers of the same physics, with nothing
 # hidden, gave up to 48 nats (the second largest of 140 worlds: 37), and 2.2 of what is left.
 LEAST_NATS, LEAST_OMNIBUS = 60.0, 2.5
 SEEN = 0.9
+EVEN = 0.5  # a name is said if it is more probable than not
 _FEWEST_SEEN = 10
-SMALLEST, LARGEST = 0.01, 0.2  # of the force: sizes of what is hidden
-_SOLVER_SD = 0.4  # of ln of how many times larger than the bank's variants a solver's errors are
-_OTHER_SOLVER = 0.3  # of what a variant changes: by how much another solver differs from cell to cell and over the lift
-_MODULUS_SD = 0.25  # of ln E
-_INNER = 0.1  # of the grid: thetas lie farther from its ends
-
-Group = Literal["nothing", "listed", "unlisted"]
-NOTHING: Group = "nothing"
-LISTED: Group = "listed"
-UNLISTED: Group = "unlisted"
-_LIFT_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
 
 
-@dataclass(frozen=True, eq=False)
-class World:
-    """A made-up world. steps_n: n x 120. cause: an effect or a kind of unlisted cause, empty for nothing.
+@dataclass(frozen=True)
+class Named:
+    """The name that an alarm gets. description: of `Trials.describe`. is_right: whether its family is.
 
-    size: root mean square of what it changes, as a share of the force.
+    behind: how much less evidence than the best the true effect has, as a share of it; None where it was not tried.
     """
 
-    group: Group
-    steps_n: np.ndarray
-    cause: str = ""
-    size: float = 0.0
+    name: str
+    description: tuple[float, ...]
+    is_right: bool
+    behind: float | None = None
 
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """What the likelihood said of a world: the largest evidence of any candidate, and how much is left as a whole."""
+    """What the likelihood said of a world: the largest evidence of any candidate, and how much is left as a whole.
+
+    cause, family, size: of what is hidden, the family empty where the catalogue has none. named: the name of an alarm;
+    left_out: the one that it would have had the catalogue nothing of the family that is hidden.
+    """
 
     group: Group
-    size: float
     nats: float
     omnibus: float
+    cause: str = ""
+    family: str = ""
+    size: float = 0.0
+    named: Named | None = None
+    left_out: Named | None = None
+
+
+@dataclass(frozen=True)
+class FamilyTold:
+    """What became of n rehearsed worlds that hide a family: alarms, and the names that these got.
+
+    taken_for: other families, the most frequent first. seen_size: of the smallest that was an alarm, of the force.
+    """
+
+    family: str
+    n: int
+    n_alarms: int
+    n_right: int
+    n_unknown: int
+    taken_for: tuple[str, ...]
+    seen_size: float | None
 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """Rehearsed worlds, and the lines beyond which evidence and what is left are an alarm."""
+    """Rehearsed worlds, and what is learnt from them.
+
+    nats_line, omnibus_line: beyond which evidence and what is left are an alarm. gap: odds that something is hidden.
+    name: odds that the family of a name is right, of `Trials.describe`. behind: how much less evidence than the best,
+    as a share of it, the true effect has at most, nine times in ten. possible_name, possible_unknown: probabilities of
+    a name from which on it is not excluded, and up to which *unknown* is not; nine in ten of each kind are kept.
+    """
 
     worlds: tuple[Rehearsed, ...]
     nats_line: float
     omnibus_line: float
+    gap: Odds
+    name: Odds
+    behind: float
+    possible_name: float
+    possible_unknown: float
 
     @staticmethod
     def of(worlds: Sequence[Rehearsed]) -> "Rehearsal":
-        """Lines that one in a hundred worlds without anything hidden passes, each: the largest of fewer."""
-        nothing = [world for world in worlds if world.group == NOTHING]
-        place = int(FALSE_SHARE * len(nothing))
-        nats, omnibus = (sorted((getattr(one, name) for one in nothing), reverse=True) for name in ("nats", "omnibus"))
-        return Rehearsal(tuple(worlds), max(nats[place], LEAST_NATS), max(omnibus[place], LEAST_OMNIBUS))
+        """Lines are those that one in a hundred worlds with nothing hidden passes, each: the largest of fewer."""
+        lines = _draw_line(worlds, "nats", LEAST_NATS), _draw_line(worlds, "omnibus", LEAST_OMNIBUS)
+        gap = Odds.learn(
+            np.array([_pass_lines(one.nats, one.omnibus, *lines) for one in worlds]),
+            [one.group != NOTHING for one in worlds],
+        )
+        listed = [one.named for one in worlds if one.family and one.named is not None]
+        others = [one.named for one in worlds if not one.family and one.named is not None]
+        others += [one.left_out for one in worlds if one.left_out is not None]
+        name = _learn_names(listed, others)
+        right = [name.judge(np.array(one.description)) for one in listed if one.is_right]
+        wrong = [name.judge(np.array(one.description)) for one in others]
+        behind = [one.behind for one in listed if one.is_right and one.behind is not None]
+        return Rehearsal(
+            worlds=tuple(worlds),
+            nats_line=lines[0],
+            omnibus_line=lines[1],
+            gap=gap,
+            name=name,
+            behind=float(np.quantile(behind, SEEN)) if behind else 1.0,
+            possible_name=float(np.quantile(right, 1.0 - SEEN)) if right else 0.0,
+            possible_unknown=float(np.quantile(wrong, SEEN)) if wrong else 1.0,
+        )
 
     def is_alarm(self, nats: float, omnibus: float) -> bool:
         """Whether a world with these is more than what honest simulators differ by."""
         return nats > self.nats_line or omnibus > self.omnibus_line
+
+    def measure_over_line(self, nats: float, omnibus: float) -> float:
+        """How many times over its line the evidence, or what is left, is."""
+        return max(nats / self.nats_line, omnibus / self.omnibus_line)
+
+    def judge_gap(self, nats: float, omnibus: float) -> float:
+        """Probability that something is hidden in a world with these."""
+        return self.gap.judge(_pass_lines(nats, omnibus, self.nats_line, self.omnibus_line))
+
+    def tell_families(self) -> list["FamilyTold"]:
+        """Of each family that was hidden, how often it raised an alarm and got which name, by the words of families."""
+        found = []
+        for family in sorted({one.family for one in self.worlds if one.family}):
+            own = [one for one in self.worlds if one.family == family]
+            alarms = [one for one in own if self.is_alarm(one.nats, one.omnibus)]
+            names = [self._tell_name(one) for one in alarms]
+            others = [name for name in names if name not in (family, "")]
+            found.append(
+                FamilyTold(
+                    family=family,
+                    n=len(own),
+                    n_alarms=len(alarms),
+                    n_right=names.count(family),
+                    n_unknown=names.count(""),
+                    taken_for=tuple(dict.fromkeys(sorted(others, key=lambda name: -others.count(name)))),
+                    seen_size=min((one.size for one in alarms), default=None),
+                )
+            )
+        return found
+
+    def _tell_name(self, one: Rehearsed) -> str:
+        """The family that an alarm is given; empty for *unknown*."""
+        if one.named is None or self.name.judge(np.array(one.named.description)) < EVEN:
+            return ""
+        return CATALOGUE[one.named.name].family
 
     def find_seen_size(self, share: float = SEEN) -> float | None:
         """Size from which on this share of what was hidden raised an alarm, of the force; None if none did."""
@@ -96,195 +168,75 @@ class Rehearsal:
                 found = one.size
         return found
 
-    def estimate_hidden(self, *, is_alarm: bool) -> float:
-        """Share of the worlds on this side of the lines that hide something, as many as not being drawn."""
-        hidden = [one for one in self.worlds if one.group != NOTHING]
-        nothing = [one for one in self.worlds if one.group == NOTHING]
-        shares = [
-            (sum(self.is_alarm(one.nats, one.omnibus) == is_alarm for one in group) + 0.5) / (len(group) + 1.0)
-            for group in (hidden, nothing)
-        ]
-        return shares[0] / sum(shares)
-
-
-def rehearse(problem: Problem, names: Sequence[str], n: int, seed: int) -> Rehearsal:
-    """The rehearsal of n worlds of a problem's panel; the same for a seed. names: effects that may be missing."""
-    found = []
-    for number in range(n):
-        world = make_world(problem, names, np.random.default_rng([seed, number]), number)
-        fit = fit_evidence(problem.measured(world.steps_n))
-        nats = weigh_candidates(fit, names)[0].nats
-        found.append(Rehearsed(world.group, world.size, nats, fit.omnibus))
-    return Rehearsal.of(found)
-
-
-def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator, number: int) -> World:
-    """The world of a number: nothing in every other; an effect and a cause of no catalogue in turn."""
-    theta = _draw_theta(problem, rng)
-    base_n = problem.predict_steps(theta)
-    group = (NOTHING, LISTED, NOTHING, UNLISTED)[number % 4]
-    cause, change_n = "", np.zeros_like(base_n)
-    size = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
-    if group == LISTED:
-        cause = names[(number // 4) % len(names)]
-        has_other_law = rng.uniform() < 0.5
-        change_n = _draw_effect(problem, theta, base_n, cause, size, rng)
-        if has_other_law:
-            change_n = change_n * _draw_law(problem, rng)
-    elif group == UNLISTED:
-        cause = tuple(_UNLISTED)[(number // 4) % len(_UNLISTED)]
-        change_n = _UNLISTED[cause](_Draw.of(problem, base_n, rng))
-        change_n = change_n * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9)
-    steps_n = _measure(problem, base_n + change_n, base_n, rng)
-    return World(group, steps_n, cause, compute_rms(change_n) / compute_rms(base_n))
-
-
-def _draw_theta(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    bank = problem.surrogate.bank
-    low, high = bank.grid.min(axis=0), bank.grid.max(axis=0)
-    inside = rng.uniform(_INNER, 1.0 - _INNER, 2)
-    modulus = bank.centre.young_modulus_mpa * np.exp(_MODULUS_SD * rng.standard_normal())
-    return np.array([modulus, *(low + inside * (high - low))])
-
-
-def _measure(problem: Problem, true_n: np.ndarray, base_n: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """What a lab would measure of true forces (n x 120), by a solver that is not the simulator."""
-    reading, errors = problem.reading, problem.errors
-    cells_n = base_n[reading.rows]
-    grows = errors.grow(cells_n @ OF_BINS.T)[:, None]
-    n_cells = reading.n_cells
-    error_n = np.zeros_like(cells_n)
-    solver = float(np.exp(_SOLVER_SD * rng.standard_normal()))
-    for variant_n in np.moveaxis(errors.variants_n, 1, 0):
-        differs = 1.0 + _OTHER_SOLVER * (rng.standard_normal((n_cells, 1)) + _draw_smooth(rng, n_cells))
-        error_n += solver * rng.standard_normal() * variant_n * differs
-    points = errors.missed_n[:, int(rng.integers(errors.missed_n.shape[1]))]
-    error_n += solver * rng.standard_normal() * points
-    error_n += PLACEMENT_SD_MM * rng.standard_normal((n_cells, 1)) * errors.placed_n
-    heights = rng.standard_normal(len(reading.grasps.objects))[problem.obj][:, None]
-    error_n += PLACEMENT_SD_MM * heights * errors.placed_n
-    error_n = error_n * grows + SHARED_SD * _draw_smooth(rng, 1) * cells_n
-    scatter = np.exp(
-        TOOL_SD * rng.standard_normal(len(reading.grasps.tools))[reading.grasps.tool]
-        + SCATTER.cell * rng.standard_normal(n_cells)[reading.cell]
-        + SCATTER.repeat * rng.standard_normal(len(true_n))
-    )
-    noise = reading.grasps.noise
-    root = np.linalg.cholesky(
-        noise.step_covariance(N_STEPS, float(np.median(reading.grasps.lift_speed_mm_per_s))) + 1e-12 * np.eye(N_STEPS)
-    )
-    measured_n = (true_n + error_n[reading.cell]) * scatter[:, None]
-    measured_n += rng.standard_normal(true_n.shape) @ root.T
-    return np.asarray(measured_n + TARE_SD_N * rng.standard_normal((len(true_n), 1)))
-
-
-def _draw_smooth(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Smooth functions of the lift, n x 120, of unit variance at the knots."""
-    knots = rng.standard_normal((n, len(KNOTS_MM)))
-    return np.array([np.interp(_LIFT_MM, KNOTS_MM, row) for row in knots])
-
-
-def _draw_effect(
-    problem: Problem, theta: np.ndarray, base_n: np.ndarray, name: str, size: float, rng: np.random.Generator
-) -> np.ndarray:
-    """What an effect changes, n x 120, at an amplitude at which it changes about `size` of the force.
-
-    Or as near as it plausibly comes.
-    """
-    values = list_secants(name)
-    value = values[int(rng.integers(len(values)))]
-    scale, change_n = 1.0, np.zeros_like(base_n)
-    for _ in range(3):
-        change_n = problem.predict_steps(theta, [scale_value(value, scale)]) - base_n
-        scale = float(np.clip(scale * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9), 0.05, 1.7))
-    return problem.predict_steps(theta, [scale_value(value, scale)]) - base_n
-
-
-def _draw_law(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    """By what factor another law of an effect changes more, n x 120."""
-    reading = problem.reading
-    along = _draw_smooth(rng, 1)
-    tools = rng.standard_normal(len(reading.grasps.tools))[reading.grasps.tool][:, None]
-    return np.asarray(1.0 + LAW_SD * (along + tools))
-
 
 @dataclass(frozen=True, eq=False)
-class _Draw:
-    """What causes of no catalogue are drawn from. base_n: n x 120; rising: n x 1, from 0 to 1 over the batch."""
+class Panel:
+    """What a rehearsal needs. families: of every effect that may be missing. seed: of the worlds."""
 
     problem: Problem
-    base_n: np.ndarray
-    rng: np.random.Generator
-    rising: np.ndarray
-
-    @staticmethod
-    def of(problem: Problem, base_n: np.ndarray, rng: np.random.Generator) -> "_Draw":
-        clock = np.array([context.batch_grasps for context in problem.reading.grasps.contexts], dtype=float)
-        scale = max(float(clock.max()) * rng.uniform(0.15, 0.6), 1.0)
-        return _Draw(problem, base_n, rng, (1.0 - np.exp(-clock / scale))[:, None])
-
-    @property
-    def peak_n(self) -> float:
-        """The median peak of the grasps."""
-        return float(np.median(np.abs(self.base_n).max(axis=1)))
-
-    @property
-    def level_n(self) -> np.ndarray:
-        """Root mean square force of each grasp, n x 1."""
-        return np.asarray(np.sqrt((self.base_n**2).mean(axis=1))[:, None])
-
-    def draw_smooth(self) -> np.ndarray:
-        """The same smooth function of the lift in every grasp, 1 x 120."""
-        return _draw_smooth(self.rng, 1)
-
-    def draw_each(self, group: np.ndarray) -> np.ndarray:
-        """A number for each group, that varies little over the lift, n x 120; group: n, of each grasp."""
-        n = int(group.max()) + 1
-        return np.asarray((self.rng.standard_normal((n, 1)) + 0.4 * _draw_smooth(self.rng, n))[group])
-
-    @property
-    def obj(self) -> np.ndarray:
-        """Object of each grasp, n."""
-        return self.problem.reading.grasps.obj
-
-    @property
-    def cell(self) -> np.ndarray:
-        """Cell of each grasp, n."""
-        return self.problem.reading.cell
+    families: Mapping[str, str]
+    seed: int = 0
 
 
-def _delay_objects(draw: _Draw) -> np.ndarray:
-    late = draw.rng.standard_normal(len(draw.problem.reading.grasps.objects))[draw.obj][:, None]
-    return np.asarray(-np.gradient(draw.base_n, STEP_MM, axis=1) * late)
+def rehearse(panel: Panel, n: int, n_workers: int = 1, progress: Callable[[str], None] | None = None) -> Rehearsal:
+    """The rehearsal of n worlds of a panel; the same for a seed, however many processes make them.
+
+    Raises:
+        FastError: a process died.
+    """
+    return Rehearsal.of(spread(rehearse_world, panel, range(n), n_workers, progress, "made-up worlds")[0])
 
 
-def _bend_tools(draw: _Draw) -> np.ndarray:
-    grasps = draw.problem.reading.grasps
-    return np.asarray(draw.base_n * _draw_smooth(draw.rng, len(grasps.tools))[grasps.tool])
+def rehearse_world(panel: Panel, number: int) -> Rehearsed:
+    """The world of a number, and what the likelihood says of it. Runs in a worker process."""
+    names = list(panel.families)
+    world = make_world(panel.problem, names, np.random.default_rng([panel.seed, number]), number)
+    fit = fit_evidence(panel.problem.measured(world.steps_n))
+    weighed = weigh_candidates(fit, names)
+    own = _find_family(panel.families, world)
+    said = Rehearsed(world.group, weighed[0].nats, fit.omnibus, world.cause, own, world.size)
+    # A name is asked for where the real panel would: beyond the least lines at least.
+    if world.group == NOTHING or (said.nats < LEAST_NATS and said.omnibus < LEAST_OMNIBUS):
+        return said
+    trials = Trials.of(fit, weighed, panel.families)
+    left_out = _name(trials.without(own), panel.families, world) if own else None
+    return replace(said, named=_name(trials, panel.families, world), left_out=left_out)
 
 
-def _grow_with_force(draw: _Draw) -> np.ndarray:
-    power = draw.rng.uniform(0.5, 1.5)
-    return np.asarray(draw.level_n * (draw.level_n / draw.level_n.mean()) ** power * draw.draw_smooth())
+def _name(trials: Trials, families: Mapping[str, str], world: World) -> Named | None:
+    if not trials.tried:
+        return None
+    looked = trials.look_after_best(families)
+    best = looked.tried[0]
+    true_nats = next((one.nats for one in looked.tried if one.effect == world.cause), None)
+    return Named(
+        name=best.effect,
+        description=tuple(looked.describe().tolist()),
+        is_right=best.family == _find_family(families, world),
+        behind=None if true_nats is None else 1.0 - true_nats / best.nats,
+    )
 
 
-def _close_less(draw: _Draw) -> np.ndarray:
-    surrogate = draw.problem.surrogate
-    return np.asarray(surrogate.wider_n[surrogate.grasps.tool, surrogate.column, 1] * draw.rising)
+def _find_family(families: Mapping[str, str], world: World) -> str:
+    """The family of what a world hides; empty if the catalogue has none."""
+    cause = find_effect(DRIFTS[world.cause], "batch") if world.cause in DRIFTS else world.cause
+    return families.get(cause, "")
 
 
-# Causes of no catalogue: what each changes, n x 120, of any size.
-_UNLISTED: Mapping[str, Callable[[_Draw], np.ndarray]] = {
-    "a force in every grasp": lambda draw: draw.peak_n * draw.draw_smooth() * np.ones_like(draw.base_n),
-    "a factor that bends over the lift": lambda draw: draw.base_n * draw.draw_smooth(),
-    "a factor of each object": lambda draw: draw.base_n * draw.draw_each(draw.obj),
-    "a force of each object": lambda draw: draw.peak_n * draw.draw_each(draw.obj),
-    "a delay of each object": _delay_objects,
-    "a factor of each tool over the lift": _bend_tools,
-    "a force that grows with the force": _grow_with_force,
-    "a zero that wanders": lambda draw: np.ones_like(draw.base_n) * draw.rising,
-    "objects that rise": lambda draw: draw.problem.errors.placed_n[draw.cell] * draw.rising,
-    "jaws that close less over the batch": _close_less,
-    "a factor of each cell": lambda draw: draw.base_n * draw.draw_each(draw.cell),
-    "a force of each cell": lambda draw: draw.peak_n * draw.draw_each(draw.cell),
-}
+def _draw_line(worlds: Sequence[Rehearsed], name: str, least: float) -> float:
+    values = sorted((getattr(one, name) for one in worlds if one.group == NOTHING), reverse=True)
+    return max(values[int(FALSE_SHARE * len(values))], least) if values else least
+
+
+def _learn_names(listed: Sequence[Named], others: Sequence[Named]) -> Odds:
+    """Odds of a name if a cause is as probably of the catalogue as not: what a lab's is, nobody knows before."""
+    if not listed or not others:
+        return Odds((0.0,) * (1 + N_DESCRIBED))
+    seen = [*listed, *others]
+    shares = 0.5 * len(seen) * np.repeat([1.0 / len(listed), 1.0 / len(others)], [len(listed), len(others)])
+    return Odds.learn(np.array([one.description for one in seen]), [one.is_right for one in seen], shares)
+
+
+def _pass_lines(nats: float, omnibus: float, nats_line: float, omnibus_line: float) -> np.ndarray:
+    """By how much the nearer line is passed, logarithm, 1."""
+    return np.array([np.log(max(nats / nats_line, omnibus / omnibus_line, 1e-3))])

@@ -55,7 +55,7 @@ def axes_of(effect: str) -> list[Axis]:
     """Axes of an effect's parameters: shapes are logarithmic, a limit that is neutral at infinity is inverse."""
     axes = []
     for place, p in enumerate(CATALOGUE[effect].parameters):
-        if p.neutral >= 1e5:
+        if p.is_limit:
             kind, middle, sd = "inverse", 0.0, 2.0 / p.prior_median
         elif p.neutral == p.prior_median and p.lower > 0 and place > 0:
             kind, middle, sd = "log", float(np.log(p.prior_median)), 1.0

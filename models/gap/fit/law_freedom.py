@@ -2,10 +2,10 @@
 
 The bench never has the catalogue's law: friction falls along a rational curve where an exponential is known. So what an
 effect changes at the fit, g, may be g (1 + h) instead, with h a Gaussian process along the state of the effect
-(`effect_states`): h ~ GP(0, `LAW_SD`^2 k), k squared-exponential with a length of `LENGTH_SHARE` of the range of states
-that occur. It is one function for all grasps, so what it learns of some holds for the others. Written by its values at
-a few knots, whitened by their covariance, it is linear: a fit with this freedom is a fit with a few columns more. The
-data then decide on theta, parameters and law together, and a parameter is known no better than its law.
+(`EffectSpec.state`): h ~ GP(0, `LAW_SD`^2 k), k squared-exponential with a length of `LENGTH_SHARE` of the range of
+states that occur. It is one function for all grasps, so what it learns of some holds for the others. Written by its
+values at a few knots, whitened by their covariance, it is linear: a fit with this freedom is a fit with a few columns
+more. The data then decide on theta, parameters and law together, and a parameter is known no better than its law.
 """
 
 from collections.abc import Sequence
@@ -14,9 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.models.gap.findings import LawCurve, ParameterEstimate
-from fast.models.gap.fit.effect_states import QUANTITIES, STATES, EffectState
+from fast.models.gap.fit.effect_states import read_state
 from fast.models.gap.fit.fit import Axis, Fit, axes_of
 from fast.models.gap.fit.whitened_features import IS_LIFT
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.effects.states import State
 
 LAW_SD = 0.3  # of h: how far the bench's law is from the catalogue's, relative to the effect
 LENGTH_SHARE = 1.0 / 3.0  # of the range of states
@@ -40,7 +42,7 @@ class LawFreedom:
     """
 
     effect: str
-    state: EffectState
+    state: State
     change: np.ndarray
     at: np.ndarray
     seen: np.ndarray
@@ -53,11 +55,11 @@ class LawFreedom:
 
         change: m x f, of the features; by default what the effect of the fit changes.
         """
-        state = STATES.get(effect)
+        state = CATALOGUE[effect].state
         if state is None:
             return None
         change = compute_change(fit, effect) if change is None else change
-        at, size = state.place(state.read(fit)), np.abs(fit.features.whiten(change))
+        at, size = state.place(read_state(fit, state)), np.abs(fit.features.whiten(change))
         seen = size > _LEAST_CHANGE * size.max()
         if not seen.any() or np.ptp(at[seen]) < 1e-9:
             return None
@@ -128,9 +130,8 @@ def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
     """The law of an effect of a fit as the data have it, with its 90 % band, over the states that occur.
 
     The curve is linear in parameters and h, as the freed fit is, so its posterior is normal: as wide as deflated data
-    make it. Where the law is a quantity of its own (`QUANTITIES`), its
-    distance from no effect is multiplied by 1 + h; else the curve is the change of the force in such states. None for
-    an effect that is a plain number, or changes nothing.
+    make it. Where the law is of a known quantity, its distance from no effect is multiplied by 1 + h; else the curve is
+    the change of the force in such states. None for an effect that is a plain number, or changes nothing.
     """
     freedom = LawFreedom.of(fit, effect)
     if freedom is None:
@@ -138,11 +139,11 @@ def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
     freed = freedom.add_to(fit)
     places = np.linspace(freedom.knots[0], freedom.knots[-1], _N_STATES)
     states = freedom.state.state_at(places)
-    quantity = QUANTITIES.get(effect)
+    quantity = CATALOGUE[effect].quantity
     if quantity is None:
         neutral, (change, *slopes) = 0.0, _average_changes(freed, freedom, places)
     else:
-        neutral, (change, *slopes) = quantity.neutral, _linearise_law(freed, effect, states)
+        neutral, (change, *slopes) = quantity.neutral, _linearise_law(freed, effect, states, quantity.neutral)
     end = len(freed.columns) - freed.n_effect_columns
     first = _list_axes(freed, effect)[0][2]
     moved = np.zeros((len(places), len(freed.columns)))
@@ -175,20 +176,21 @@ def _list_axes(fit: Fit, effect: str) -> Sequence[tuple[Axis, float, int]]:
     return found
 
 
-def _linearise_law(fit: Fit, effect: str, states: np.ndarray) -> np.ndarray:
+def _linearise_law(fit: Fit, effect: str, states: np.ndarray, neutral: float) -> np.ndarray:
     """The catalogue's law at states (k), less no effect; and its slope by each parameter's coordinate, 1 + p x k.
 
     A law that has a speed in it is that of the base setup.
     """
     axes, speed = _list_axes(fit, effect), fit.features.surrogate.grasps.base_setup.lift_speed_mm_per_s
-    quantity, known = QUANTITIES[effect], {axis.name: value for axis, value, _ in axes}
-    here = quantity.law(known, states, speed)
+    kind, known = CATALOGUE[effect].kind, {axis.name: value for axis, value, _ in axes}
+    here = kind(**known).law(states, speed)
     slopes = []
     for axis, value, _ in axes:
         inner = axis.inner(value)
         step = _STEP if inner + _STEP < axis.limits[1] else -_STEP
-        slopes.append((quantity.law(known | {axis.name: axis.value(inner + step)}, states, speed) - here) / step)
-    return np.array([here - quantity.neutral, *slopes])
+        moved = kind(**known | {axis.name: axis.value(inner + step)})
+        slopes.append((moved.law(states, speed) - here) / step)
+    return np.array([here - neutral, *slopes])
 
 
 def _average_changes(fit: Fit, freedom: LawFreedom, places: np.ndarray) -> np.ndarray:

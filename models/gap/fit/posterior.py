@@ -30,7 +30,6 @@ from fast.models.calibration.inference.parallel_chains import sample
 from fast.models.calibration.inference.result import CalibrationResult, measure_convergence
 from fast.models.calibration.inference.settings import WITH_EFFECTS, CalibrationSettings, ThetaPriors
 from fast.models.calibration.means.problem import THETA
-from fast.models.gap.bank.bank import AMPLITUDES
 from fast.models.gap.fit.fit import DEFLATION, HELD, Axis, Fit, axes_of
 from fast.models.gap.fit.law_freedom import free_law
 from fast.models.gap.fit.whitened_features import IS_LIFT, compute_root_weights
@@ -247,7 +246,7 @@ class LikelihoodSurface:
         worth = find_worth(self.fit)
         moved = v.copy()
         for place, axis in enumerate(self.density.axes, start=_N_THETA):
-            if axis.effect in AMPLITUDES and axis.kind != "inverse":
+            if CATALOGUE[axis.effect].bank_runs and axis.kind != "inverse":
                 apart = rng.standard_normal(v.shape[:-1])
                 is_shape = axis.kind == "log"
                 moved[..., place] += SHAPE_APART * apart if is_shape else SIZE_APART * apart * v[..., place]

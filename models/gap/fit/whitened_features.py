@@ -25,7 +25,8 @@ from fast.models.gap.bank.bank import DEEPER_MM, Bank
 from fast.models.gap.bank.sensor_effects import N_LEAD
 from fast.models.gap.bank.surrogate import FEATURES, Surrogate, features_of_steps
 from fast.models.gap.grasps import Grasps
-from fast.models.simulation.effects.sensor import SHIFT_SPEED_MM_PER_S, LiftMisalignment
+from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S
+from fast.models.simulation.effects.sensor import LiftMisalignment
 from fast.models.traces.step_features import BIN_EDGES_MM, LIFT_MM, STEP_MM
 from fast.models.traces.step_noise import feature_noise
 
@@ -129,7 +130,7 @@ def whiten_features(surrogate: Surrogate, with_lead_n: np.ndarray, stiffer: floa
     changed = _features(bank.numerical_steps_n) - _features(bank.centre_steps_n)[:, :, None]
     of_variants = np.moveaxis(np.nan_to_num(changed)[grasps.tool, surrogate.column], 1, 0)
     # A contact gives way by a length, whatever the speed.
-    shifts = [LiftMisalignment(COMMON_SHIFT_MM * SHIFT_SPEED_MM_PER_S / v) for v in grasps.lift_speed_mm_per_s]
+    shifts = [LiftMisalignment(COMMON_SHIFT_MM * USUAL_LIFT_MM_PER_S / v) for v in grasps.lift_speed_mm_per_s]
     late_n = surrogate.apply_to_traces(shifts, with_lead_n)[:, N_LEAD:]
     late = (features_of_steps(late_n) - features_of_steps(predicted_n)) / in_unit
     return WhitenedFeatures(

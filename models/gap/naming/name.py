@@ -1,175 +1,180 @@
-"""Which effect is missing: candidates ranked, fitted and scored on training grasps, and a decision."""
+"""Which effect is missing: evidence weighed, effects on trial, and a decision whose odds come from the rehearsal."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from fast.models.gap.data import GapData
-from fast.models.gap.findings import Candidate, Decision
+from fast.models.gap.evidence.candidates import weigh_candidates
+from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, fit_evidence
+from fast.models.gap.evidence.reading import compute_rms
+from fast.models.gap.evidence.rehearsal import Rehearsal
+from fast.models.gap.evidence.trials import Trials
+from fast.models.gap.findings import NONE, UNKNOWN, Candidate, Decision
 from fast.models.gap.fit.fit import Fit
-from fast.models.gap.fit.recalibrate import Fitter, recalibrate
-from fast.models.gap.naming.candidates import (
-    Score,
-    compute_gain_nats,
-    compute_r2,
-    compute_shares,
-    fit_candidates,
-    score_fit,
-    score_patterns,
-    top_candidates,
-)
-from fast.models.gap.naming.decide import CandidateSet, Judgement, decide
-from fast.models.gap.naming.drifts import compute_contrast_r2, rank_drifts
-from fast.models.gap.naming.rank_effects import EffectRanking, Separability, compute_separability, rank_effects
-from fast.models.gap.naming.second_look import SecondLook, look_again, look_at
-from fast.models.gap.naming.thresholds import Thresholds
+from fast.models.gap.fit.recalibrate import recalibrate
+from fast.models.gap.naming.decide import Decider
 from fast.models.records import EffectValue
-from fast.models.simulation.effects.catalogue import list_confusable
+from fast.models.simulation.effects.catalogue import CATALOGUE
+
+_DROPPED_NATS = 3.0  # of an effect in the model: with less evidence than that it is no longer needed
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Whether anything is missing. gap: probability of it; over_line: how many times over its line the evidence is."""
+
+    is_raised: bool
+    gap: float
+    over_line: float
 
 
 @dataclass(frozen=True, eq=False)
 class NamingResult:
     """The decision of a round and what it rests on.
 
-    judged: the decision and its probabilities. candidates: `none`, `unknown` and every effect that was fitted, by what
-    it predicts; their probabilities sum to 1. theta (3) and fit: with what was in the model, calibrated again; best:
-    with the named effect or the first of a set, or `fit`. tried: what was fitted and scored; look: at the best of them,
-    or at the effect of the strongest drift, if that is an alarm. dropped: effects of the model that explain nothing any
-    more. separability: what these data can tell apart at all.
+    name: probability that the family of the best effect is right, if there is a gap. candidates: `none`, `unknown` and
+    every effect that was weighed; their probabilities sum to 1. decider: by which the same evidence is answered again.
+    dropped: effects of the model that explain nothing any more.
     """
 
-    judged: Judgement
+    alarm: Alarm
+    named: Decision
+    name: float
     candidates: tuple[Candidate, ...]
-    theta: np.ndarray
-    fit: Fit
-    best: Fit
-    ranking: EffectRanking
-    separability: Separability
-    tried: CandidateSet
-    look: SecondLook | None
+    decider: Decider
     dropped: tuple[str, ...]
 
     @property
-    def named(self) -> Decision:
-        """The decision."""
-        return self.judged.decision
+    def fit(self) -> Fit:
+        """The fit of the grasps to learn from, with what was in the model."""
+        return self.decider.fit
+
+    @property
+    def trials(self) -> Trials:
+        """Effects on trial, by all grasps."""
+        return self.decider.trials
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Theta (3) with what was in the model."""
+        return self.fit.theta
+
+    @property
+    def best(self) -> Fit:
+        """The fit with the named effect, or the first of a set; without a name, the fit without any."""
+        return self.decider.fit_with(self.named.effects[0]) if self.named.effects else self.fit
 
     @property
     def values(self) -> tuple[EffectValue, ...]:
         """The named effect with its parameters, to go into the model; of a set, the first stands for all."""
         return tuple(value for value in self.best.effects if value.effect in self.named.effects[:1])
 
+    @property
+    def pattern_size(self) -> float:
+        """What the pattern without a name that has most evidence changes, as a share of the force."""
+        changes = [one.change_n for one in self.trials.weighed if one.kind != "effect" and one.change_n is not None]
+        return compute_rms(changes[0]) / compute_rms(self.trials.fit.force_n) if changes else 0.0
+
 
 def name_effect(
     data: GapData,
+    rehearsal: Rehearsal,
     in_model: Sequence[EffectValue] = (),
-    thresholds: Thresholds = Thresholds(),  # noqa: B008 - frozen
+    alarm: Alarm | None = None,
     catalogue: Sequence[str] | None = None,
 ) -> NamingResult:
     """Name what is missing in the simulator with the effects `in_model`, whose parameters are fitted again.
 
-    catalogue: effects that may be named; all that the bank carries by default. Aliases of theta never are.
+    Parameters are fitted to the grasps to learn from; what is missing is told by all that are usable, held out or not.
+    alarm: that of another bank, which stands; by default these data raise it. catalogue: effects that may be named; all
+    that the bank carries by default. Aliases of theta never are.
 
     Raises:
         UsageError: an effect in the model cannot be predicted by the bank.
     """
     fit = recalibrate(data.training, in_model)
-    known, taken = data.training.names, {value.effect for value in in_model}
-    names = [name for name in (known if catalogue is None else catalogue) if name in known and name not in taken]
-    ranking = rank_effects(fit, names)
-    tried = _try_candidates(fit, ranking)
-    best = tried.best
-    look = None
-    if tried.is_told_by_drift(thresholds):
-        tried, look = _look_at_drift(tried, ranking)
-    elif best is not None and best.r2 > 0.0 and tried.measure_alarm(thresholds) > 1.0:
-        look = look_again(fit, tried.score, ranking, best, names)
-    judged = decide(tried, look, thresholds)
+    usable, taken = data.usable, {value.effect for value in in_model}
+    names = [name for name in (usable.names if catalogue is None else catalogue) if name in usable.names]
+    families = {name: CATALOGUE[name].family for name in names if name not in taken}
+    evidence = fit_evidence(Problem.of(usable, fit.effects))
+    weighed = weigh_candidates(evidence, list(families))
+    if alarm is None:
+        alarm = raise_alarm(rehearsal, weighed[0].nats, evidence)
+    trials = Trials(evidence, tuple(weighed), ())
+    if alarm.is_raised:
+        trials = Trials.of(evidence, weighed, families).look_after_best(families)
+    decider = Decider(rehearsal, trials, fit)
+    named, name = decider.decide(alarm.gap, alarm.is_raised)
     return NamingResult(
-        judged=judged,
-        candidates=_report_candidates(tried, judged, ranking, thresholds),
-        theta=fit.theta,
-        fit=fit,
-        best=look.fit if judged.decision.effects and look is not None else fit,
-        ranking=ranking,
-        separability=compute_separability(ranking),
-        tried=tried,
-        look=look,
-        dropped=_drop_effects(fit, tried.score, thresholds),
+        alarm=alarm,
+        named=named,
+        name=name,
+        candidates=_report_candidates(alarm, named, name, trials, rehearsal),
+        decider=decider,
+        dropped=_drop_effects(evidence),
     )
 
 
-def _try_candidates(fit: Fit, ranking: EffectRanking) -> CandidateSet:
-    """Everything that is tried on a fit: the most promising effects, patterns without a name, and drifts."""
-    score = score_fit(fit)
-    singles = fit_candidates(fit, score, ranking, top_candidates(ranking))
-    if singles:
-        known = {single.effects[0] for single in singles}
-        kin = [name for name in list_confusable(singles[0].effects[0]) if name in ranking.names and name not in known]
-        singles = sorted([*singles, *fit_candidates(fit, score, ranking, kin)], key=lambda single: -single.r2)
-    drifts = rank_drifts(fit)
-    return CandidateSet(
-        base=fit,
-        score=score,
-        singles=singles,
-        patterns=score_patterns(fit, score),
-        drifts=drifts,
-        drift_r2=compute_contrast_r2(fit, score, score_fit(drifts[0].pattern.add_to(fit))) if drifts else 0.0,
-        names=ranking.names,
+def raise_alarm(rehearsal: Rehearsal, nats: float, fit: EvidenceFit) -> Alarm:
+    """Whether this evidence, or what is left of the fit as a whole, is an alarm."""
+    return Alarm(
+        is_raised=rehearsal.is_alarm(nats, fit.omnibus),
+        gap=rehearsal.judge_gap(nats, fit.omnibus),
+        over_line=rehearsal.measure_over_line(nats, fit.omnibus),
     )
 
 
-def _look_at_drift(tried: CandidateSet, ranking: EffectRanking) -> tuple[CandidateSet, SecondLook | None]:
-    """The candidates with the effect of the strongest drift among them, and a look at that; None without a name."""
-    effect = tried.drifts[0].effect
-    if effect not in tried.names:
-        return tried, None
-    found = next((single for single in tried.singles if single.effects == (effect,)), None)
-    if found is None:
-        (found,) = fit_candidates(tried.base, tried.score, ranking, [effect])
-        tried = replace(tried, singles=[*tried.singles, found])
-    return tried, look_at(tried.score, found, tried.names)
+def share_names(trials: Trials, rehearsal: Rehearsal) -> Mapping[str, float]:
+    """How probable each effect on trial is if one of them is the cause; they sum to 1.
+
+    An effect with as much less evidence than the best as the true one has nine times in ten, gets a tenth of its share.
+    """
+    nats = np.array([max(trial.nats, 0.0) for trial in trials.tried])
+    behind = 1.0 - nats / max(nats.max(initial=0.0), 1e-9)
+    shares = np.exp(-np.log(10.0) * behind / max(rehearsal.behind, 0.01))
+    return {trial.effect: float(one) for trial, one in zip(trials.tried, shares / shares.sum(), strict=True)}
 
 
 def _report_candidates(
-    tried: CandidateSet, judged: Judgement, ranking: EffectRanking, thresholds: Thresholds
+    alarm: Alarm, named: Decision, name: float, trials: Trials, rehearsal: Rehearsal
 ) -> tuple[Candidate, ...]:
-    """Everything that was tried, as it is reported: none, unknown, and the single effects."""
-    gains = [compute_gain_nats(tried.base, tried.score, single.score) for single in tried.singles]
-    shares = compute_shares(gains, thresholds.temperature) if gains else np.zeros(0)
+    """Everything that was weighed, as it is reported: none, unknown, and the single effects."""
+    gap = alarm.gap
+    shares = share_names(trials, rehearsal) if trials.tried else {}
+    pattern = next((one for one in trials.weighed if one.kind != "effect"), None)
     found = [
-        Candidate(effect="none", probability=1.0 - judged.gap, held_out_gain_nats=0.0, held_out_rmse_change=0.0),
+        Candidate(effect=NONE, probability=1.0 - gap),
         Candidate(
-            effect="unknown",
-            probability=judged.gap * (1.0 - judged.name),
-            held_out_gain_nats=tried.pattern.nats,
-            held_out_rmse_change=0.0,
-            grouped_r2=tried.pattern_r2,
+            effect=UNKNOWN,
+            probability=gap * (1.0 - name) if shares else gap,
+            nats=None if pattern is None else pattern.nats,
         ),
     ]
-    for single, gain, share in zip(tried.singles, gains, shares, strict=True):
-        (name,) = single.effects
+    fitted = {trial.effect: trial for trial in trials.tried}
+    for one in trials.weighed:
+        if one.kind != "effect" or one.value is None:
+            continue
+        trial = fitted.get(one.name)
         found.append(
             Candidate(
-                effect=name,
-                probability=judged.gap * judged.name * float(share),
-                held_out_gain_nats=float(gain.sum()),
-                held_out_rmse_change=single.score.rmse_n / tried.score.rmse_n - 1.0,
-                grouped_r2=single.r2,
-                visible_fraction=float(ranking.visible[ranking.best(name)]),
-                parameters=single.values[0].parameters,
+                effect=one.name,
+                probability=gap * name * shares.get(one.name, 0.0),
+                nats=one.nats if trial is None else trial.nats,
+                visible_fraction=one.visible,
+                parameters=(one.value if trial is None else trial.value).parameters,
             )
         )
     return tuple(found)
 
 
-def _drop_effects(fit: Fit, base_score: Score, thresholds: Thresholds) -> tuple[str, ...]:
-    """Effects of the model without which, all else fitted again, left-out grasps are predicted no worse."""
+def _drop_effects(fit: EvidenceFit) -> tuple[str, ...]:
+    """Effects of the model without which, all else fitted again, the data are hardly less probable."""
     dropped = []
-    for value in fit.effects:
-        others = [other for other in fit.effects if other is not value]
-        without = score_fit(Fitter(fit.features, fit.theta, others).fit())
-        if compute_r2(without, base_score) < thresholds.least_r2:
+    for value in fit.problem.effects:
+        others = [other for other in fit.problem.effects if other is not value]
+        without = fit_evidence(Problem.of(fit.problem.surrogate, others))
+        if fit.nats - without.nats < _DROPPED_NATS:
             dropped.append(value.effect)
     return tuple(dropped)

@@ -12,21 +12,11 @@ import numpy as np
 
 from fast.models.gap.where.residuals import Residuals
 from fast.models.gap.where.variance_components import jackknife
+from fast.models.simulation.effects.catalogue import CATALOGUE
 
 LEVEL = 0.99  # of trends that are called clues: about a dozen are looked at
 LEAST_CHANGE = 0.03
 
-# What a trend of the fitted constant is typical of; effects by their names in the catalogue.
-_CLUES = {
-    ("young_modulus_mpa", "walls"): "wall_thickness_offset, base_compliance or force_limited_closing",
-    ("young_modulus_mpa", "repeat"): "mullins_softening",
-    ("young_modulus_mpa", "order"): "temperature_softening, pressure_droop or friction_wear",
-    ("young_modulus_mpa", "force"): "force_limited_closing, base_compliance or hyperelastic_stiffening",
-    ("friction", "order"): "friction_wear",
-    ("friction", "repeat"): "friction_wear",
-    ("friction", "force"): "pressure_dependent_friction or shear_adhesion",
-    ("friction", "walls"): "pressure_dependent_friction",
-}
 _WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "Friction"}
 _AGAINST = {
     "walls": "from tools with thin walls to tools with thick ones",
@@ -123,7 +113,13 @@ def _trend(regression: _Regression, against: str, x: np.ndarray) -> list[ThetaTr
         ends = sorted(np.sign(v) * 100 * np.array([a, b]))
         size = f"{abs(100 * v):.0f} % [{ends[0]:.0f}, {ends[1]:.0f}]"
         sentence = f"{_WORDS[parameter]} that fits {verb} by {size} {_AGAINST[against]}"
-        hint = _CLUES.get((parameter, against), "").replace("_", " ") if is_clue else ""
+        hint = _find_hint(parameter, against) if is_clue else ""
         sentence += f", as with {hint}." if hint else "."
         found.append(ThetaTrend(parameter, against, float(v), (float(a), float(b)), is_clue, sentence))
     return found
+
+
+def _find_hint(parameter: str, against: str) -> str:
+    """Effects without which a constant seems to vary with this, in words; empty if there are none."""
+    names = [name.replace("_", " ") for name, spec in CATALOGUE.items() if (parameter, against) in spec.trends]
+    return " or ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part)

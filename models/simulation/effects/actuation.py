@@ -1,13 +1,22 @@
 """Actuation effects: how jaws close and how the gantry starts its lift."""
 
-import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, speed_mm_per_s
+from fast.models.simulation.effects.base import (
+    USUAL_LIFT_MM_PER_S,
+    Effect,
+    Number,
+    Readings,
+    approach,
+    read_at,
+    speed_mm_per_s,
+)
+from fast.models.simulation.effects.spec import CLOSING, DELAY, Drift, EffectSpec, Measurement, amplitude, shape
+from fast.models.simulation.effects.states import LEVEL, LIFT, Quantity, State, of_context
 
 USUAL_PRESSURE_PSI = 30.0  # the paper's supply pressure, at which `max_force_n` is the force of a jaw
 UNLIMITED_N = 1e6  # stands for infinity, which no config file can hold
@@ -42,6 +51,23 @@ BASE_COMPLIANCE = EffectSpec(
     source="springs in series",
     cost="C",
     parameters=(amplitude("compliance_mm_per_n", 0.0, 0.1, (0.02, 0.02)),),
+    state=LEVEL,
+    bank_runs=({"compliance_mm_per_n": 0.03}, {"compliance_mm_per_n": 0.08}),
+    family=CLOSING,
+    experiment="push against a jaw without a finger, 20 N, and read how far it gives way",
+    trends=(
+        ("young_modulus_mpa", "walls"),
+        ("young_modulus_mpa", "force"),
+    ),
+    measurement=Measurement(
+        kind="jaw_push",
+        words="push against a jaw without a finger with 20 N, and read on a dial gauge how far it gives way per N",
+        label="Jaw, mm/N",
+        parameter="compliance_mm_per_n",
+        sd=0.005,
+        minutes=10.0,
+        values=(0.0, 1.0),
+    ),
     confusable_with=("force_limited_closing", "rib_imperfection", "pressure_droop"),
 )
 
@@ -64,17 +90,16 @@ class ForceLimitedClosing(Effect):
         return (
             self
             if self.max_force_n >= UNLIMITED_N
-            else replace(self, max_force_n=self.max_force_n * find_air_share(setup))
+            else replace(self, max_force_n=self.max_force_n * self.strength_in(setup))
         )
+
+    def strength_in(self, setup: GraspSetup) -> float:
+        """Supply pressure of a setup over the usual one."""
+        return 1.0 if setup.supply_pressure_psi is None else setup.supply_pressure_psi / USUAL_PRESSURE_PSI
 
     def closing_force_limit_n(self) -> float:
         """The stall force of one jaw, N."""
         return self.max_force_n if self.max_force_n < UNLIMITED_N else np.inf
-
-
-def find_air_share(setup: GraspSetup) -> float:
-    """Supply pressure of a setup over the usual one."""
-    return 1.0 if setup.supply_pressure_psi is None else setup.supply_pressure_psi / USUAL_PRESSURE_PSI
 
 
 FORCE_LIMITED_CLOSING = EffectSpec(
@@ -87,6 +112,14 @@ FORCE_LIMITED_CLOSING = EffectSpec(
     source="force = pressure x piston area x efficiency",
     cost="C",
     parameters=(amplitude("max_force_n", 1.0, UNLIMITED_N, (60.0, 40.0), neutral=UNLIMITED_N),),
+    state=LEVEL,
+    # In the middle of its bank a jaw closes with 1.5 N (one rib, an edge) to 27 N (ten ribs, a wide object).
+    bank_runs=({"max_force_n": 20.0}, {"max_force_n": 12.0}, {"max_force_n": 7.0}, {"max_force_n": 4.0}),
+    family=CLOSING,
+    trends=(
+        ("young_modulus_mpa", "walls"),
+        ("young_modulus_mpa", "force"),
+    ),
     confusable_with=("base_compliance", "rib_imperfection", "wall_thickness_offset"),
 )
 
@@ -108,9 +141,13 @@ class PressureDroop(Effect):
         """The effect after the grasps of the batch."""
         return replace(self, batch_grasps=context.batch_grasps)
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """How far a jaw stays back after so many grasps of the batch, mm."""
+        return self.loss_mm * approach(state, self.scale_grasps)
+
     def modify_setup(self, setup: GraspSetup, design: Design) -> GraspSetup:
         """The setup with the gap to which the jaws really close."""
-        lost_mm = -self.loss_mm * math.expm1(-self.batch_grasps / self.scale_grasps)
+        lost_mm = self.law(float(self.batch_grasps))
         if lost_mm == 0.0:
             return setup
         closed_gap_mm = min(setup.closed_gap_mm + 2.0 * lost_mm, setup.open_gap_mm)
@@ -127,6 +164,11 @@ PRESSURE_DROOP = EffectSpec(
     source="discharge of a vessel, exponential",
     cost="C",
     parameters=(amplitude("loss_mm", 0.0, 2.0, (0.3, 0.3)), shape("scale_grasps", 10.0, 1000.0, (200.0, 200.0))),
+    state=State("grasps of the batch before", of_context("batch_grasps"), 50.0),
+    quantity=Quantity("how far a jaw stays back, mm", 0.0),
+    drift=Drift(quantity="closing"),
+    family=CLOSING,
+    trends=(("young_modulus_mpa", "order"),),
     confusable_with=("friction_wear", "temperature_softening", "mullins_softening"),
 )
 
@@ -145,13 +187,28 @@ class LiftStartError(Effect):
     ramp_s: float
     ramp_power: float = 1.0
 
-    def behind_mm(self, time_s: np.ndarray, speed_mm_per_s: float) -> np.ndarray:
-        """How far the true lift is behind at times (n) from the start of the lift in s."""
-        behind = np.full_like(time_s, self.backlash_mm)
-        if self.ramp_s > 0.0:
-            left = np.clip(1.0 - time_s / self.ramp_s, 0.0, 1.0) ** (self.ramp_power + 1.0)
-            behind += speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0) * (1.0 - left)
-        return behind
+    def delay_mm(self, lift_speed_mm_per_s: float) -> float:
+        """By how much the lift is behind after its start, mm."""
+        return self.backlash_mm + lift_speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0)
+
+    def behind_mm(self, time_s: Number, speed_mm_per_s: float) -> Number:
+        """How far the true lift is behind at a time, or n of them, from the start of the lift in s."""
+        if self.ramp_s == 0.0:
+            return 0.0 * time_s + self.backlash_mm
+        left = np.clip(1.0 - time_s / self.ramp_s, 0.0, 1.0) ** (self.ramp_power + 1.0)
+        return self.backlash_mm + speed_mm_per_s * self.ramp_s / (self.ramp_power + 1.0) * (1.0 - left)
+
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """How far the lift is behind at lifts in mm, mm."""
+        return self.behind_mm(state / lift_speed_mm_per_s, lift_speed_mm_per_s)
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces at the true lift."""
+        is_lift = at.lift_mm > 0.0
+        behind_mm = self.behind_mm(at.since_s[is_lift], at.lift_speed_mm_per_s)
+        found = force_n.copy()
+        found[:, is_lift] = read_at(np.maximum(at.lift_mm[is_lift] - behind_mm, 0.0), at, force_n)
+        return found
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace over the commanded lift."""
@@ -188,6 +245,9 @@ LIFT_START_ERROR = EffectSpec(
         amplitude("ramp_s", 0.0, 0.5, (0.1, 0.1)),
         shape("ramp_power", 0.5, 4.0, (1.0, 1.0)),
     ),
+    state=LIFT,
+    quantity=Quantity("how far the lift is behind, mm", 0.0),
+    family=DELAY,
     confusable_with=("lift_misalignment", "object_post_compliance", "load_cell_lag"),
 )
 

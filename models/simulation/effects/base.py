@@ -1,23 +1,42 @@
-"""What an effect is: the hooks by which it reaches into the grasp simulator, and how it describes itself.
+"""What an effect does: the hooks by which it reaches into the grasp simulator.
 
 Every hook's default is "changes nothing", so an effect overrides only what it touches and a list of effects is applied
 by calling each in order. Amplitude zero must reproduce the simulator without the effect.
 """
 
-from typing import ClassVar, Literal
+import math
+from dataclasses import dataclass
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from shapely.geometry import Polygon
 
 from fast.models.objects.rigid import RigidObject
-from fast.models.records import Design, EffectValue, GraspContext, GraspSetup, Record, Theta, Trace
+from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
 
-# In the order in which the layers act: a relaxing force is relaxed before the load cell adds its offset.
-LAYERS = ("geometry", "material", "contact", "actuation", "time", "sensor")
-Layer = Literal["geometry", "material", "contact", "actuation", "time", "sensor"]
+USUAL_LIFT_MM_PER_S = 5.0  # of which a disagreement of clocks is told in millimetres
+Number = TypeVar("Number", float, np.ndarray)
 
-# P: post-processing of a trace. C: closings and frictions of the simulator without it. F: finite elements of its own.
-Cost = Literal["P", "C", "F"]
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """m times at which a force is read, from its closing on.
+
+    lift_mm: of the gantry; before the lift it is 0, or negative: the time at the speed of the lift. since_s: time since
+    the lift started, negative before. start_s: when it starts, from the start of the closing.
+    """
+
+    lift_mm: np.ndarray
+    since_s: np.ndarray
+    start_s: float
+    lift_speed_mm_per_s: float
+
+    @staticmethod
+    def of(trace: Trace) -> "Readings":
+        """The samples of a trace; the lift of one without any would start at its end."""
+        lift = np.flatnonzero(trace.is_lift)
+        start_s = float(trace.time_s[lift[0] if len(lift) else -1])
+        return Readings(trace.lift_mm, trace.time_s - start_s, start_s, speed_mm_per_s(trace))
 
 
 class Effect:
@@ -29,6 +48,16 @@ class Effect:
     """
 
     scales_with_modulus: ClassVar[bool] = True
+
+    @classmethod
+    def acts_on_traces(cls) -> bool:
+        """Whether the effect changes finished traces."""
+        return cls.overrides("modify_trace", "modify_forces")
+
+    @classmethod
+    def overrides(cls, *hooks: str) -> bool:
+        """Whether the effect has any of these hooks of its own."""
+        return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
 
     def in_grasp(self, design: Design, setup: GraspSetup, context: GraspContext) -> "Effect":
         """The effect as it acts in one grasp; what depends on tool, speed or history overrides this.
@@ -69,10 +98,21 @@ class Effect:
         """Actuation: how far a finger's base stays behind its jaw per closing force; those of all effects add up."""
         return 0.0
 
+    def strength_in(self, setup: GraspSetup) -> float:
+        """Actuation: how large the force or compliance that the effect brings in is in this setup, over the usual."""
+        return 1.0
+
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
         """Contact: factor on the friction coefficient per contact point (n), frozen over a time step.
 
         `slip_mm`: accumulated slip of each point; `pressure_mpa`: its last converged contact pressure.
+        """
+        return 1.0
+
+    def friction_of_runs(self, stiffer: np.ndarray) -> np.ndarray | float:
+        """Contact: factor on friction that makes its runs in a bank (`ParameterSpec.has_runs`) those of the effect.
+
+        `stiffer` (n): the moduli of n grasps over that of the bank.
         """
         return 1.0
 
@@ -88,72 +128,37 @@ class Effect:
         """Contact: how far before the plane between the fingers they stop each other, mm; all effects add up."""
         return 0.0
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """The quantity that the law is of (`EffectSpec.quantity`), at a state or k of them, in a lift of this speed."""
+        raise NotImplementedError(f"{type(self).__name__} has no law of a known quantity.")
+
+    def delay_mm(self, lift_speed_mm_per_s: float) -> float:
+        """Time: by how much the force comes late at a speed of the lift, in mm of it; in the end if that varies."""
+        return 0.0
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """Forces (m, or n x m) that were read then, in N, as the effect makes them of the true ones.
+
+        Of n grasps at once, parameters that `in_grasp` sets differ: they are columns (n x 1). An effect that needs more
+        samples than there are overrides `modify_trace` as well; one that overrides this alone is exact at any.
+        """
+        return force_n
+
     def modify_trace(self, trace: Trace) -> Trace:
         """What is left to do with the true force over time: relaxation, compliance in series, the load-cell chain."""
-        return trace
+        if not self.overrides("modify_forces"):
+            return trace
+        return Trace(trace.time_s, trace.lift_mm, self.modify_forces(trace.force_n, Readings.of(trace)))
+
+
+def approach(state: Number, scale: float) -> Number:
+    """1 - exp(-state / scale): the share by which most effects with a memory have set in."""
+    return -np.expm1(-state / scale) if isinstance(state, np.ndarray) else -math.expm1(-state / scale)
 
 
 def with_modulus(theta: Theta, factor: float) -> Theta:
     """Elastic constants with Young's modulus times a factor."""
     return theta.model_copy(update={"young_modulus_mpa": theta.young_modulus_mpa * factor})
-
-
-class ParameterSpec(Record):
-    """One parameter of an effect; its unit is the suffix of its name.
-
-    At `neutral` the effect vanishes or, for a parameter that only shapes it, takes its prior median.
-    """
-
-    name: str
-    lower: float
-    upper: float
-    neutral: float
-    prior_median: float
-    prior_sd: float
-
-
-class EffectSpec(Record):
-    """An effect of the catalogue: what it is, where it acts, and how to build it from parameter values.
-
-    `kind` takes the parameters by name. `code` is its short name, the layer's letter and a number; `formula` its law
-    in one line, in the parameters' names, and `source` where the law is from. `cost` says what simulations it needs.
-    `confusable_with` names effects with a similar trace signature; `alias_of` a quantity that it cannot be told from in
-    pull-off data at all. One that `needs_fin_ray` acts on ribs, which other families of fingers do not have.
-    """
-
-    effect: str
-    title: str
-    code: str
-    layer: Layer
-    version: int = 1
-    kind: type[Effect]
-    formula: str
-    source: str
-    cost: Cost
-    parameters: tuple[ParameterSpec, ...]
-    confusable_with: tuple[str, ...] = ()
-    alias_of: Literal["young_modulus_mpa", "friction", "tool_modulus"] | None = None
-    needs_fin_ray: bool = False
-
-    @property
-    def neutral(self) -> EffectValue:
-        """The effect at amplitude zero."""
-        return EffectValue(effect=self.effect, parameters={p.name: p.neutral for p in self.parameters})
-
-    @property
-    def scales_with_modulus(self) -> bool:
-        """Whether forces stay in exact proportion to Young's modulus."""
-        return self.kind.scales_with_modulus
-
-
-def amplitude(name: str, lower: float, upper: float, prior: tuple[float, float], neutral: float = 0.0) -> ParameterSpec:
-    """A parameter at whose neutral value the effect vanishes; `prior` is median and standard deviation."""
-    return ParameterSpec(name=name, lower=lower, upper=upper, neutral=neutral, prior_median=prior[0], prior_sd=prior[1])
-
-
-def shape(name: str, lower: float, upper: float, prior: tuple[float, float]) -> ParameterSpec:
-    """A parameter that only shapes the effect, such as a time constant; `prior` is median and standard deviation."""
-    return amplitude(name, lower, upper, prior, neutral=prior[0])
 
 
 def speed_mm_per_s(trace: Trace) -> float:
@@ -163,6 +168,16 @@ def speed_mm_per_s(trace: Trace) -> float:
         return 0.0
     time_s, lift_mm = trace.time_s[lift], trace.lift_mm[lift]
     return float((lift_mm[-1] - lift_mm[0]) / (time_s[-1] - time_s[0]))
+
+
+def read_at(lift_mm: np.ndarray, at: Readings, force_n: np.ndarray) -> np.ndarray:
+    """Forces (n x k) at lifts (k, or n x k) of forces that were read (n x m), constant beyond the ends."""
+    places = np.arange(len(at.lift_mm))
+    place = np.interp(lift_mm, at.lift_mm, places)
+    place = np.broadcast_to(place, (len(force_n), place.shape[-1]))
+    low = np.minimum(place.astype(int), places[-2])
+    before, after = (np.take_along_axis(force_n, at, axis=1) for at in (low, low + 1))
+    return np.asarray(before + (place - low) * (after - before))
 
 
 def relifted(trace: Trace, nominal_mm: np.ndarray) -> Trace:

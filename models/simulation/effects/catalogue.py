@@ -6,7 +6,8 @@ from typing import Any
 from fast.models.errors import ConfigError
 from fast.models.records import EffectValue
 from fast.models.simulation.effects import actuation, contact, geometry, material, sensor
-from fast.models.simulation.effects.base import LAYERS, Effect, EffectSpec, ParameterSpec
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.spec import LAYERS, EffectSpec, ParameterSpec
 from fast.models.units import unit_of
 from fast.models.validation import closest
 
@@ -20,6 +21,11 @@ def list_confusable(effect: str) -> tuple[str, ...]:
     """Effects that the catalogue calls confusable with this one, in either entry, in its order."""
     own = CATALOGUE[effect].confusable_with
     return tuple(name for name, spec in CATALOGUE.items() if name in own or effect in spec.confusable_with)
+
+
+def is_one_curve(first: str, second: str) -> bool:
+    """Whether two effects are the same quantity along the same state, so that only the form of a law differs."""
+    return first != second and CATALOGUE[first].curve is not None and CATALOGUE[first].curve == CATALOGUE[second].curve
 
 
 def build_effects(values: Sequence[EffectValue]) -> list[Effect]:
@@ -77,11 +83,15 @@ def _entry(spec: EffectSpec) -> dict[str, Any]:
         "cost": spec.cost,
         "confusable_with": list(spec.confusable_with),
         "alias_of": spec.alias_of,
+        "family": spec.family,
+        "state": spec.state.name if spec.state else None,
+        "quantity": spec.quantity.name if spec.quantity else None,
+        "experiment": spec.told_by,
     }
 
 
 def _parameter(spec: ParameterSpec) -> dict[str, Any]:
-    return {"name": spec.name, "unit": unit_of(spec.name), **spec.model_dump(exclude={"name"})}
+    return {"name": spec.name, "unit": unit_of(spec.name), **spec.model_dump(exclude={"name", "has_runs"})}
 
 
 def catalogue_rows() -> list[dict[str, Any]]:

@@ -8,9 +8,20 @@ import numpy as np
 
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, relifted, shape, speed_mm_per_s
+from fast.models.simulation.effects.base import (
+    USUAL_LIFT_MM_PER_S,
+    Effect,
+    Number,
+    Readings,
+    approach,
+    relifted,
+    speed_mm_per_s,
+)
+from fast.models.simulation.effects.spec import PRESSURE, SLIDING, Drift, EffectSpec, Measurement, amplitude, shape
+from fast.models.simulation.effects.states import FORCE, LEVEL, Quantity, State, of_context
 
 LEAST_SHARE = 0.05  # of the reference pressure: below it the power law would grow without bound
+REFERENCE_MPA = 0.05
 LEAST_RADIUS_MM = 0.5  # twice the spacing of contact points (models.simulation.contact.points)
 
 
@@ -25,6 +36,10 @@ class StaticKineticFriction(Effect):
 
     kinetic_ratio: float
     slip_scale_mm: float
+
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Friction over friction at rest, after slips in mm."""
+        return 1.0 - (1.0 - self.kinetic_ratio) * approach(state, self.slip_scale_mm)
 
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray | float:
         """Factor on the friction coefficient per contact point (n)."""
@@ -46,6 +61,15 @@ STATIC_KINETIC_FRICTION = EffectSpec(
         amplitude("kinetic_ratio", 0.3, 1.5, (0.8, 0.2), neutral=1.0),
         shape("slip_scale_mm", 0.2, 10.0, (1.0, 1.0)),
     ),
+    state=State("slip, mm", "lift", 1.0),
+    quantity=Quantity("friction over friction at rest", 1.0),
+    bank_runs=(
+        {"kinetic_ratio": 0.6, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 0.8, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 1.25, "slip_scale_mm": 1.0},
+        {"kinetic_ratio": 0.7, "slip_scale_mm": 4.0},
+    ),
+    family=SLIDING,
     confusable_with=("load_cell_lag", "stress_relaxation", "pressure_dependent_friction"),
 )
 
@@ -84,6 +108,8 @@ VELOCITY_STRENGTHENING_FRICTION = EffectSpec(
         amplitude("rate_sensitivity", 0.0, 0.3, (0.1, 0.08)),
         shape("reference_speed_mm_per_s", 0.1, 50.0, (1.0, 2.0)),
     ),
+    family=SLIDING,
+    experiment="lift at 1 and at 20 mm/s, one tool on one straight-sided object",
     confusable_with=("friction_wear",),
     alias_of="friction",
 )
@@ -108,6 +134,10 @@ class PressureDependentFriction(Effect):
             return 1.0
         return np.asarray(np.maximum(pressure_mpa / self.reference_mpa, LEAST_SHARE) ** -self.exponent)
 
+    def friction_of_runs(self, stiffer: np.ndarray) -> np.ndarray:
+        """The law of another p0 is that of the bank's with mu (p0 / bank's)^k; pressures scale with the modulus."""
+        return np.asarray((self.reference_mpa / REFERENCE_MPA / stiffer) ** self.exponent)
+
 
 PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     effect="pressure_dependent_friction",
@@ -118,7 +148,18 @@ PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     formula="mu(p) = mu (p / reference_mpa)^-exponent, p: pressure of the point",
     source="elastic contact of one asperity: Hertz; rubber: Schallamach 1952",
     cost="F",
-    parameters=(amplitude("exponent", 0.0, 1.0 / 3.0, (0.12, 0.1)), shape("reference_mpa", 0.01, 0.2, (0.05, 0.05))),
+    parameters=(
+        amplitude("exponent", 0.0, 1.0 / 3.0, (0.12, 0.1)),
+        shape("reference_mpa", 0.01, 0.2, (REFERENCE_MPA, 0.05), has_runs=False),
+    ),
+    state=LEVEL,
+    bank_runs=({"exponent": 0.1}, {"exponent": 0.25}),
+    family=PRESSURE,
+    curve="friction over pressure",
+    trends=(
+        ("friction", "force"),
+        ("friction", "walls"),
+    ),
     confusable_with=("shear_adhesion", "hyperelastic_stiffening", "static_kinetic_friction"),
 )
 
@@ -150,6 +191,11 @@ SHEAR_ADHESION = EffectSpec(
     source="two-term friction law: Derjaguin 1934; Bowden & Tabor 1950",
     cost="F",
     parameters=(amplitude("shear_strength_mpa", 0.0, 0.05, (0.005, 0.006)),),
+    state=LEVEL,
+    bank_runs=({"shear_strength_mpa": 0.0007}, {"shear_strength_mpa": 0.003}),
+    family=PRESSURE,
+    curve="friction over pressure",
+    trends=(("friction", "force"),),
     confusable_with=("pressure_dependent_friction", "load_cell_offset"),
 )
 
@@ -170,9 +216,13 @@ class FrictionWear(Effect):
         """The effect after the grasps that the tool has made."""
         return replace(self, tool_grasps=context.tool_grasps)
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Friction over that of a new tool, after so many of its grasps."""
+        return 1.0 - self.loss * approach(state, self.scale_grasps)
+
     def friction_factor(self, slip_mm: np.ndarray, pressure_mpa: np.ndarray) -> float:
         """Factor on the friction coefficient."""
-        return 1.0 + self.loss * math.expm1(-self.tool_grasps / self.scale_grasps)
+        return self.law(float(self.tool_grasps))
 
 
 FRICTION_WEAR = EffectSpec(
@@ -185,6 +235,15 @@ FRICTION_WEAR = EffectSpec(
     source="running-in curves of friction: Blau 2005",
     cost="C",
     parameters=(amplitude("loss", -0.2, 0.4, (0.1, 0.1)), shape("scale_grasps", 5.0, 500.0, (40.0, 60.0))),
+    state=State("grasps of the tool before", of_context("tool_grasps"), 10.0),
+    quantity=Quantity("friction over that of a new tool", 1.0),
+    drift=Drift(quantity="friction"),
+    family="friction that changes from grasp to grasp",
+    trends=(
+        ("young_modulus_mpa", "order"),
+        ("friction", "order"),
+        ("friction", "repeat"),
+    ),
     confusable_with=("mullins_softening", "pressure_droop", "temperature_softening"),
 )
 
@@ -219,6 +278,18 @@ OBJECT_EDGE_RADIUS = EffectSpec(
     source="tolerance of fused deposition, +-0.2 mm",
     cost="F",
     parameters=(amplitude("extra_radius_mm", -0.5, 2.0, (0.3, 0.4)),),
+    state=LEVEL,
+    bank_runs=({"extra_radius_mm": 0.4}, {"extra_radius_mm": 1.2}),
+    family="shape of the objects' edges",
+    measurement=Measurement(
+        kind="edge_photograph",
+        words="photograph an object's edge with a scale, and measure by how much its radius is larger than drawn",
+        label="Radius, mm",
+        parameter="extra_radius_mm",
+        sd=0.1,
+        minutes=8.0,
+        values=(-3.0, 5.0),
+    ),
     confusable_with=("finger_finger_contact", "wall_thickness_offset"),
 )
 
@@ -250,6 +321,9 @@ FINGER_FINGER_CONTACT = EffectSpec(
     source="unilateral contact (Signorini)",
     cost="F",
     parameters=(amplitude("half_gap_mm", -5.0, 15.0, (10.0, 3.0)),),
+    state=LEVEL,
+    bank_runs=({"half_gap_mm": 6.0}, {"half_gap_mm": 8.0}),
+    family="contact between the fingers",
     confusable_with=("object_edge_radius",),
 )
 
@@ -267,13 +341,27 @@ class ObjectPostCompliance(Effect):
 
     compliance_mm_per_n: float
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """How far the post gives way under forces in N, mm."""
+        return self.compliance_mm_per_n * state
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces over the lift of the gantry; where that goes back, the system has jumped."""
+        start = int(np.argmax(at.lift_mm >= 0.0))
+        lift_n, lift_mm = force_n[:, start:], at.lift_mm[start:]
+        seen_mm = lift_mm + self.law(lift_n - lift_n[:, :1])
+        ahead = np.maximum.accumulate(seen_mm, axis=1)
+        rows = zip(ahead, seen_mm, lift_n, strict=True)
+        found = np.array([np.interp(lift_mm, at_mm[at_mm <= own], force[at_mm <= own]) for at_mm, own, force in rows])
+        return np.concatenate([force_n[:, :start], found], axis=1)
+
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace over the lift of the gantry instead of that against the object."""
         if self.compliance_mm_per_n == 0.0 or speed_mm_per_s(trace) == 0.0:
             return trace
         lift = trace.is_lift
         force_n = trace.force_n[lift]
-        return relifted(trace, trace.lift_mm[lift] + self.compliance_mm_per_n * (force_n - force_n[0]))
+        return relifted(trace, trace.lift_mm[lift] + self.law(force_n - force_n[0]))
 
 
 OBJECT_POST_COMPLIANCE = EffectSpec(
@@ -286,6 +374,18 @@ OBJECT_POST_COMPLIANCE = EffectSpec(
     source="springs in series",
     cost="P",
     parameters=(amplitude("compliance_mm_per_n", 0.0, 0.2, (0.02, 0.03)),),
+    state=FORCE,
+    quantity=Quantity("how far the post gives way, mm", 0.0),
+    family="compliance in series",
+    measurement=Measurement(
+        kind="post_push",
+        words="push up against an object on its post with 20 N, and read on a dial gauge how far it gives way per N",
+        label="Post, mm/N",
+        parameter="compliance_mm_per_n",
+        sd=0.005,
+        minutes=10.0,
+        values=(0.0, 1.0),
+    ),
     confusable_with=("load_cell_lag", "lift_start_error", "lift_misalignment"),
 )
 

@@ -9,7 +9,9 @@ from shapely.geometry import Polygon, box
 
 from fast.models.design.fin_ray import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
 from fast.models.records import Design
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.effects.spec import FINGER, EffectSpec, Measurement, amplitude
+from fast.models.simulation.effects.states import RIBS, State, of_design
 
 _FADE_MM = 2.0  # over which the bow fades out beside a rib, and towards base and tip
 
@@ -50,6 +52,21 @@ WALL_THICKNESS_OFFSET = EffectSpec(
     source="tolerance of material jetting, +-0.1 mm",
     cost="F",
     parameters=(amplitude("offset_mm", -0.3, 0.3, (0.05, 0.08)),),
+    state=State("drawn front wall, mm", of_design("front_thickness_mm"), 2.0),
+    bank_runs=({"offset_mm": -0.1}, {"offset_mm": 0.1}, {"offset_mm": 0.2}),
+    family=FINGER,
+    experiment="calliper and scale on three fingers: wall thickness to 0.02 mm",
+    trends=(("young_modulus_mpa", "walls"),),
+    measurement=Measurement(
+        kind="walls",
+        words="measure both walls and the ribs of three fingers with callipers, and take the mean of what is more than "
+        "drawn; or measure those of every tool, and say them with `fast print measured`",
+        label="Walls, more than drawn, mm",
+        parameter="offset_mm",
+        sd=0.03,
+        minutes=6.0,
+        values=(-1.0, 1.0),
+    ),
     confusable_with=("load_cell_gain", "print_anisotropy", "batch_ageing"),
 )
 
@@ -97,6 +114,18 @@ RIB_IMPERFECTION = EffectSpec(
     cost="F",
     needs_fin_ray=True,
     parameters=(amplitude("bow_mm", 0.0, 0.5, (0.1, 0.1)),),
+    state=RIBS,
+    bank_runs=({"bow_mm": 0.15}, {"bow_mm": 0.4}),
+    family=FINGER,
+    measurement=Measurement(
+        kind="photograph",
+        words="photograph three fingers from the side with a scale, and measure by how much the ribs are bowed",
+        label="Bow of the ribs, mm",
+        parameter="bow_mm",
+        sd=0.1,
+        minutes=8.0,
+        values=(0.0, 3.0),
+    ),
     confusable_with=("force_limited_closing", "base_compliance", "hyperelastic_stiffening"),
 )
 

@@ -1,13 +1,16 @@
 """Material effects: elastic constants, by part, history and time."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fast.models.design.fin_ray import is_in_rib, take_fin_ray
-from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude, shape, with_modulus
+from fast.models.records import Design, GraspContext, GraspSetup, Theta
+from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, Readings, approach, with_modulus
+from fast.models.simulation.effects.spec import MATERIAL, MEMORY, Drift, EffectSpec, Measurement, amplitude, shape
+from fast.models.simulation.effects.states import CLOCK, LEVEL, RIBS, Quantity, State, of_context
+
+_HOUR_S = 3600.0
 
 
 @dataclass(frozen=True)
@@ -28,13 +31,15 @@ class StressRelaxation(Effect):
         """The effect after the wait of this grasp."""
         return replace(self, dwell_s=setup.dwell_s)
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the force since the end of the closing relaxed."""
-        if self.relaxed_share == 0.0 or not trace.is_lift.any():
-            return trace
-        held_s = np.maximum(trace.time_s - trace.time_s[trace.is_lift][0] + self.dwell_s, 0.0)
-        factor = 1.0 + self.relaxed_share * np.expm1(-held_s / self.time_constant_s)
-        return Trace(trace.time_s, trace.lift_mm, factor * trace.force_n)
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Force over that without relaxation, after times since the end of closing in s."""
+        return 1.0 - self.relaxed_share * approach(state, self.time_constant_s)
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces, relaxed since the end of the closing."""
+        held_s = np.maximum(at.since_s + self.dwell_s, 0.0)
+        lost = self.relaxed_share * approach(held_s, self.time_constant_s)
+        return np.asarray(force_n - lost * force_n)
 
 
 STRESS_RELAXATION = EffectSpec(
@@ -50,6 +55,9 @@ STRESS_RELAXATION = EffectSpec(
         amplitude("relaxed_share", 0.0, 0.6, (0.15, 0.1)),
         shape("time_constant_s", 0.3, 100.0, (5.0, 10.0)),
     ),
+    state=State("time since the end of closing, s", "held", 1.0),
+    quantity=Quantity("force over that without relaxation", 1.0),
+    family="force that fades while it is held",
     confusable_with=("mullins_softening", "load_cell_lag", "static_kinetic_friction"),
 )
 
@@ -70,9 +78,13 @@ class MullinsSoftening(Effect):
         """The effect in this repeat."""
         return replace(self, repeat=context.repeat)
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Modulus over that of the first grasp, after so many repeats."""
+        return 1.0 - self.softening * approach(state, self.scale_repeats)
+
     def modify_theta(self, theta: Theta, design: Design) -> Theta:
         """The softened modulus."""
-        return with_modulus(theta, 1.0 + self.softening * math.expm1(-self.repeat / self.scale_repeats))
+        return with_modulus(theta, self.law(float(self.repeat)))
 
 
 MULLINS_SOFTENING = EffectSpec(
@@ -85,6 +97,12 @@ MULLINS_SOFTENING = EffectSpec(
     source="Mullins 1969; Ogden & Roxburgh 1999",
     cost="P",
     parameters=(amplitude("softening", 0.0, 0.3, (0.05, 0.06)), shape("scale_repeats", 1.0, 20.0, (2.0, 3.0))),
+    state=State("repeats before", of_context("repeat"), 2.0),
+    quantity=Quantity("modulus over that of the first grasp", 1.0),
+    drift=Drift(quantity="modulus", clocks=("tool", "repeat")),
+    family=MEMORY,
+    experiment="rest for an hour and grasp the first object again",
+    trends=(("young_modulus_mpa", "repeat"),),
     confusable_with=("friction_wear", "pressure_droop", "stress_relaxation"),
 )
 
@@ -117,6 +135,10 @@ HYPERELASTIC_STIFFENING = EffectSpec(
     source="second-order term after Yeoh 1993",
     cost="F",
     parameters=(amplitude("stiffening", 0.0, 20.0, (1.0, 2.0)),),
+    state=LEVEL,
+    bank_runs=({"stiffening": 2.0}, {"stiffening": 8.0}),
+    family=MATERIAL,
+    trends=(("young_modulus_mpa", "force"),),
     confusable_with=("wall_thickness_offset", "load_cell_gain", "force_limited_closing", "rib_imperfection"),
 )
 
@@ -138,9 +160,16 @@ class TemperatureSoftening(Effect):
         """The effect at this time of the batch."""
         return replace(self, clock_s=context.clock_s)
 
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Modulus over that when the batch began, after times in h."""
+        return self._soften(state * _HOUR_S)
+
+    def _soften(self, clock_s: Number) -> Number:
+        return 1.0 - self.softening * approach(clock_s, self.warm_up_s)
+
     def modify_theta(self, theta: Theta, design: Design) -> Theta:
         """The modulus at the present temperature."""
-        return with_modulus(theta, 1.0 + self.softening * math.expm1(-self.clock_s / self.warm_up_s))
+        return with_modulus(theta, self._soften(self.clock_s))
 
 
 TEMPERATURE_SOFTENING = EffectSpec(
@@ -153,6 +182,12 @@ TEMPERATURE_SOFTENING = EffectSpec(
     source="linear softening below the glass transition: Ward & Sweeney 2012; Newton's law of heating",
     cost="P",
     parameters=(amplitude("softening", -0.3, 0.4, (0.1, 0.1)), shape("warm_up_s", 300.0, 36000.0, (3600.0, 3600.0))),
+    state=CLOCK,
+    quantity=Quantity("modulus over that when the batch began", 1.0),
+    drift=Drift(quantity="modulus", clocks=("batch",)),
+    family=MEMORY,
+    experiment="log the temperature, and grasp a reference object with a reference tool every 36 grasps",
+    trends=(("young_modulus_mpa", "order"),),
     confusable_with=("load_cell_drift", "friction_wear", "pressure_droop", "batch_ageing"),
 )
 
@@ -182,6 +217,8 @@ BATCH_AGEING = EffectSpec(
     source="physical ageing, logarithmic in time: Struik 1978",
     cost="P",
     parameters=(amplitude("change", -0.3, 0.3, (0.0, 0.1)),),
+    family=MATERIAL,
+    experiment="test a tool of an old batch again, or pull a tensile bar of each batch",
     confusable_with=("temperature_softening",),
     alias_of="tool_modulus",
 )
@@ -218,6 +255,20 @@ PRINT_ANISOTROPY = EffectSpec(
     cost="F",
     needs_fin_ray=True,
     parameters=(amplitude("rib_excess", -0.4, 0.4, (0.1, 0.15)),),
+    state=RIBS,
+    bank_runs=({"rib_excess": -0.25}, {"rib_excess": 0.25}),
+    family=MATERIAL,
+    experiment="tensile bars printed in two orientations",
+    measurement=Measurement(
+        kind="tensile_bar",
+        words="pull two tensile bars, printed upright and flat, and take the ratio of their moduli, "
+        "upright over flat, less 1",
+        label="Ratio of moduli, less 1",
+        parameter="rib_excess",
+        sd=0.05,
+        minutes=60.0,
+        values=(-0.9, 2.0),
+    ),
     confusable_with=("wall_thickness_offset", "batch_ageing"),
 )
 

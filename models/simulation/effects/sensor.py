@@ -7,12 +7,13 @@ from typing import ClassVar
 import numpy as np
 
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
-from fast.models.simulation.effects.base import Effect, EffectSpec, amplitude
+from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, Readings, read_at
+from fast.models.simulation.effects.spec import DELAY, ZERO, Drift, EffectSpec, Measurement, amplitude
+from fast.models.simulation.effects.states import CLOCK, FORCE, LIFT, Quantity
 from fast.models.units import force_n_from_kg
 
 _HOUR_S = 3600.0
 _LEAST_STEP_S = 0.02
-SHIFT_SPEED_MM_PER_S = 5.0  # the usual lift, on which a disagreement of clocks is told in millimetres
 DENSITY_KG_PER_MM3 = 1.1e-6  # print material, 1.1 g/cm3
 N_FINGERS = 2
 
@@ -27,11 +28,23 @@ class LiftMisalignment(Effect):
 
     shift_mm: float
 
+    def delay_mm(self, lift_speed_mm_per_s: float) -> float:
+        """By how much the force comes late, mm of lift."""
+        return self.shift_mm * lift_speed_mm_per_s / USUAL_LIFT_MM_PER_S
+
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """How late the force is in the usual lift, the same all along it, mm."""
+        return 0.0 * state + self.shift_mm
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The late forces."""
+        return read_at(at.lift_mm - self.delay_mm(at.lift_speed_mm_per_s), at, force_n)
+
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace with the late force, on its own samples and those of the shifted force."""
         if self.shift_mm == 0.0 or not trace.is_lift.any():
             return trace
-        late_s = self.shift_mm / SHIFT_SPEED_MM_PER_S
+        late_s = self.shift_mm / USUAL_LIFT_MM_PER_S
         start, end = trace.time_s[0], trace.time_s[-1]
         time_s = np.unique(np.concatenate([trace.time_s, np.clip(trace.time_s + late_s, start, end)]))
         lift_mm = np.interp(time_s, trace.time_s, trace.lift_mm)
@@ -48,6 +61,10 @@ LIFT_MISALIGNMENT = EffectSpec(
     source="two clocks with a constant difference",
     cost="P",
     parameters=(amplitude("shift_mm", -3.0, 3.0, (0.0, 0.5)),),
+    state=LIFT,
+    quantity=Quantity("how late the force is, mm of lift", 0.0),
+    drift=Drift(quantity="delay"),
+    family=DELAY,
     confusable_with=("load_cell_lag", "lift_start_error"),
 )
 
@@ -58,9 +75,13 @@ class LoadCellGain(Effect):
 
     gain: float
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the force scaled."""
-        return Trace(trace.time_s, trace.lift_mm, self.gain * trace.force_n)
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Reported over true force, the same at all forces."""
+        return 0.0 * state + self.gain
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces, scaled."""
+        return self.gain * force_n
 
 
 LOAD_CELL_GAIN = EffectSpec(
@@ -73,6 +94,10 @@ LOAD_CELL_GAIN = EffectSpec(
     source="calibration of force transducers: ISO 376",
     cost="P",
     parameters=(amplitude("gain", 0.8, 1.25, (1.0, 0.02), neutral=1.0),),
+    state=FORCE,
+    quantity=Quantity("reported over true force", 1.0),
+    family="scale of the load cell",
+    experiment="hang a dead weight of 1 kg on the load cell: force that the cell reads, without a gripper",
     confusable_with=("wall_thickness_offset",),
     alias_of="young_modulus_mpa",
 )
@@ -86,9 +111,9 @@ class LoadCellOffset(Effect):
 
     offset_n: float
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the offset."""
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + self.offset_n)
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces with the offset."""
+        return force_n + self.offset_n
 
 
 LOAD_CELL_OFFSET = EffectSpec(
@@ -101,6 +126,16 @@ LOAD_CELL_OFFSET = EffectSpec(
     source="calibration of force transducers: ISO 376",
     cost="P",
     parameters=(amplitude("offset_n", -1.0, 1.0, (0.0, 0.1)),),
+    family=ZERO,
+    measurement=Measurement(
+        kind="dead_weight",
+        words="take the tool off, tare, hang 1 kg on the load cell, and note by how much it reads more than 9.81 N",
+        label="Reading less 9.81 N, N",
+        parameter="offset_n",
+        sd=0.05,
+        minutes=10.0,
+        values=(-5.0, 5.0),
+    ),
     confusable_with=("tool_weight", "shear_adhesion", "load_cell_drift"),
 )
 
@@ -118,10 +153,14 @@ class LoadCellDrift(Effect):
         """The effect at this time of the batch."""
         return replace(self, clock_s=context.clock_s)
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the zero as it has drifted."""
-        drift = self.drift_per_hour_n * ((self.clock_s + trace.time_s) / _HOUR_S)
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + drift)
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Zero of the load cell, N, after times in h."""
+        return self.drift_per_hour_n * state
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces with the zero as it has drifted."""
+        clock_s = self.clock_s + at.start_s + at.since_s
+        return np.asarray(force_n + self.drift_per_hour_n * clock_s / _HOUR_S)
 
 
 LOAD_CELL_DRIFT = EffectSpec(
@@ -134,6 +173,10 @@ LOAD_CELL_DRIFT = EffectSpec(
     source="creep and thermal zero shift: OIML R 60",
     cost="P",
     parameters=(amplitude("drift_per_hour_n", -1.0, 1.0, (0.0, 0.2)),),
+    state=CLOCK,
+    quantity=Quantity("zero of the load cell, N", 0.0),
+    drift=Drift(quantity="zero"),
+    family=ZERO,
     confusable_with=("temperature_softening", "friction_wear", "load_cell_offset"),
 )
 
@@ -147,6 +190,30 @@ class LoadCellLag(Effect):
     """
 
     time_constant_s: float
+
+    def delay_mm(self, lift_speed_mm_per_s: float) -> float:
+        """By how much the force comes late in the end, mm of lift."""
+        return lift_speed_mm_per_s * self.time_constant_s
+
+    def law(self, state: Number, lift_speed_mm_per_s: float = USUAL_LIFT_MM_PER_S) -> Number:
+        """Delay of the load cell, the same all along the lift, s."""
+        return 0.0 * state + self.time_constant_s
+
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces as the lagging transmitter reports them, the true force being linear in time between them."""
+        if self.time_constant_s == 0.0:
+            return force_n
+        return np.asarray(force_n - np.diff(force_n, axis=1) @ self._share_behind(at.since_s))
+
+    def _share_behind(self, at_s: np.ndarray) -> np.ndarray:
+        """Share of the j-th change of force (rows) by which the i-th reading (columns) is behind, (m - 1) x m.
+
+        The force changes evenly from one time to the next; the lag is then behind by tau / step (1 - exp(-step / tau))
+        of the change, and forgets that with time constant tau.
+        """
+        tau_s, steps_s, since_s = self.time_constant_s, np.diff(at_s), at_s - at_s[1:, None]
+        at_end = -tau_s / steps_s * np.expm1(-steps_s / tau_s)
+        return np.asarray(at_end[:, None] * np.where(since_s < 0.0, 0.0, np.exp(-np.maximum(since_s, 0.0) / tau_s)))
 
     def modify_trace(self, trace: Trace) -> Trace:
         """The trace as the lagging transmitter reports it, starting from the true force."""
@@ -177,6 +244,9 @@ LOAD_CELL_LAG = EffectSpec(
     source="first-order low pass of weight transmitters",
     cost="P",
     parameters=(amplitude("time_constant_s", 0.0, 2.0, (0.1, 0.2)),),
+    state=LIFT,
+    quantity=Quantity("delay of the load cell, s", 0.0),
+    family=DELAY,
     confusable_with=("object_post_compliance", "lift_misalignment", "static_kinetic_friction", "stress_relaxation"),
 )
 
@@ -197,9 +267,9 @@ class ToolWeight(Effect):
         """The effect with the weight of this tool."""
         return self if self.share == 0.0 else replace(self, weight_n=fingers_weight_n(design))
 
-    def modify_trace(self, trace: Trace) -> Trace:
-        """The trace with the weight."""
-        return Trace(trace.time_s, trace.lift_mm, trace.force_n + self.share * self.weight_n)
+    def modify_forces(self, force_n: np.ndarray, at: Readings) -> np.ndarray:
+        """The forces with the weight."""
+        return force_n + self.share * self.weight_n
 
 
 @lru_cache(maxsize=64)
@@ -219,6 +289,7 @@ TOOL_WEIGHT = EffectSpec(
     source="weight = density x volume x g",
     cost="P",
     parameters=(amplitude("share", -1.0, 1.0, (0.0, 0.2)),),
+    family=ZERO,
     confusable_with=("load_cell_offset", "shear_adhesion"),
 )
 

@@ -23,27 +23,30 @@ _ORIENTATION_OF = np.array([ORIENTATIONS.index(obj.orientation) for obj in OBJEC
 
 @dataclass(frozen=True, eq=False)
 class Beliefs:
-    """Probabilities (n x 36) of the objects of the catalogue for n grasps."""
+    """Probabilities (n x 36 or more) of the objects of the catalogue, and of own objects after them, for n grasps.
+
+    Of classes, orientations and sides, own objects have one more, the last, where there are any.
+    """
 
     objects: np.ndarray
 
     @cached_property
     def classes(self) -> np.ndarray:
-        """Probabilities (n x len(CLASSES)): sums over the objects of a class."""
+        """Probabilities (n x len(CLASSES) or one more): sums over the objects of a class."""
         return _summed(self.objects, _CLASS_OF, len(CLASSES))
 
     @cached_property
     def orientations(self) -> np.ndarray:
-        """Probabilities (n x len(ORIENTATIONS)): sums over the objects in an orientation."""
+        """Probabilities (n x len(ORIENTATIONS) or one more): sums over the objects in an orientation."""
         return _summed(self.objects, _ORIENTATION_OF, len(ORIENTATIONS))
 
     @cached_property
     def sides(self) -> np.ndarray:
-        """Probabilities (n x len(SIDES)): sums over the objects with these sides."""
+        """Probabilities (n x len(SIDES) or one more): sums over the objects with these sides."""
         return _summed(self.objects, SIDES_OF_OBJECTS, len(SIDES))
 
     def combined(self) -> "Beliefs":
-        """What all rows together say of one object (1 x 36): the product of independent rows, with equal priors."""
+        """What all rows together say of one object (one row): the product of independent rows, with equal priors."""
         log = np.log(np.maximum(self.objects, LEAST_PROBABILITY)).sum(axis=0)
         odds = np.exp(log - log.max())
         return Beliefs((odds / odds.sum())[None])
@@ -60,11 +63,18 @@ def truth_of(object_id: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _summed(objects: np.ndarray, group: np.ndarray, n_groups: int) -> np.ndarray:
-    return np.asarray(objects @ (group[:, None] == np.arange(n_groups)))
+    n_own = objects.shape[1] - N_OBJECTS
+    groups = np.concatenate([group, np.full(n_own, n_groups)])
+    return np.asarray(objects @ (groups[:, None] == np.arange(n_groups + min(n_own, 1))))
+
+
+def count_columns(object_id: np.ndarray) -> int:
+    """Columns of probabilities that hold the objects of the catalogue and these."""
+    return max(N_OBJECTS, int(object_id.max()) + 1)
 
 
 def train(inputs: np.ndarray, object_id: np.ndarray, seed: int = 0) -> "Identifier":
-    """Identifier from grasps of known objects: inputs (n x len(INPUTS)) and their objects (n).
+    """Identifier from grasps of known objects: inputs (n x len(INPUTS)) and the columns of their objects (n).
 
     Raises:
         UsageError: fewer than two objects, which leave nothing to tell apart.
@@ -86,6 +96,6 @@ class Identifier:
 
     def beliefs(self, inputs: np.ndarray) -> Beliefs:
         """Probabilities of all objects for n grasps; zero for an object that was not among those it learnt from."""
-        objects = np.zeros((len(inputs), N_OBJECTS))
+        objects = np.zeros((len(inputs), count_columns(self.classifier.classes_)))
         objects[:, self.classifier.classes_] = self.classifier.predict_proba(inputs)
         return Beliefs(objects)

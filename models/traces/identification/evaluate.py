@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from fast.models.errors import UsageError
-from fast.models.traces.identification.classifier import N_OBJECTS, Beliefs, train
+from fast.models.traces.identification.classifier import Beliefs, count_columns, train
 
 N_FOLDS = 6
 
 Fit = Callable[[np.ndarray, np.ndarray], Callable[[np.ndarray], np.ndarray]]
-"""From inputs and objects to a function from inputs to probabilities (n x 36)."""
+"""From inputs and objects to a function from inputs to probabilities (n x 36, or more with own objects)."""
 
 
 def fit_trees(inputs: np.ndarray, object_id: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -38,9 +38,10 @@ def beliefs_of_unseen(
     inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray, fit: Fit = fit_trees, n_folds: int = N_FOLDS
 ) -> Beliefs:
     """Beliefs about each of n grasps, by a classifier that learnt from other tools."""
-    objects = np.zeros((len(inputs), N_OBJECTS))
+    objects = np.zeros((len(inputs), count_columns(object_id)))
     for learnt, tested in folds_of(tool, n_folds):
-        objects[tested] = fit(inputs[learnt], object_id[learnt])(inputs[tested])
+        found = fit(inputs[learnt], object_id[learnt])(inputs[tested])
+        objects[tested, : found.shape[1]] = found
     return Beliefs(objects)
 
 

@@ -11,7 +11,7 @@ from fast.models.errors import UsageError
 from fast.models.validation import closest
 from fast.tasks.bench.machine_files.format import Column, MachineFormat
 from fast.tasks.bench.machine_files.head import Block, BrokenRow, choose_columns, read_column, unit_of
-from fast.tasks.bench.machine_files.words import Quantity, scale_of
+from fast.tasks.bench.machine_files.words import Quantity, scale_of, split_unit
 
 _LOST_MARKS = 0.2  # share of neighbours that differ fivefold in whole numbers
 _LARGEST_LIFT_MM = 1000.0  # of whole numbers: more is a decimal mark that was lost
@@ -83,10 +83,10 @@ def _find_places(path: Path, block: Block, column: Column) -> list[int]:
                 f"{path} has {width} columns, the format file asks for number {column.number}; correct it."
             )
         return [column.number - 1]
-    wanted = (column.name or "").strip().casefold()
+    wanted = (column.name or "").strip().casefold()  # may stand with its unit: `Force_N`, `Load [any]`
     names = [name.casefold() for name in block.names]
     bare = re.sub(r"\s*[\[(][^\])]*[\])]$", "", wanted)
-    for name in (wanted, bare):
+    for name in (wanted, bare, split_unit(wanted)[0]):
         if name in names:
             return _find_alike(block, names.index(name))
     if not names:

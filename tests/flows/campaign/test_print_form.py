@@ -5,7 +5,7 @@ from pydantic import ValidationError
 
 from fast.flows.campaign.print_form import make_form, read_answer
 from fast.models.errors import UsageError
-from fast.tasks.bench.print import MeasuredTool
+from fast.tasks.bench.measured_tools import MeasuredTool
 
 
 def answer(slots=(0, 1), **tools):

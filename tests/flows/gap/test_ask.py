@@ -79,7 +79,7 @@ def test_a_half_of_a_pair_says_nothing(tmp_path: Path) -> None:
 
 def test_a_reading_is_kept_and_a_slip_of_the_pen_is_refused(tmp_path: Path) -> None:
     lake = gap_lake(tmp_path / "lake", has_bank=False)
-    with pytest.raises(UsageError, match="beyond -1 to 1; measure again"):
+    with pytest.raises(UsageError, match=r"walls: 12 mm, .* \(it is -1 to 1 mm\)"):
         write_reading(lake, "demo", "A1", Reading(kind="walls", value=12.0), "ada")
     with pytest.raises(UsageError, match="nobody asks for a `weather`"):
         write_reading(lake, "demo", "A1", Reading(kind="weather", value=1.0), "ada")

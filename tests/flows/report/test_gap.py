@@ -15,6 +15,7 @@ from fast.flows.report.gap.page import write_findings, write_gap_report
 from fast.flows.viewer.gap import write_gap_recording
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
 from fast.models.gap.evaluation.held_out import HeldOut, add_scatter
+from fast.models.gap.evidence.rehearsal import FamilyTold
 from fast.models.gap.findings import (
     Asked,
     AskedGrasps,
@@ -35,7 +36,6 @@ from fast.models.gap.findings import (
     RoundFindings,
     WhereFinding,
 )
-from fast.models.gap.naming.rank_effects import Separability
 from fast.models.gap.where.locate import locate
 from fast.models.gap.where.residuals import Residuals
 from fast.models.records import EffectValue, GraspSetup
@@ -54,7 +54,7 @@ NOTHING = Decision(kind="none", probability=0.99)
 
 
 def _candidate(effect: str, probability: float) -> Candidate:
-    return Candidate(effect=effect, probability=probability, held_out_gain_nats=12.0, held_out_rmse_change=-0.2)
+    return Candidate(effect=effect, probability=probability, nats=12.0)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,6 @@ def content() -> GapPage:
         for label, steps in ((BEFORE, before), (AFTER, after))
     )
     evaluation, where = evaluate(held_out, first, last), locate(residuals)
-    names = ("load_cell_lag", "object_post_compliance", "stress_relaxation")
     return GapPage(
         findings=_findings(
             evaluation, (RoundFindings(where=where.findings, candidates=_CANDIDATES, named=NAMED, version="V1"),)
@@ -80,7 +79,7 @@ def content() -> GapPage:
         residuals=residuals,
         evaluation=evaluation,
         theta=(ThetaRow("young_modulus_mpa", (9.0, 8.5, 9.5), (10.0, 9.6, 10.4), INDEPENDENT["young_modulus_mpa"]),),
-        separability=Separability(names, np.array([[0, 2, 60], [1, 0, 40], [70, 9, 0]])),
+        rehearsed=(FamilyTold("delay between lift and force", 12, 10, 8, 1, ("compliance in series",), 0.02),),
         assumed=("Two designs and three objects were held out.",),
     )
 
@@ -275,8 +274,8 @@ def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
     lag = Decision(kind="effect", effects=("load_cell_lag",), probability=0.95)
     unknown = Decision(kind="unknown", probability=0.7)
     first = _round(lag, _candidate("load_cell_lag", 0.9))  # 12 nats
-    weak = Candidate(effect="unknown", probability=0.5, held_out_gain_nats=1.1, held_out_rmse_change=0.0)
-    strong = weak.model_copy(update={"held_out_gain_nats": 1.3})
+    weak = Candidate(effect="unknown", probability=0.5, nats=1.1)
+    strong = weak.model_copy(update={"nats": 1.3})
     little, much = _told(first, _round(unknown, weak)), _told(first, _round(unknown, strong))
     assert "then" not in answer.describe_answer(little)
     assert "something else" not in answer.describe_sureness(little)
@@ -402,7 +401,7 @@ def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:
         left_share=0.12,
     )  # fmt: skip
     unknown = Decision(kind="unknown", probability=0.71, rest=rest, sentence="No effect explains it.")
-    best = _candidate("static_kinetic_friction", 0.96).model_copy(update={"grouped_r2": 0.42})
+    best = _candidate("static_kinetic_friction", 0.96).model_copy(update={"nats": 420.0})
     findings = _told(
         _round(slips, best, refused="It made held-out grasps worse."), _round(unknown, best, patternless_n=0.104)
     )

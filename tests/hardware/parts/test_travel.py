@@ -5,6 +5,7 @@ import pytest
 
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.route import shortest_tour, travel_s
+from fast.models.errors import UsageError
 
 LAYOUT = BenchLayout()
 
@@ -38,3 +39,12 @@ def test_a_leg_takes_its_trapezoid():
     assert travel_s([(0.0, 0.0), (150.0, 0.0)]) == pytest.approx(150 / 200 + 200 / 500)
     assert travel_s([(0.0, 0.0), (20.0, 0.0)]) == pytest.approx(2 * math.sqrt(20 / 500))
     assert travel_s([(3.0, 4.0), (3.0, 4.0)]) == 0.0
+
+
+def test_an_object_whose_place_another_has_taken_is_not_on_the_bench():
+    layout = BenchLayout(own_objects=((1234, 14),))
+    assert layout.object_xy_mm(1234) == LAYOUT.object_xy_mm(14)
+    assert not layout.has_place(14)
+    with pytest.raises(UsageError, match="Object 14 is not on the bench, own object 1234 stands on its place"):
+        layout.object_xy_mm(14)
+    assert layout.object_at(*LAYOUT.object_xy_mm(14)) == 1234

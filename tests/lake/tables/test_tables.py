@@ -132,7 +132,7 @@ def test_the_answer_of_a_round_is_found(lake: Lake, provenance: Provenance):
 
     rows = [
         finding("where", 0, phase="lift", stratum="object wider than 40 mm", size_n=-1.5, ci90_lower_n=-2.0),
-        finding("candidate", 0, effect="load_cell_lag", probability=0.6, held_out_gain_nats=4.0),
+        finding("candidate", 0, effect="load_cell_lag", probability=0.6, evidence_nats=4.0),
         finding("named", 0, answer="set", effect="load_cell_lag", probability=0.95, rmse_before_n=2.0),
         finding("named", 1, answer="set", effect="static_kinetic_friction", probability=0.95, rmse_before_n=2.0),
     ]

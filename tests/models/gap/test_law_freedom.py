@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from fast.models.gap.fit.effect_states import QUANTITIES, STATES
 from fast.models.gap.fit.fit import Fit, axes_of
 from fast.models.gap.fit.law_freedom import (
     LAW_SD,
@@ -95,9 +94,9 @@ def test_the_curve_of_a_law_holds_the_truth_and_not_everything(fit: Fit) -> None
 
 def test_states_are_of_effects_and_have_an_inverse() -> None:
     """On an axis that is linear first and logarithmic beyond."""
-    assert STATES.keys() <= CATALOGUE.keys()
-    assert QUANTITIES.keys() <= STATES.keys()
-    for state in STATES.values():
+    assert all(spec.state for spec in CATALOGUE.values() if spec.quantity)
+    assert all(spec.kind.overrides("law") == (spec.quantity is not None) for spec in CATALOGUE.values())
+    for state in (spec.state for spec in CATALOGUE.values() if spec.state):
         values = np.array([0.0, 0.3, 2.0, 50.0])
         assert state.state_at(state.place(values)) == pytest.approx(values)
 
@@ -107,21 +106,17 @@ def test_quantities_are_the_laws_of_the_catalogue() -> None:
     at, theta, setup = np.array([0.0, 1.0, 7.0]), Theta(), GraspSetup()
     tool = made_up_gap(1, 1, 0).grasps.designs[0]
 
-    def law(name: str, effect: object) -> np.ndarray:
-        return QUANTITIES[name].law(vars(effect), at, setup.lift_speed_mm_per_s)
-
     slip = StaticKineticFriction(0.7, 2.0)
-    assert law("static_kinetic_friction", slip) == pytest.approx(slip.friction_factor(at, at))
+    assert slip.law(at) == pytest.approx(slip.friction_factor(at, at))
     start = LiftStartError(0.2, 0.3, 2.0)
     behind = start.behind_mm(at / setup.lift_speed_mm_per_s, setup.lift_speed_mm_per_s)
-    assert law("lift_start_error", start) == pytest.approx(behind)
+    assert start.law(at) == pytest.approx(behind)
     contexts = [GraspContext(repeat=int(n), tool_grasps=int(n), batch_grasps=int(n), clock_s=3600.0 * n) for n in at]
     for effect in (MullinsSoftening(0.2, 3.0), TemperatureSoftening(0.2, 3000.0)):
-        name = next(spec.effect for spec in CATALOGUE.values() if spec.kind is type(effect))
         moduli = [effect.in_grasp(tool, setup, c).modify_theta(theta, tool).young_modulus_mpa for c in contexts]
-        assert law(name, effect) == pytest.approx(np.array(moduli) / theta.young_modulus_mpa)
+        assert effect.law(at) == pytest.approx(np.array(moduli) / theta.young_modulus_mpa)
     wear, droop = FrictionWear(0.3, 20.0), PressureDroop(0.5, 30.0)
     factors = [wear.in_grasp(tool, setup, c).friction_factor(at, at) for c in contexts]
-    assert law("friction_wear", wear) == pytest.approx(np.array(factors))
+    assert wear.law(at) == pytest.approx(np.array(factors))
     gaps = [droop.in_grasp(tool, setup, c).modify_setup(setup, tool).closed_gap_mm for c in contexts]
-    assert law("pressure_droop", droop) == pytest.approx(0.5 * (np.array(gaps) - setup.closed_gap_mm))
+    assert droop.law(at) == pytest.approx(0.5 * (np.array(gaps) - setup.closed_gap_mm))

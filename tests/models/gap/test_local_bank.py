@@ -9,7 +9,6 @@ import pytest
 from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from fast.models.calibration.traces.theta_grid import ThetaGrid
 from fast.models.gap.bank.bank import (
-    AMPLITUDES,
     CENTRE,
     CLOSED_LESS,
     SIMULATED,
@@ -31,6 +30,7 @@ from fast.models.gap.local_bank import (
     move_bank,
 )
 from fast.models.records import EffectValue, Theta
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
 from tests.synthetic.gap import GapTruth, made_up_gap, made_up_steps, with_bank
 
@@ -49,16 +49,15 @@ def friction(kinetic_ratio: float, slip_scale_mm: float) -> EffectValue:
 
 def naming(base: Any, best: Any, r2: dict[str, float], drift: str = "") -> Any:
     """What the choice of a bank looks at."""
-    rows = [
-        Candidate(effect=name, probability=0.1, held_out_gain_nats=1.0, held_out_rmse_change=0.0, grouped_r2=value)
-        for name, value in r2.items()
-    ]
+    rows = [Candidate(effect=name, probability=0.1, nats=value) for name, value in r2.items()]
     return SimpleNamespace(fit=base, best=best, candidates=tuple(rows), named=SimpleNamespace(drift=drift))
 
 
 def test_the_wide_bank_is_the_default() -> None:
     assert (WIDE.centre, WIDE.grid, WIDE.effects) == (CENTRE, ThetaGrid(), SIMULATED)
-    assert len(list_versions(SimulatorVersion())) == 12 + 1 + 3 + sum(map(len, AMPLITUDES.values()))
+    assert len(list_versions(SimulatorVersion())) == 12 + 1 + 3 + sum(
+        len(spec.bank_runs) for spec in CATALOGUE.values()
+    )
 
 
 def test_a_bank_around_theta_has_its_modulus_and_few_points() -> None:
@@ -68,7 +67,7 @@ def test_a_bank_around_theta_has_its_modulus_and_few_points() -> None:
     assert plan.grid.friction == pytest.approx((0.8 * 0.6, 1.2 * 0.6))
     assert plan.grid.poisson_ratio == pytest.approx((0.4, 0.48))
     versions = list_versions(SimulatorVersion(), plan)
-    assert len(versions) == 5 + 1 + len(AMPLITUDES["shear_adhesion"])
+    assert len(versions) == 5 + 1 + len(CATALOGUE["shear_adhesion"].bank_runs)
     assert {version.theta.young_modulus_mpa for version in versions} == {9.03}
 
 
@@ -134,7 +133,7 @@ def test_only_credible_effects_are_simulated_again_and_those_of_the_model() -> N
     many = choose_bank(naming(fit(THETA), fit(THETA), {name: 0.1 + 0.01 * i for i, name in enumerate(SIMULATED)}))
     assert set(many.effects) == set(SIMULATED[-MOST_EFFECTS:])  # falling pressure among them
     drifting = choose_bank(naming(fit(THETA), fit(THETA), {"shear_adhesion": 0.1}, "repeats differ"))
-    assert set(drifting.effects) == {"shear_adhesion", CLOSED_LESS}
+    assert set(drifting.effects) == {"shear_adhesion", *CLOSED_LESS}
 
 
 def test_a_later_round_adds_effects_and_the_bank_moves_only_if_theta_leaves_it() -> None:

@@ -21,13 +21,12 @@ from fast.models.gap.bank.sensor_effects import N_LEAD
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.data import GapData
 from fast.models.gap.fit.theta import calibrate_theta, make_grid_bank, of_bench
-from fast.models.gap.grasps import Grasps
+from fast.models.gap.grasps import Grasps, of_one_setup
 from fast.models.records import GraspContext, Theta, Trace
 from fast.models.traces.step_features import FEATURES, N_STEPS, PEAK, features_of_steps, step_means
 from fast.models.traces.step_noise import SensorNoise
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.calibration.trace_bank import SETUP, Bank, BankJob, bank_jobs, fill_bank
-from tests.synthetic.gap import of_one_setup
 
 N_DESIGNS, OBJECTS = 10, (1, 6, 14, 25, 28, 30, 32, 34)
 N_WORLDS = 40

@@ -16,9 +16,9 @@ from fast.models.solver_code import source_id
 from fast.models.traces.step_features import N_STEPS
 
 if TYPE_CHECKING:
+    from fast.models.gap.evidence.rehearsal import Rehearsal
     from fast.models.gap.fit.fit import Fit
     from fast.models.gap.naming.name import NamingResult
-    from fast.models.gap.naming.thresholds import Thresholds
     from tests.studies.gap.local_banks import LocalBanks
 
 MAX_ROUNDS = 3
@@ -29,8 +29,7 @@ _DIGITS = 4
 class Said(Record):
     """One round: what was named, how sure, and all candidates' probabilities.
 
-    over_line, looked_at, description: of `models.gap.naming.decide.Judgement`, and the effect that it looked at.
-    possible: of `models.gap.findings.Decision`; is_by_drift: whether it rests on differences of repeats alone.
+    over_line: how many times over its line the evidence is. possible: of `models.gap.findings.Decision`.
     """
 
     kind: Literal["effect", "set", "none", "unknown"]
@@ -39,10 +38,7 @@ class Said(Record):
     parameters: dict[str, tuple[float, float, float]] = {}
     candidates: dict[str, float] = {}
     over_line: float = 0.0
-    looked_at: str = ""
-    description: tuple[float, ...] = ()
     possible: tuple[str, ...] = ()
-    is_by_drift: bool = False
 
 
 class Closing(Record):
@@ -56,7 +52,6 @@ class Answer(Record):
     """The answer to a world."""
 
     code: str
-    thresholds: str
     rounds: tuple[Said, ...]
     closing: Closing | None = None
     cpu_s: float = 0.0
@@ -79,16 +74,16 @@ class Answer(Record):
 
 @cache
 def naming_code() -> str:
-    """Id of the code that names effects; lines have one of their own (`thresholds_id`)."""
+    """Id of the code that names effects."""
     root = Path(fast.models.__file__).parent
-    kept = ("gap/bank", "gap/fit", "gap/naming", "gap/grasps.py", "gap/data.py", "gap/local_bank.py")
-    files = [file.relative_to(root).as_posix() for file in (root / "gap").rglob("*.py") if file.stem != "thresholds"]
+    kept = ("gap/bank", "gap/evidence", "gap/fit", "gap/naming", "gap/grasps.py", "gap/data.py", "gap/local_bank.py")
+    files = [file.relative_to(root).as_posix() for file in (root / "gap").rglob("*.py")]
     return source_id(root, (*(f for f in files if f.startswith(kept)), "simulation/effects", "calibration/traces"))
 
 
 def answer(
     problem: GapData,
-    thresholds: "Thresholds",
+    rehearsal: "Rehearsal",
     *,
     without: Sequence[str] = (),
     max_rounds: int = MAX_ROUNDS,
@@ -107,39 +102,33 @@ def answer(
     plan = None
     for _ in range(max_rounds):
         if banks is None:
-            result, data = name_effect(problem, in_model, thresholds, catalogue), problem
+            result, data = name_effect(problem, rehearsal, in_model, catalogue=catalogue), problem
         else:
-            result, data, plan = banks.name(problem, in_model, thresholds, catalogue, plan)
+            result, data, plan = banks.name(problem, in_model, rehearsal, catalogue, plan)
         results.append((result, data))
         if not result.values:
             break
         in_model = tuple(result.best.effects)
     return Answer(
         code=naming_code(),
-        thresholds=thresholds_id(thresholds),
         rounds=tuple(_said(result) for result, _ in results),
         closing=_closing(results),
         cpu_s=round(time.process_time() - started, 2),
     )
 
 
-def measure_twin(problem: GapData, thresholds: "Thresholds", banks: "LocalBanks | None" = None) -> float:
+def measure_twin(problem: GapData, rehearsal: "Rehearsal", banks: "LocalBanks | None" = None) -> float:
     """Held-out error of a world in which nothing is hidden, calibrated anew, N: what nobody can close."""
     from fast.models.gap.fit.recalibrate import recalibrate
 
     if banks is None:
         return _held_out_rmse_n(problem, recalibrate(problem.training))
-    found, data, _ = banks.name(problem, (), thresholds, problem.surrogate.names)
+    found, data, _ = banks.name(problem, (), rehearsal, problem.surrogate.names)
     return _held_out_rmse_n(data, found.fit)
 
 
-def thresholds_id(thresholds: "Thresholds") -> str:
-    """Id of the lines that an answer was decided with."""
-    return content_id("H", thresholds.model_dump(mode="json"))
-
-
 def _said(result: "NamingResult") -> Said:
-    named, judged = result.named, result.judged
+    named = result.named
     return Said(
         kind=named.kind,
         effects=named.effects,
@@ -149,11 +138,8 @@ def _said(result: "NamingResult") -> Said:
             for name, value in named.parameters.items()
         },
         candidates={one.effect: round(one.probability, _DIGITS) for one in result.candidates},
-        over_line=round(judged.over_line, _DIGITS),
-        looked_at="" if result.look is None else result.look.effect,
-        description=tuple(round(value, _DIGITS) for value in judged.description),
+        over_line=round(result.alarm.over_line, _DIGITS),
         possible=named.possible,
-        is_by_drift=bool(named.drift),
     )
 
 

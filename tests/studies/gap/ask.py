@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fast.flows.challenge.keys import hash_key
 from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import believe, merge_forms
 from fast.models.gap.ask.choose import ENOUGH_NATS, choose_experiments
@@ -31,7 +32,7 @@ from fast.tasks.gap.ask_settings import USUAL_BUDGET
 from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, draw_key
-from tests.studies.gap.sealed import hash_key
+from tests.synthetic.rehearsal import USUAL
 
 N_MEMBERS, N_UNKNOWN = 40, 12
 CELLS = tuple((tool, obj) for tool in (0, 2, 4) for obj in (0, 2, 4))
@@ -101,7 +102,7 @@ def measure_asking(options: Options) -> Tables:
 
 def ask_world(name: str, bench: Bench) -> Asking:
     """Search a world, ask its bench in whole requests as a campaign does, and once more at random settings."""
-    naming = name_effect(bench.data, (), catalogue=bench.catalogue)
+    naming = name_effect(bench.data, USUAL, catalogue=bench.catalogue)
     before = naming.named.effects[0] if naming.named.kind == "effect" else _PLAIN.get(naming.named.kind, "")
     hypotheses = list_hypotheses(naming)
     effects = tuple(dict.fromkeys(one.name for one in hypotheses if one.own))

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from fast.flows.challenge.hidden.lab_laws import LAB_LAWS, LabLaw, Moment, lift_start_s
 from fast.models.gap.ask.answers import Answers
 from fast.models.gap.ask.predict import Pair
 from fast.models.gap.data import GapData
@@ -16,7 +17,6 @@ from fast.models.gap.findings import UNKNOWN
 from fast.models.ids import seed_from
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, GraspContext, GraspSetup, Record, Theta, Trace
-from tests.studies.hidden.lab_laws import LAB_LAWS, LabLaw, Moment, lift_start_s
 from tests.synthetic.gap import GapTruth, Hidden, made_up_answers, made_up_gap
 
 N_TOOLS, N_OBJECTS = 6, 6

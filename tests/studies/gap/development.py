@@ -1,10 +1,8 @@
-"""The figures of gap discovery on worlds of known truth: probabilities fitted on some worlds, then others.
+"""The figures of gap discovery on worlds of known truth, in stages, each in the results file.
 
-Stages, each in the results file: `calibration` worlds set the probabilities and are never counted; `development`
-worlds come from a public seed, `independent` ones from another solver (`tests.studies.gap.independent`).
+`development` worlds come from a public seed, `independent` ones from another solver (`tests.studies.gap.independent`).
 """
 
-import json
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,6 +10,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from fast.flows.challenge.hidden.panel_file import PANEL, read_small
+from fast.flows.challenge.hidden.panels import Panels
+from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.models.design.space import numbered_design
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.grasps import Cells
@@ -19,20 +20,18 @@ from fast.models.records import GraspSetup, Record
 from fast.models.simulation.version import SimulatorVersion
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
-from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
-from tests.studies.gap.judgement import Judged, fit_probabilities
-from tests.studies.gap.panels import Panels
+from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code
+from tests.studies.gap.judgement import Judged
 from tests.studies.gap.tables import gap_tables
-from tests.studies.gap.truth import Panel, results_folder
-from tests.studies.gap.worlds import Group, WorldKey, Worlds
+from tests.studies.gap.truth import Panel, read_panels, results_folder
 
 if TYPE_CHECKING:
-    from fast.models.gap.naming.thresholds import Thresholds
+    from fast.models.gap.evidence.rehearsal import Rehearsal
 
-N_CALIBRATION: dict[Group, int] = {"null": 24, "single": 48, "unlisted": 12, "pair": 12}
+N_REHEARSED = 240
 N_WORLDS: dict[Group, int] = {"null": 40, "nasty null": 12, "single": 48, "alias": 6, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
-Stage = Literal["calibration", "development", "independent"]
+Stage = Literal["development", "independent"]
 
 
 class GapOutcome(Record):
@@ -55,35 +54,29 @@ class GapOutcome(Record):
 
 def measure_gap(options: Options) -> Tables:
     """False alarms, names, sets, unknowns and closed gaps of gap discovery, over development worlds of known truth."""
-    folder = results_folder(options)
-    panels, bank = open_panels(folder)
-    outcomes = read_outcomes(options.results)
-    thresholds = calibrated(Worlds(panels, bank, "calibration"), outcomes, options)
-    (folder / "thresholds.json").write_text(json.dumps(thresholds_content(thresholds), indent=1) + "\n")
-    return measure_worlds(Worlds(panels, bank, PUBLIC_SEED), "development", N_WORLDS, thresholds, options)
+    panels, bank = read_small(PANEL) if options.results is None else open_panels(results_folder(options))
+    return measure_worlds(Worlds(panels, bank, PUBLIC_SEED, has_other_laws=True), "development", N_WORLDS, options)
 
 
-def measure_worlds(
-    worlds: Worlds, stage: Stage, wanted: Mapping[Group, int], thresholds: "Thresholds", options: Options
-) -> Tables:
+def measure_worlds(worlds: Worlds, stage: Stage, wanted: Mapping[Group, int], options: Options) -> Tables:
     """Answer so many worlds of each group, those with one effect also without it in the catalogue, and count."""
-    outcomes = read_outcomes(options.results)
+    outcomes, rehearsal = read_outcomes(options.results), rehearse_worlds(worlds, options)
     end = time.monotonic() + 60.0 * options.limit_minutes
     with RecordFile(options.results) as file:
         for group, number, is_left_out in _interleaved(wanted, options.worlds):
             place = (stage, group, number, is_left_out)
             known = outcomes.get(place)
-            if known is not None and is_current(known.answer, thresholds):
+            if known is not None and is_current(known.answer):
                 continue
             if time.monotonic() > end:
                 break
             key = worlds.draw(group, number)
-            said = answer(worlds.problem(key), thresholds, without=key.names if is_left_out else ())
-            twin_n = None if is_left_out else measure_twin(worlds.problem(worlds.twin(key)), thresholds)
+            said = answer(worlds.problem(key), rehearsal, without=key.names if is_left_out else ())
+            twin_n = None if is_left_out else measure_twin(worlds.problem(worlds.twin(key)), rehearsal)
             outcomes[place] = GapOutcome(stage=stage, key=key, answer=said, left_out=is_left_out, twin_n=twin_n)
             file.append(outcomes[place])
             options.tell(_line(outcomes[place]))
-    shown = [o for o in outcomes.values() if o.stage == stage and is_current(o.answer, thresholds)]
+    shown = [o for o in outcomes.values() if o.stage == stage and is_current(o.answer)]
     return gap_tables([Judged(o.key, o.answer, o.left_out, o.twin_n) for o in shown])
 
 
@@ -93,7 +86,7 @@ def open_panels(folder: Path) -> tuple[Panels, Bank]:
     from fast.tasks.gap.bank import read_bank
 
     panel = Panel.read(folder)
-    panels = Panels.read(folder / "truth.jsonl", panel)
+    panels = read_panels(folder / "truth.jsonl", panel)
     own = [numbered_design(number) for number in panel.designs]
     bank = read_bank(Lake(str(folder / "lake")), SimulatorVersion(), Cells.full(own, panel.objects, GraspSetup()))
     return panels, with_known_fields(bank)
@@ -113,35 +106,17 @@ def read_outcomes(path: Path | None) -> dict[tuple[str, str, int, bool], GapOutc
     return {found.place: found for found in read_records(path, GapOutcome, "answer to a world of a hidden effect")}
 
 
-def is_current(said: Answer, thresholds: "Thresholds") -> bool:
-    """Whether the present code gave the answer, with these lines."""
-    return said.code == naming_code() and said.thresholds == thresholds_id(thresholds)
+def is_current(said: Answer) -> bool:
+    """Whether the present code gave the answer."""
+    return said.code == naming_code()
 
 
-def calibrated(
-    worlds: Worlds, outcomes: dict[tuple[str, str, int, bool], GapOutcome], options: Options
-) -> "Thresholds":
-    """Probabilities fitted on worlds none of which is counted later: closed and open ones."""
-    from fast.models.gap.naming.thresholds import Thresholds
+def rehearse_worlds(worlds: Worlds, options: Options) -> "Rehearsal":
+    """One rehearsal for all worlds of a panel: that of the first, whose forces it never sees."""
+    from fast.tasks.gap.rehearse import rehearse_panel
 
-    provisional, made = Thresholds(), []
-    with RecordFile(options.results) as file:
-        for group, number, is_left_out in _interleaved(N_CALIBRATION, options.worlds):
-            place = ("calibration", group, number, is_left_out)
-            if place not in outcomes or outcomes[place].answer.code != naming_code():
-                key = worlds.draw(group, number)
-                without = key.names if is_left_out else ()
-                said = answer(worlds.problem(key), provisional, without=without, max_rounds=1)
-                outcomes[place] = GapOutcome(stage="calibration", key=key, answer=said, left_out=is_left_out)
-                file.append(outcomes[place])
-                options.tell(_line(outcomes[place]))
-            made.append(outcomes[place])
-    return fit_probabilities([Judged(one.key, one.answer, one.left_out) for one in made], provisional)
-
-
-def thresholds_content(thresholds: "Thresholds") -> dict[str, object]:
-    """Lines with the id of the code that they hold for."""
-    return {"code": naming_code(), "lines": thresholds.model_dump(mode="json")}
+    data = worlds.problem(worlds.draw("null", 0))
+    return rehearse_panel(data, (), N_REHEARSED, options.workers or 1, options.tell)
 
 
 def _interleaved(wanted: Mapping[Group, int], n_worlds: int | None) -> Iterator[tuple[Group, int, bool]]:

@@ -19,6 +19,8 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
+from fast.flows.challenge.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
+from fast.flows.challenge.hidden.panel_file import read_cells
 from fast.flows.cli.common import tell
 from fast.flows.gap.example import CAMPAIGN, FILE
 from fast.flows.gap.folder import write_folder
@@ -51,8 +53,6 @@ from fast.models.records import GraspSetup
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import list_plan_ids, plan_bank
 from fast.tasks.gap.findings import STARTED
-from tests.studies.gap.small import read_cells
-from tests.studies.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
 LAW, SEED, REPEATS = "force_limited_closing", 41, 3

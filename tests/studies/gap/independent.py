@@ -9,15 +9,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
+from fast.flows.challenge.hidden.panel_file import read_small
+from fast.flows.challenge.hidden.panels import Panels
+from fast.flows.challenge.hidden.true_sets import TrueSet
+from fast.flows.challenge.hidden.worlds import Group, Worlds
 from fast.models.gap.bank.bank import Bank
-from fast.models.gap.naming.thresholds import Thresholds
 from fast.models.records import Trace
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.gap.development import PUBLIC_SEED, measure_worlds
-from tests.studies.gap.panels import Panels
-from tests.studies.gap.small import read_small
-from tests.studies.gap.truth import TrueSet
-from tests.studies.gap.worlds import Group, Worlds
 
 DATA = Path(__file__).parents[2] / "data"
 N_WORLDS: dict[Group, int] = {"null": 60, "single": 48, "unlisted": 12, "pair": 24}
@@ -27,7 +26,7 @@ _THETA = (0.52, 0.45)  # friction and Poisson's ratio
 def measure_gap_independent(options: Options) -> Tables:
     """False alarms, names and closed gaps of gap discovery where another solver's grasps are the truth."""
     worlds = Worlds(*read_independent(), PUBLIC_SEED)
-    return measure_worlds(worlds, "independent", N_WORLDS, Thresholds(), options)
+    return measure_worlds(worlds, "independent", N_WORLDS, options)
 
 
 def read_independent() -> tuple[Panels, Bank]:

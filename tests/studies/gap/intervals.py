@@ -12,10 +12,18 @@ from functools import cached_property
 
 import numpy as np
 
+from fast.flows.challenge.grade import clopper_pearson
+from fast.flows.challenge.hidden.lab import Variants
+from fast.flows.challenge.hidden.lab_laws import LabLaw, Moment, lift_on
+from fast.flows.challenge.hidden.panels import raw_strength
+from fast.flows.challenge.hidden.parts import tool_draws
+from fast.flows.challenge.hidden.true_sets import MODULUS_MPA, RESPONDING
+from fast.flows.challenge.hidden.truth import TOOL_MODULUS_SD, TrueGrasp
+from fast.flows.challenge.hidden.truth import _solve as solve_with
+from fast.flows.challenge.hidden.worlds import WorldKey, Worlds
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.problem import THETA
 from fast.models.errors import SimulationFailed
-from fast.models.gap.bank.bank import AMPLITUDES
 from fast.models.gap.data import GapData
 from fast.models.ids import seed_from
 from fast.models.records import EffectValue, Record, Theta, Trace
@@ -26,15 +34,7 @@ from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import measure_held_out_n, naming_code
 from tests.studies.gap.development import open_panels
 from tests.studies.gap.local_banks import LocalBanks
-from tests.studies.gap.panels import raw_strength
-from tests.studies.gap.tables import clopper_pearson
-from tests.studies.gap.truth import MODULUS_MPA, RESPONDING, results_folder
-from tests.studies.gap.worlds import WorldKey, Worlds
-from tests.studies.hidden.lab import Variants
-from tests.studies.hidden.lab_laws import LabLaw, Moment, lift_on
-from tests.studies.hidden.parts import tool_draws
-from tests.studies.hidden.truth import TOOL_MODULUS_SD, TrueGrasp
-from tests.studies.hidden.truth import _solve as solve_with
+from tests.studies.gap.truth import results_folder
 
 PUBLIC_SEED = "intervals"
 N_WORLDS = 46  # two of each effect
@@ -135,7 +135,7 @@ class OwnWorld:
     def problem(self) -> GapData:
         """The gap problem of this world, of true grasps that are solved now if the effect acts in them."""
         lab, panels = self.worlds.lab(self.key), self.worlds.of(self.key).panels
-        if self.value.effect not in AMPLITUDES:
+        if not CATALOGUE[self.value.effect].bank_runs:
             traces = lab.measure(panels.truth(self.key.base, 1.0), [OwnLaw(self.value)])
         else:
             cells = self._solve_cells()
@@ -166,7 +166,7 @@ def draw_world(worlds: Worlds, number: int) -> OwnWorld | None:
     """A world, always the same for a number; None if no value that is plausible is seen."""
     rng = np.random.default_rng(seed_from("interval world", PUBLIC_SEED, number))
     key = worlds.draw("null", int(rng.integers(2**31))).model_copy(update={"young_modulus_mpa": MODULUS_MPA})
-    names = [name for name in CATALOGUE if name in worlds.bank.effects or name not in AMPLITUDES]
+    names = [name for name in CATALOGUE if name in worlds.bank.effects or not CATALOGUE[name].bank_runs]
     training = worlds.problem(key).training
     names = [name for name in names if name in training.names]
     effect = names[number % len(names)]
@@ -198,7 +198,7 @@ def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettin
     from fast.models.gap.fit.posterior import effects_at, sample_posterior
     from fast.models.gap.fit.recalibrate import recalibrate
     from fast.models.gap.naming.name import name_effect
-    from fast.models.gap.naming.thresholds import Thresholds
+    from tests.synthetic.rehearsal import USUAL
 
     started, effect = time.process_time(), world.value.effect
     outcome = IntervalOutcome(
@@ -210,14 +210,12 @@ def infer(world: OwnWorld, banks: LocalBanks | None, settings: CalibrationSettin
         truth=world.truth,
     )
     data = world.problem
-    found = name_effect(data, (), Thresholds(), [effect])
-    best = found.tried.best
-    if best is None or best.r2 <= 0.0:
+    found = name_effect(data, USUAL, catalogue=[effect])
+    if not found.values:
         return outcome
     if banks is not None:
-        found, data, _ = banks.name(data, (), Thresholds(), [effect])
-        best = found.tried.best or best
-    fit = recalibrate(data.training, best.values)
+        found, data, _ = banks.name(data, (), USUAL, [effect])
+    fit = recalibrate(data.training, found.values)
     result = sample_posterior(fit, settings)
     quantiles = np.quantile(result.draws.reshape(-1, len(result.names)), _LEVELS, axis=0)
     theta, effects = quantiles[1][:3], effects_at(result.names, quantiles[1].tolist())

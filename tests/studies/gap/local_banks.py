@@ -15,8 +15,8 @@ from fast.tasks.gap.bank import plan_bank, read_bank
 from fast.tasks.simulation.plan import simulate_plan
 
 if TYPE_CHECKING:
+    from fast.models.gap.evidence.rehearsal import Rehearsal
     from fast.models.gap.naming.name import NamingResult
-    from fast.models.gap.naming.thresholds import Thresholds
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class LocalBanks:
         self,
         wide: GapData,
         in_model: Sequence[EffectValue],
-        thresholds: "Thresholds",
+        rehearsal: "Rehearsal",
         catalogue: Sequence[str],
         former: BankPlan | None = None,
     ) -> tuple["NamingResult", GapData, BankPlan]:
@@ -47,9 +47,10 @@ class LocalBanks:
 
         def answer(plan: BankPlan) -> tuple[GapData, "NamingResult"]:
             data = self._with_bank(wide, plan)
-            return data, name_effect(data, in_model, thresholds, catalogue)
+            return data, name_effect(data, rehearsal, in_model, proposed.alarm, catalogue)
 
-        data, found, plan = answer_locally(name_effect(wide, in_model, thresholds, catalogue), former, answer)
+        proposed = name_effect(wide, rehearsal, in_model, catalogue=catalogue)
+        data, found, plan = answer_locally(proposed, former, answer)
         return found, data, plan
 
     def _with_bank(self, wide: GapData, plan: BankPlan) -> GapData:

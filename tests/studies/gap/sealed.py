@@ -1,11 +1,10 @@
 """Sealed worlds: drawn from a secret, answered from data alone, judged after the answers are in the file.
 
 Three steps, each of which leaves its file. *Seal*: data go to the folder `sealed`, a hash of every key to
-`sealed.jsonl`, keys and salts to `sealed-keys.jsonl`, which only the judge opens. *Answer*: reads data and lines,
+`sealed.jsonl`, keys and salts to `sealed-keys.jsonl`, which only the judge opens. *Answer*: reads data,
 writes `sealed-answers.jsonl` with a hash of each answer. *Judge*: checks every hash, and counts.
 """
 
-import hashlib
 import secrets
 import time
 from collections.abc import Callable, Sequence
@@ -14,24 +13,24 @@ from pathlib import Path
 
 import numpy as np
 
+from fast.flows.challenge.hidden.worlds import MODULI_MPA, Group, WorldKey, Worlds
+from fast.flows.challenge.keys import hash_key
 from fast.models.design.space import numbered_design
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData
-from fast.models.gap.grasps import Grasps
-from fast.models.gap.naming.thresholds import Thresholds
+from fast.models.gap.evidence.rehearsal import Rehearsal
+from fast.models.gap.grasps import Grasps, of_one_setup
 from fast.models.records import GraspContext, Record
 from fast.models.traces.step_noise import SensorNoise
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
-from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code, thresholds_id
-from tests.studies.gap.development import open_panels
+from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code
+from tests.studies.gap.development import open_panels, rehearse_worlds
 from tests.studies.gap.judgement import Judged
 from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import results_folder
-from tests.studies.gap.worlds import MODULI_MPA, Group, WorldKey, Worlds
-from tests.synthetic.gap import of_one_setup
 
 BankOf = Callable[[Sequence[int], Sequence[int]], Bank]
 
@@ -45,7 +44,6 @@ class Sealed(Record):
 
     world: str
     key_hash: str
-    lines: str
     code: str
 
 
@@ -70,26 +68,21 @@ class SealedKey(Record):
         return hash_key(self.salt, self.key)
 
 
-def hash_key(salt: str, key: Record) -> str:
-    """SHA-256 of a salt and a key."""
-    return hashlib.sha256(f"{salt}|{key.model_dump_json()}".encode()).hexdigest()
-
-
 def measure_gap_sealed(options: Options) -> Tables:
-    """The figures of gap discovery on sealed worlds, with the lines that ship; local banks only with `--workers N`."""
+    """The figures of gap discovery on sealed worlds, local banks only with `--workers N`."""
     folder = results_folder(options)
-    thresholds = Thresholds()
     panels, bank = open_panels(folder)
-    known = Worlds(panels, bank, "")  # draws nothing
+    known = Worlds(panels, bank, "public", has_other_laws=True)
+    rehearsal = rehearse_worlds(known, options)
     banks = None if options.workers is None else LocalBanks.of(folder, options.workers)
     if not (folder / "sealed.jsonl").exists():
         moduli_mpa = MODULI_MPA if banks is None else ONE_LOT_MPA
         worlds = Worlds(panels, bank, secrets.token_hex(16), moduli_mpa, has_other_laws=True)
-        seal(worlds, folder, thresholds_id(thresholds), options)
-    answer_all(folder, known.bank_of, banks, thresholds, options)
+        seal(worlds, folder, options)
+    answer_all(folder, known.bank_of, banks, rehearsal, options)
     judged(folder)  # no key is opened before every hash is checked
-    ask_without_truth(folder, known.bank_of, banks, thresholds, options)
-    twins = _measure_twins(folder, known, banks, thresholds, options)
+    ask_without_truth(folder, known.bank_of, banks, rehearsal, options)
+    twins = _measure_twins(folder, known, banks, rehearsal, options)
     found = [replace(one, twin_n=twins.get(one.key.world_id)) for one in judged(folder)]
     return gap_tables([*found, *left_out(folder)])
 
@@ -102,7 +95,7 @@ class Twin(Record):
 
 
 def _measure_twins(
-    folder: Path, worlds: Worlds, banks: LocalBanks | None, thresholds: Thresholds, options: Options
+    folder: Path, worlds: Worlds, banks: LocalBanks | None, rehearsal: Rehearsal, options: Options
 ) -> dict[str, float]:
     """Errors of the twins of worlds with one effect, from the results file or measured now."""
     path = folder / "sealed-twins.jsonl"
@@ -111,14 +104,14 @@ def _measure_twins(
         for one in judged(folder):
             if one.key.group == "single" and one.key.world_id not in known:
                 problem = worlds.problem(worlds.twin(one.key))
-                twin = Twin(world_id=one.key.world_id, twin_n=measure_twin(problem, thresholds, banks))
+                twin = Twin(world_id=one.key.world_id, twin_n=measure_twin(problem, rehearsal, banks))
                 known[twin.world_id] = twin.twin_n
                 file.append(twin)
                 options.tell(f"{twin.world_id}: {twin.twin_n:.3f} N with nothing hidden")
     return known
 
 
-def seal(worlds: Worlds, folder: Path, lines: str, options: Options) -> None:
+def seal(worlds: Worlds, folder: Path, options: Options) -> None:
     """Draw worlds in an order that tells nothing, and write data, hashes and keys."""
     counts = {group: n if options.worlds is None else min(n, options.worlds) for group, n in N_SEALED.items()}
     wanted = [(group, number) for group, n in counts.items() for number in range(n)]
@@ -132,17 +125,15 @@ def seal(worlds: Worlds, folder: Path, lines: str, options: Options) -> None:
             designs = worlds.of(key.key).panels.designs
             write_problem(folder / "sealed" / f"{name}.npz", worlds.problem(key.key), designs)
             keys.append(key)
-            public.append(Sealed(world=name, key_hash=key.key_hash, lines=lines, code=naming_code()))
+            public.append(Sealed(world=name, key_hash=key.key_hash, code=naming_code()))
             options.tell(f"{name} sealed, {key.key_hash[:12]}")
 
 
-def answer_all(
-    folder: Path, bank_of: BankOf, banks: LocalBanks | None, thresholds: Thresholds, options: Options
-) -> None:
+def answer_all(folder: Path, bank_of: BankOf, banks: LocalBanks | None, rehearsal: Rehearsal, options: Options) -> None:
     """Answer every sealed world once, from its data alone.
 
     Raises:
-        UsageError: lines or code are not those under which the worlds were sealed.
+        UsageError: the code is not that under which the worlds were sealed.
     """
     answers = folder / "sealed-answers.jsonl"
     known = {one.world for one in read_records(answers, SealedAnswer, "answer to a sealed world")}
@@ -151,17 +142,17 @@ def answer_all(
         for one in read_records(folder / "sealed.jsonl", Sealed, "sealed world"):
             if one.world in known or time.monotonic() > end:
                 continue
-            if (one.lines, one.code) != (thresholds_id(thresholds), naming_code()):
+            if one.code != naming_code():
                 raise UsageError(
-                    f"{one.world} was sealed for other lines or code; move the sealed files away and seal new worlds."
+                    f"{one.world} was sealed for other code; move the sealed files away and seal new worlds."
                 )
-            said = answer(read_problem(folder / "sealed" / f"{one.world}.npz", bank_of), thresholds, banks=banks)
+            said = answer(read_problem(folder / "sealed" / f"{one.world}.npz", bank_of), rehearsal, banks=banks)
             file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
             options.tell(f"{one.world}: {said.rounds[0].kind}, {said.cpu_s:.1f} s")
 
 
 def ask_without_truth(
-    folder: Path, bank_of: BankOf, banks: LocalBanks | None, thresholds: Thresholds, options: Options
+    folder: Path, bank_of: BankOf, banks: LocalBanks | None, rehearsal: Rehearsal, options: Options
 ) -> None:
     """Ask answered worlds with one effect again, the effect taken out of the catalogue; their keys are open by now."""
     path = folder / "sealed-left-out.jsonl"
@@ -174,7 +165,7 @@ def ask_without_truth(
             if key.group != "single" or one.world in known or time.monotonic() > end:
                 continue
             problem = read_problem(folder / "sealed" / f"{one.world}.npz", bank_of)
-            said = answer(problem, thresholds, without=key.names, max_rounds=1, banks=banks)
+            said = answer(problem, rehearsal, without=key.names, max_rounds=1, banks=banks)
             file.append(SealedAnswer(world=one.world, answer=said, answer_hash=said.answer_hash))
             options.tell(f"{one.world} without its effect: {said.rounds[0].kind}")
 

@@ -3,23 +3,16 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.stats import beta
 
+from fast.flows.challenge.grade import clopper_pearson
 from fast.models.gap.findings import UNKNOWN
-from fast.models.gap.naming.families import WORDS
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.benchmarks.base import Rows, Tables
 from tests.studies.gap.judgement import Judged
 
 _SURE = 0.9
 _BINS = (0.0, 0.5, 0.7, 0.9, 1.0)  # of stated probabilities
-_LEVELS = (0.01, 0.02, 0.04)  # of visible strength
-
-
-def clopper_pearson(k: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share of which k of n were seen."""
-    low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
-    high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
-    return low, high
+_LEVELS = (0.01, 0.02, 0.04, 0.1)  # of visible strength
 
 
 def gap_tables(worlds: Sequence[Judged]) -> Tables:
@@ -41,6 +34,8 @@ def _figures(worlds: Sequence[Judged]) -> Rows:
     named = [one for one in alarmed if _kind(one) == "effect"]
     removed = [one for one in worlds if one.left_out and one.is_visible and one.said.is_alarm]
     unlisted = [one for one in own if one.key.group == "unlisted" and one.is_visible and one.said.is_alarm]
+    open_worlds = [one for one in worlds if one.left_out or one.key.group == "unlisted"]
+    hidden = [one for one in worlds if one.key.group in ("single", "unlisted")]
     aliases = [one for one in own if one.key.group == "alias"]
     pairs = [one for one in own if one.key.group == "pair" and one.is_visible]
     sure = [one for one in worlds if one.said.rounds[0].probability >= _SURE]
@@ -61,6 +56,11 @@ def _figures(worlds: Sequence[Judged]) -> Rows:
             )
             for low in _LEVELS
         ),
+        *(
+            _row(f"alarm, cause in no catalogue, {low:.0%} or more", _spread_above(open_worlds, low), _is_alarm, "")
+            for low in _LEVELS
+        ),
+        _row("none said at 10 % or more, all kinds", _spread_above(hidden, 0.1), lambda one: not _is_alarm(one), "0"),
         _row("family right first, given an alarm", alarmed, _is_top_family, ">= 90 %"),
         _row("member right, given a single name", named, _is_held, ">= 90 %"),
         _row("truth in the name or set, given one", spoken, _is_held, ">= 95 %"),
@@ -108,6 +108,10 @@ def _spread_above(worlds: Sequence[Judged], strength: float) -> list[Judged]:
     return [one for one in worlds if one.key.effects[0].spread_strength >= strength]
 
 
+def _is_alarm(one: Judged) -> bool:
+    return one.said.is_alarm
+
+
 def _kind(one: Judged) -> str:
     return one.said.rounds[0].kind
 
@@ -142,7 +146,7 @@ def _is_possible(one: Judged) -> bool:
 
 
 def _count_possible(one: Judged) -> int:
-    return len({WORDS.get(name, name) for name in one.said.rounds[0].possible})
+    return len({CATALOGUE[name].family if name in CATALOGUE else name for name in one.said.rounds[0].possible})
 
 
 def _says_unknown_later(one: Judged) -> bool:
@@ -151,7 +155,7 @@ def _says_unknown_later(one: Judged) -> bool:
 
 def _heard(one: Judged) -> set[str]:
     """Families that were said in any round."""
-    return {WORDS[name] for said in one.said.rounds for name in said.effects}
+    return {CATALOGUE[name].family for said in one.said.rounds for name in said.effects}
 
 
 def _has_both(one: Judged) -> bool:

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fast.flows.challenge.hidden.lab_laws import Moment
+from fast.flows.challenge.hidden.panel_file import read_small
+from fast.flows.challenge.hidden.worlds import Worlds
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.gap.fit import posterior
 from fast.models.records import EffectValue, GraspContext, Trace
 from tests.studies.gap.intervals import IntervalOutcome, OwnLaw, OwnWorld, draw_value, infer, interval_tables
-from tests.studies.gap.small import read_small
-from tests.studies.gap.worlds import Worlds
-from tests.studies.hidden.lab_laws import Moment
 from tests.tasks.calibration.trace_lake import normal_draws
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"

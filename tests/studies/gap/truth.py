@@ -8,6 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fast.flows.challenge.hidden.panel_file import write_small
+from fast.flows.challenge.hidden.panels import Panels
+from fast.flows.challenge.hidden.true_sets import CHANNELS, LOWER, RAISED, WIDER, TrueSet
+from fast.flows.challenge.hidden.truth import OTHER_GRASP_LAWS, TrueGrasp, solve_truth
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulationRow
 from fast.models.design.space import numbered_design
@@ -15,53 +19,19 @@ from fast.models.errors import SimulationFailed, UsageError
 from fast.models.gap.grasps import Cells
 from fast.models.ids import seed_from
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, Record, Theta, Trace
+from fast.models.records import GraspSetup, Record, Trace
 from fast.models.simulation.version import SimulatorVersion
+from fast.models.traces.step_features import is_usable
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.simulation.plan import simulate_plan
 from fast.tasks.simulation.pool import WorkerPool
 from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
-from tests.studies.hidden.truth import OTHER_GRASP_LAWS, TrueGrasp, solve_truth
 
-MODULUS_MPA = 9.2
 FRICTIONS, RATIOS = (0.38, 0.95), (0.32, 0.47)  # of true thetas: the bulk of the priors, not the bank's centre
 N_BASES = 4
 PANEL_DESIGNS, PANEL_OBJECTS = 12, 8  # each world takes some of them
 _DIGITS = 4
-
-
-class TrueSet(Record):
-    """A panel of true grasps at one theta: what it is called, and its law with parameters (none: a base).
-
-    is_other: whether the law is the second one that is known for its effect.
-    """
-
-    name: str
-    theta: tuple[float, float]
-    law: str = ""
-    is_other: bool = False
-    parameters: dict[str, float] = {}
-    raised_mm: float = 0.0
-
-    def grasps(self, designs: Sequence[int], objects: Sequence[int]) -> list[list[TrueGrasp]]:
-        """Grasps by design, since a design's grasps share a mesh."""
-        theta = Theta(young_modulus_mpa=MODULUS_MPA, friction=self.theta[0], poisson_ratio=self.theta[1])
-        return [
-            [
-                TrueGrasp(
-                    theta=theta,
-                    design=design,
-                    object_id=obj,
-                    law=self.law,
-                    is_other=self.is_other,
-                    parameters=self.parameters,
-                    raised_mm=self.raised_mm,
-                )
-                for obj in objects
-            ]
-            for design in designs
-        ]
 
 
 # Parameters of hidden laws: where an amplitude is drawn from, and what shapes it. In the order of their worth.
@@ -83,7 +53,7 @@ LAWS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "rib_imperfection": {"bow_mm": (0.25, 0.5)},
     "finger_finger_contact": {"half_gap_mm": (6.5, 8.0)},
 }
-# Of the second laws of `tests.studies.hidden.truth.OTHER_GRASP_LAWS`: those that are not as for the first.
+# Of the second laws of `fast.flows.challenge.hidden.truth.OTHER_GRASP_LAWS`: those that are not as for the first.
 OTHER_LAWS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "pressure_dependent_friction": {"strength": (0.1, 0.26)},
     "base_compliance": {"compliance_mm_per_n": (0.05, 0.12)},
@@ -154,7 +124,6 @@ def draw_set(law: str, is_other: bool, theta: tuple[float, float], rng: np.rando
     return TrueSet(name=law, theta=theta, law=law, is_other=is_other, parameters=parameters)
 
 
-RESPONDING, LOWER, WIDER, RAISED = "base-0", "lower friction", "wider closing", "raised objects"
 PUBLIC_SEED = "development"  # of panels whose designs or objects are given
 
 
@@ -189,6 +158,33 @@ def read_truth(path: Path | None) -> dict[str, TrueTrace]:
     return {record.grasp_id: record for record in read_records(path, TrueTrace, "true grasp")}
 
 
+LEAST_SHARE = 0.97  # of a panel that must have been solved before worlds are made of it
+
+
+def read_panels(path: Path, panel: Panel) -> Panels:
+    """Panels of a results file of `python -m tests.studies gap-truth`.
+
+    Raises:
+        UsageError: not one base is complete.
+    """
+    known, designs, objects = read_truth(path), panel.designs, panel.objects
+    sets, cells = {}, {}
+    for one in panel.sets:
+        found: dict[tuple[int, int], Trace] = {}
+        for tool, chunk in enumerate(one.grasps(designs, objects)):
+            for obj, grasp in enumerate(chunk):
+                record = known.get(grasp.grasp_id)
+                trace = None if record is None else record.trace
+                if trace is not None and is_usable(trace):
+                    found[tool, obj] = trace
+        if len(found) >= LEAST_SHARE * len(designs) * len(objects):
+            sets[one.name], cells[one.name] = one, found
+    panels = Panels(designs, objects, sets, cells)
+    if not panels.bases:
+        raise UsageError(f"{path} holds no complete base of true grasps; the study `gap-truth` makes them.")
+    return panels
+
+
 def measure_gap_truth(options: Options) -> Tables:
     """What a gap study compares: the simulator's bank of a panel, and true grasps that hide its effects.
 
@@ -199,7 +195,19 @@ def measure_gap_truth(options: Options) -> Tables:
         folder.mkdir(parents=True, exist_ok=True)
         _draw_panel(options).write(folder)
     panel = Panel.read(folder)
-    return {"bank": _fill_bank(panel, folder / "lake", options, end), "true grasps": _solve_panel(panel, options, end)}
+    filled = _fill_bank(panel, folder / "lake", options, end)
+    solved = _solve_panel(panel, options, end)
+    if time.monotonic() < end:
+        _write_panel_file(folder)
+    return {"bank": filled, "true grasps": solved}
+
+
+def _write_panel_file(folder: Path) -> None:
+    """Pack panels and bank into `panel.npz`, of which `fast challenge make` makes worlds."""
+    from tests.studies.gap.development import open_panels
+
+    panels, bank = open_panels(folder)
+    write_small(folder / "panel.npz", panels, bank, list(panels.cells))
 
 
 def _draw_panel(options: Options) -> Panel:
@@ -294,6 +302,3 @@ def _solve(grasp: TrueGrasp) -> TrueTrace:
         return TrueTrace(grasp=grasp, grasp_id=grasp.grasp_id, cpu_s=round(time.process_time() - started, 3))
     channels = {name: tuple(np.round(getattr(trace, name), _DIGITS).tolist()) for name in CHANNELS}
     return TrueTrace(grasp=grasp, grasp_id=grasp.grasp_id, cpu_s=round(time.process_time() - started, 3), **channels)
-
-
-CHANNELS = ("time_s", "lift_mm", "force_n")

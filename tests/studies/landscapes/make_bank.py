@@ -1,7 +1,7 @@
 """The bank that landscapes are made of: designs simulated under hidden truths, and as a night finds.
 
-Eight truths hide a theta and one to three laws of `tests.studies.hidden`. The same designs are simulated under each
-truth, by the simulator that a campaign believes in, and by the simulator after a night (`night`).
+Eight truths hide a theta and one to three laws of `flows.challenge.hidden`. The same designs are simulated under each
+truth, by the simulator that a campaign believes in, and by the simulator after a night (`landscape_night`).
 """
 
 import time
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import spearmanr
 
+from fast.flows.challenge.hidden.truth import TrueGrasp, hidden_law
 from fast.models.design.space import from_unit, random_unit, to_unit
 from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
 from fast.models.ids import content_id
@@ -27,7 +28,6 @@ from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import is_usable, step_means
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
-from tests.studies.hidden.truth import TrueGrasp, hidden_law
 from tests.studies.landscapes.bank import (
     BELIEVED,
     EFFECT,

@@ -11,17 +11,14 @@ from dataclasses import dataclass, field
 NOWHERE = "http://127.0.0.1:9"  # the port of `discard`: nobody listens
 UNWRITABLE = "/proc/nothing"  # not even root makes a folder there
 NOBODY = "65534"
+_MATPLOTLIBRC = "backend: TkAgg\ntext.usetex: True\nfont.family: Nobody's\nsavefig.format: eps\nnonsense: 1\n"
+_MODULE_NAMES = ("numpy", "prefect", "tasks", "lake", "queue", "random", "secrets", "signal", "types", "calibrate")
 _BAD_TOML = "this is = no [ TOML\n"
 _PROFILE = (
     f'active = "other"\n[profiles.other]\nPREFECT_API_URL = "{NOWHERE}/api"\nPREFECT_LOGGING_LEVEL = "nonsense"\n'
 )
 # Rights of a person: root may write everywhere, whatever the bits of a folder say.
 _NO_RIGHTS = ("setpriv", "--bounding-set=-all", "--inh-caps=-all")
-# Another user, who may read everywhere (an interpreter in root's home could not even be started), and write nowhere.
-_NOT_ROOT = (
-    "setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups",
-    "--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -47,13 +44,27 @@ class Environment:
     @property
     def missing(self) -> str:
         """Why this machine cannot play the environment; empty where it can."""
-        if self.command[:1] == ("setpriv",) and (os.geteuid() != 0 or shutil.which("setpriv") is None):
-            return "needs root and setpriv"
-        return ""
+        program = next(iter(self.command), "bash")
+        if shutil.which(program) is None:
+            return f"needs {program}"
+        return "needs root" if program in ("setpriv", "unshare") and os.geteuid() != 0 else ""
 
 
 def _shell(line: str) -> tuple[str, ...]:
     return ("bash", "-c", f'{line}; exec "$@"', "-")
+
+
+def _not_root(user: str) -> tuple[str, ...]:
+    """A user who may read everywhere (an interpreter in root's home could not even be started), and write nowhere."""
+    return (
+        "setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups",
+        "--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search",
+    )  # fmt: skip
+
+
+def _mounted(folder: str, size: str) -> tuple[str, ...]:
+    """A small file system on a folder, for this command alone."""
+    return ("unshare", "--mount", *_shell(f"mount -t tmpfs -o size={size} none {folder}"))
 
 
 def _prefect(name: str, *settings: str) -> Environment:
@@ -103,16 +114,24 @@ _PREFECT = (
     Environment("Prefect: .env", files={".env": f"PREFECT_API_URL={NOWHERE}/api\nPREFECT_LOGGING_LEVEL=nonsense\n"}),
     Environment("Prefect: pyproject.toml", files={"pyproject.toml": f'[tool.prefect]\napi.url = "{NOWHERE}/api"\n'}),
     Environment(
-        "FAST_PREFECT_API_URL that nobody answers", {"FAST_PREFECT_API_URL": f"{NOWHERE}/api"}, status=1,
+        "FAST_PREFECT_API_URL that nobody answers", {"FAST_PREFECT_API_URL": f"{NOWHERE}/api"}, status=2,
         says="FAST_PREFECT_API_URL is http://127.0.0.1:9/api, which does not answer or does not let us in; ",
     ),
     Environment(
         "FAST_PREFECT_LOGGING_LEVEL=nonsense", {"FAST_PREFECT_LOGGING_LEVEL": "nonsense"}, status=2,
-        says="FAST_PREFECT_LOGGING_LEVEL",
+        says="FAST_PREFECT_LOGGING_LEVEL is `nonsense`: Input should be 'DEBUG', 'INFO', 'WARNING', 'ERROR'",
     ),
     Environment(
         "FAST_PREFECT_CLIENT_MAX_RETRIES=x", {"FAST_PREFECT_CLIENT_MAX_RETRIES": "x"}, status=2,
-        says="FAST_PREFECT_CLIENT_MAX_RETRIES",
+        says="FAST_PREFECT_CLIENT_MAX_RETRIES is `x`: Input should be a valid integer",
+    ),
+    Environment(
+        "FAST_PREFECT_LOGGIN_LEVEL", {"FAST_PREFECT_LOGGIN_LEVEL": "INFO"}, status=2,
+        says="FAST_PREFECT_LOGGIN_LEVEL is `INFO`: is no setting of Prefect; ",
+    ),
+    Environment(
+        "FAST_PREFECT_... that Prefect knows",
+        {"FAST_PREFECT_LOGGING_LEVEL": "DEBUG", "FAST_PREFECT_SERVER_LOGGING_LEVEL": "INFO"},
     ),
 )  # fmt: skip
 
@@ -128,6 +147,13 @@ _NETWORK = (
         "certificates that are not there",
         {"SSL_CERT_FILE": "/nowhere.pem", "SSL_CERT_DIR": "/nowhere", "REQUESTS_CA_BUNDLE": "/nowhere.pem"},
     ),
+    Environment("no network", command=("unshare", "--net", *_shell("ip link set lo up"))),
+    Environment(
+        "no network, not even to itself", command=("unshare", "--net"), status=2,
+        says="programs on this machine cannot reach each other at 127.0.0.1",
+    ),
+    Environment("settings of a web server", {"WEB_CONCURRENCY": "4", "FORWARDED_ALLOW_IPS": "*", "PORT": "1"}),
+    Environment("FAST_PASSWORD with letters of others", {"FAST_PASSWORD": "pä:ss wörd 実験"}),
 )  # fmt: skip
 
 _FOLDERS = (
@@ -153,9 +179,20 @@ _FOLDERS = (
     Environment("folder with spaces and letters of others", folder="Zoë's läb 実験 [1] 100%"),
     Environment("umask 077", command=_shell("umask 077")),
     Environment("umask 000", command=_shell("umask 000")),
-    Environment("not root", {"HOME": "{folder}"}, command=_NOT_ROOT, owner=int(NOBODY)),
-    Environment("64 open files", command=_shell("ulimit -n 64"), status=1, says="open files"),
+    Environment("not root", {"HOME": "{folder}"}, command=_not_root(NOBODY), owner=int(NOBODY)),
+    Environment(
+        "64 open files", command=_shell("ulimit -n 64"), status=2, says="this process may have 64 open files at once, "
+    ),
+    Environment("64 open files, more if asked for", command=_shell("ulimit -S -n 64")),
     Environment("128 open files", command=_shell("ulimit -n 128")),
+    Environment("user without a name", {"HOME": None}, command=_not_root("54321"), owner=54321),
+    Environment(
+        "folder that cannot be written", closed=("lake",), command=_NO_RIGHTS, status=2, says="lake cannot be written"
+    ),
+    Environment("TMPDIR that is full", {"TMPDIR": "{folder}/full"}, {"full/x": ""}, command=_mounted("full", "4k")),
+    Environment("little shared memory", command=_mounted("/dev/shm", "64k")),
+    Environment("one core", command=("taskset", "-c", "0")),
+    Environment("8 GB of addresses", command=_shell("ulimit -v 8000000")),
 )  # fmt: skip
 
 _PYTHON = (
@@ -171,6 +208,18 @@ _PYTHON = (
     Environment("time zone far away", {"TZ": "Pacific/Kiritimati"}),
     Environment("time zone that is none", {"TZ": "Nowhere/Nothing"}),
     Environment("threads that are none", {"OMP_NUM_THREADS": "many", "OPENBLAS_NUM_THREADS": "0"}),
+    Environment(
+        "Numba of a developer",
+        {"NUMBA_DISABLE_JIT": "1", "NUMBA_THREADING_LAYER": "tbb", "NUMBA_FULL_TRACEBACKS": "1"},
+        says="NUMBA_DISABLE_JIT is left aside: the simulator has to be compiled.",
+    ),
+    Environment("Numba: .numba_config.yaml", files={".numba_config.yaml": "disable_jit: 1\n"}),
+    Environment("matplotlibrc of a paper", files={"matplotlibrc": _MATPLOTLIBRC}),
+    Environment(
+        "modules named like others", files={f"{name}.py": "raise SystemExit(3)\n" for name in _MODULE_NAMES}
+    ),
+    Environment("PYTHONSAFEPATH, PYTHONPYCACHEPREFIX", {"PYTHONSAFEPATH": "1", "PYTHONPYCACHEPREFIX": UNWRITABLE}),
+    Environment("git of others", {"GIT_DIR": "/nowhere", "GIT_WORK_TREE": "/nowhere"}),
     Environment("64 threads", dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "64")),
     Environment("terminal that can nothing", {"TERM": "dumb", "COLUMNS": "1", "LINES": "x", "NO_COLOR": "1"}),
     Environment("no stdin", command=_shell("exec 0<&-")),
@@ -179,4 +228,26 @@ _PYTHON = (
 )  # fmt: skip
 
 OURS = Environment("ours")
-ENVIRONMENTS = (OURS, *_PREFECT, *_NETWORK, *_FOLDERS, *_PYTHON)
+# Many at once, for the suite.
+COMPUTER_OF_OTHERS = Environment(
+    "computer of another user of Prefect behind a proxy",
+    {
+        "HOME": "{folder}", "PREFECT_API_URL": f"{NOWHERE}/api", "PREFECT_API_KEY": "pnu_other",
+        "PREFECT_API_AUTH_STRING": "a:b", "PREFECT_SERVER_API_AUTH_STRING": "a:b", "PREFECT_PROFILE": "other",
+        "PREFECT_SERVER_DATABASE_CONNECTION_URL": "sqlite+aiosqlite:////nowhere/x.db",
+        "PREFECT_LOGGING_LEVEL": "nonsense", **dict.fromkeys(_PROXY_NAMES, NOWHERE),
+    },
+    {".prefect/profiles.toml": _PROFILE, "prefect.toml": _BAD_TOML, ".env": "PREFECT_LOGGING_LEVEL=nonsense\n"},
+    command=_shell("ulimit -n 128"), folder="Zoë's läb",
+    says="left aside, since FAST brings its own Prefect server: PREFECT_API_AUTH_STRING, PREFECT_API_KEY, ",
+)  # fmt: skip
+CONTAINER = Environment(
+    "container in which nothing can be written",
+    {
+        **dict.fromkeys(("HOME", "NUMBA_CACHE_DIR", "MPLCONFIGDIR", "TMPDIR"), UNWRITABLE),
+        **dict.fromkeys(("XDG_CACHE_HOME", "XDG_STATE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME"), UNWRITABLE),
+        "PATH": "/nowhere", "LC_ALL": "POSIX", "TZ": "Nowhere/Nothing", "TERM": "dumb", "COLUMNS": "1",
+    },
+    says=f"NUMBA_CACHE_DIR is {UNWRITABLE}, which cannot be written; ",
+)  # fmt: skip
+ENVIRONMENTS = (OURS, *_PREFECT, *_NETWORK, *_FOLDERS, *_PYTHON, COMPUTER_OF_OTHERS, CONTAINER)

@@ -10,15 +10,19 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from fast.flows.server.lab import CHECKOUT
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
+from fast.models.errors import UsageError
 from fast.models.records import Record
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
@@ -27,6 +31,9 @@ from tests.studies.platform.environment_list import ENVIRONMENTS, OURS, Environm
 NAME = "tiny"
 N_GRASPS = 2
 LIMIT_S = 300.0
+SILENT_S = 10.0
+BUSY = 3.0  # a machine that does other things beside the study is silent for longer, in ours too
+_FAST = Path(sys.executable).with_name("fast")
 _CONFIG = """
 name = "tiny"
 [schedule]
@@ -53,11 +60,13 @@ _SKIPPED = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "*.egg-i
 class Run(Record):
     """A campaign in an environment.
 
-    `said`: what it said that it does not say in ours. `problem`: empty where all is well.
+    `said`: what it said that it does not say in ours. `silent_s`: the longest time without a line, in ours too about
+    that long. `problem`: empty where all is well.
     """
 
     environment: str
     wall_s: float
+    silent_s: float
     status: int
     n_grasps: int
     has_report: bool
@@ -65,56 +74,78 @@ class Run(Record):
     problem: str = ""
 
 
+class Said(NamedTuple):
+    """How a campaign ended, and what it said; `silent_s`: the longest time without a line."""
+
+    status: int
+    lines: tuple[str, ...]
+    silent_s: float
+
+
 def measure_environments(options: Options) -> Tables:
     """A tiny campaign on each of many strange machines: settings of others, proxies, folders, rights, locales."""
     known = {run.environment: run for run in read_records(options.results, Run, "run of the study")}
     chosen = ENVIRONMENTS[: options.n] if options.n else ENVIRONMENTS
+    left = [one for one in chosen if one.name not in known and not one.missing]
     with tempfile.TemporaryDirectory(prefix="fast-environments-") as name, RecordFile(options.results) as file:
         folder = Path(name)
         folder.chmod(0o755)
-        ours = run_in(replace(OURS, folder="before"), folder)[1]  # it also compiles what the others find compiled
-        for number, environment in enumerate(chosen, start=1):
-            if environment.name in known or environment.missing:
-                continue
-            run = judge(environment, folder, ours)
-            known[run.environment] = run
-            file.append(run)
-            options.tell(f"{number} of {len(chosen)}: {run.environment}: {run.wall_s:.0f} s {run.problem or 'well'}")
+        if left:
+            run_in(replace(OURS, folder="compiles"), folder)
+            ours = run_in(replace(OURS, folder="before"), folder)
+        with ThreadPoolExecutor(options.workers or 1) as pool:
+            runs = pool.map(lambda environment: judge(environment, folder, ours), left)
+            for number, run in enumerate(runs, start=1):
+                known[run.environment] = run
+                file.append(run)
+                options.tell(f"{number} of {len(left)}: {run.environment}: {run.wall_s:.0f} s {run.problem or 'well'}")
     rows = [_row(environment, known.get(environment.name)) for environment in chosen]
     return {"environments": rows, "counts": [_count(known.values())]}
 
 
-def judge(environment: Environment, folder: Path, ours: Sequence[str]) -> Run:
-    """Run the campaign in an environment; `ours` are the lines that it says in ours."""
+def judge(environment: Environment, folder: Path, ours: Said | None = None) -> Run:
+    """Run the campaign in an environment, and compare it with ours where that is known."""
     started_s = time.monotonic()
-    status, lines = run_in(environment, folder)
+    found = run_in(environment, folder)
     wall_s = time.monotonic() - started_s
-    usual = {_mask(line) for line in ours}
-    said = tuple(line for line in lines if _mask(line) not in usual and not _PROGRESS.match(line))
     lake = _lake_of(environment, folder)
-    n_grasps = len(Lake.open(lake).rows(GraspRow)) if lake.is_dir() and any(lake.iterdir()) else 0
+    is_written = lake.is_dir() and any(lake.iterdir())
     run = Run(
-        environment=environment.name, wall_s=round(wall_s, 1), status=status, n_grasps=n_grasps,
-        has_report=(lake / "outputs" / NAME / "report" / "index.html").is_file(), said=said,
+        environment=environment.name, wall_s=round(wall_s, 1), silent_s=round(found.silent_s, 1), status=found.status,
+        n_grasps=len(Lake.open(lake).rows(GraspRow)) if is_written else 0,
+        has_report=(lake / "outputs" / NAME / "report" / "index.html").is_file(),
+        said=_find_new(found, ours) if ours else (),
     )  # fmt: skip
-    return run.model_copy(update={"problem": "; ".join(_find_problems(environment, run, lines))})
+    problems = _find_problems(environment, run, found.lines)
+    if ours and found.silent_s > max(SILENT_S, BUSY * ours.silent_s):
+        problems.append(f"{found.silent_s:.0f} s without a word, {ours.silent_s:.0f} s in ours")
+    if environment.status == UsageError.exit_status and is_written:
+        problems.append("wrote a lake")
+    return run.model_copy(update={"problem": "; ".join(problems)})
 
 
-def _find_problems(environment: Environment, run: Run, lines: Sequence[str]) -> Iterator[str]:
+def _find_new(found: Said, ours: Said) -> tuple[str, ...]:
+    usual = {_mask(line) for line in ours.lines}
+    return tuple(line for line in found.lines if _mask(line) not in usual and not _PROGRESS.match(line))
+
+
+def _find_problems(environment: Environment, run: Run, lines: Sequence[str]) -> list[str]:
+    problems = []
     if run.status != environment.status:
-        yield f"exit status {run.status}, not {environment.status}"
+        problems.append(f"exit status {run.status}, not {environment.status}")
     if any(line.startswith("Traceback") for line in lines):
-        yield "a traceback"
+        problems.append("a traceback")
     if environment.says not in " ".join(lines):
-        yield f"`{environment.says}` is not said"
+        problems.append(f"`{environment.says}` is not said")
     if environment.status == 0 and (run.n_grasps != N_GRASPS or not run.has_report):
-        yield f"{run.n_grasps} of {N_GRASPS} grasps, {'a' if run.has_report else 'no'} report"
-    if not environment.says and run.said:
-        yield f"says what it does not say in ours: {run.said[0]}"
+        problems.append(f"{run.n_grasps} of {N_GRASPS} grasps, {'a' if run.has_report else 'no'} report")
+    if len(run.said) > bool(environment.says):
+        problems.append(f"says what it does not say in ours: {run.said[-1]}")
+    return problems
 
 
-def run_in(environment: Environment, folder: Path) -> tuple[int, list[str]]:
-    """Exit status, and the lines that were said, of a campaign in an environment."""
+def run_in(environment: Environment, folder: Path) -> Said:
+    """A campaign in an environment, in a folder of its own."""
     place = _place(environment, folder)
     place.mkdir(parents=True)
     for name, text in {"tiny.toml": _CONFIG, "world.toml": _WORLD, **environment.files}.items():
@@ -129,16 +160,27 @@ def run_in(environment: Environment, folder: Path) -> tuple[int, list[str]]:
         kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
         wanted: dict[str, str | None] = {**kept, "PYTHONPATH": str(checkout), **environment.variables}
         variables = {name: value.replace("{folder}", str(place)) for name, value in wanted.items() if value is not None}
-        words = ("-m", "fast.flows.cli.main", "campaign", "run", "tiny.toml", "--lake", "lake", "--auto-print")
-        try:
-            done = subprocess.run(
-                [*environment.command, sys.executable, *words],
-                cwd=place, env=variables, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                timeout=LIMIT_S, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired as error:
-            return 124, (error.stdout or b"").decode(errors="replace").splitlines()
-    return done.returncode, [line for line in done.stdout.decode(errors="replace").splitlines() if line.strip()]
+        words = ("campaign", "run", "tiny.toml", "--lake", "lake", "--auto-print")
+        process = subprocess.Popen(
+            [*environment.command, sys.executable, str(_FAST), *words],
+            cwd=place, env=variables, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        return _listen(process)
+
+
+def _listen(process: subprocess.Popen[bytes]) -> Said:
+    """What a process says until it ends; after `LIMIT_S` it is killed."""
+    assert process.stdout is not None
+    limit = threading.Timer(LIMIT_S, process.kill)
+    limit.start()
+    lines, silent_s, heard_s = [], 0.0, time.monotonic()
+    with process.stdout:
+        for line in process.stdout:
+            silent_s, heard_s = max(silent_s, time.monotonic() - heard_s), time.monotonic()
+            lines.append(line.decode(errors="replace").rstrip())
+    status = process.wait()
+    limit.cancel()
+    return Said(status, tuple(filter(None, lines)), max(silent_s, time.monotonic() - heard_s))
 
 
 @contextmanager
@@ -147,7 +189,7 @@ def _checkout(environment: Environment, folder: Path) -> Iterator[Path]:
     if not environment.is_copied:
         yield CHECKOUT
         return
-    copy = folder / "checkout"
+    copy = _place(environment, folder).with_name("checkout")
     shutil.copytree(CHECKOUT, copy, symlinks=True, ignore=_SKIPPED)
     for path in (copy, *copy.rglob("*")):
         if path.is_dir() and not path.is_symlink():
@@ -180,6 +222,7 @@ def _row(environment: Environment, run: Run | None) -> dict[str, object]:
     return {
         "environment": run.environment,
         "wall_s": run.wall_s,
+        "silent_s": run.silent_s,
         "status": run.status,
         "grasps": run.n_grasps,
         "said": said,

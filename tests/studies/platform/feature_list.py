@@ -1,7 +1,7 @@
 """The features of the how-tos as factors of a tiny campaign: what each level adds to its config, and what is refused.
 
-Two tools at first, two that the scientist chooses, one simulation for each stage, on two objects; simulator and world
-are coarse.
+Three tools at first, three that the scientist chooses, one simulation for each stage, on two objects; simulator and
+world are coarse.
 """
 
 import json
@@ -85,7 +85,7 @@ _BASE: Config = {
     "name": NAME,
     "seed": 5,
     "schedule": {
-        "initial_tools": 2, "tools_per_batch": 2, "guided_batches": 1, "initial_simulations": 1,
+        "initial_tools": 3, "tools_per_batch": 3, "guided_batches": 1, "initial_simulations": 1,
         "simulations_per_batch": 1,
     },
     "objects": {"repeats": 1},
@@ -104,7 +104,7 @@ REFUSED: Mapping[Pair, str] = {
     _pair("bench", "arm", "diagnostics", "protocol"): "an arm makes no diagnostic runs",
     _pair("reference finger", "fin-ray", "family", "free-form"): "the family `free-form` cannot draw",
     _pair("reference finger", "fin-ray", "family", "slotted:Slotted"): "the family `slotted:Slotted` cannot draw",
-    _pair("objects", "own on a place", "diagnostics", "protocol"): "object 14",
+    _pair("objects", "own on a place", "diagnostics", "protocol"): "object 14 is not on the bench",
 }
 
 

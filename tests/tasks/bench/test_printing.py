@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from fast.flows.report.campaign.queries import FAILURES
 from fast.lake.handoff.export_folder import export_handoff
 from fast.lake.handoff.import_folder import import_handoff
 from fast.lake.handoff.tables import HandoffError
@@ -12,12 +13,11 @@ from fast.models.design.recipe import Recipe
 from fast.models.design.space import FIN_RAYS, PARAMETERS, to_unit
 from fast.models.errors import UsageError
 from fast.tasks.bench.folder import plan_batch
+from fast.tasks.bench.measured_tools import MEASURED, MeasuredTool, measure_printed, take_back_measured
 from fast.tasks.bench.print import (
-    MeasuredTool,
     PrintConfirmation,
     Printed,
     confirm_print,
-    measure_printed,
     open_slots,
     print_folder,
     write_tray,
@@ -147,17 +147,73 @@ def test_walls_measured_later_are_kept_beside_what_was_said_before(proposed):
     (tool,) = [tool for tool in proposed.state().tools if tool.tool_id == tool_id]
     front = PARAMETERS.index("front_thickness_mm")
     assert tool.mounted_point(FIN_RAYS)[front] == pytest.approx(0.75)
-    assert "bo measured small/B01T0" in proposed.lake.rows(EventRow, kind="tool_measured")[0]["message"]
+    assert "bo measured small/B01T0" in proposed.lake.rows(EventRow, kind=MEASURED)[-1]["message"]
 
 
 def test_walls_are_told_from_the_command_line(proposed, capsys):
     confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada"))
     words = ("print", "measured", "small/B01T0")
     lake = ("--operator", "bo", "--lake", proposed.lake.address)
-    assert Fast(capsys)(*words, "front=2.61,rib=2.4", *lake, "--json").json["measured_rib_thickness_mm"] == 2.4
+    assert (
+        Fast(capsys)(*words, "front=2.61,rib=2.4", *lake, "--json", "--sure").json["measured_rib_thickness_mm"] == 2.4
+    )
     assert "unknown measure `side`" in Fast(capsys).refused(*words, "side=2", *lake)
     assert "`thick` is not a number" in Fast(capsys).refused(*words, "front=thick", *lake)
-    assert "at most 5" in Fast(capsys).refused(*words, "front=26", *lake)
+    assert "26 mm, drawn" in (said := Fast(capsys).refused(*words, "front=26", *lake))
+    assert "(a wall has 1 to 5 mm)" in said
+    assert "give what was measured, or --undo" in Fast(capsys).refused(*words, *lake)
+
+
+def drawn_walls(proposed):
+    """Walls of both tools as a calliper gives them: a little more than drawn."""
+    names = ("front", "back", "rib")
+    return {
+        tool.tool_id: {
+            f"measured_{name}_thickness_mm": round(getattr(tool.design, f"{name}_thickness_mm") + more_mm, 2)
+            for name, more_mm in zip(names, (0.03, 0.08, 0.06), strict=True)
+        }
+        for tool in proposed.state().tools_of(1)
+    }
+
+
+def test_strange_walls_are_a_question_a_mark_and_can_be_taken_back(proposed):
+    first, second = drawn_walls(proposed).items()
+    told = {0: MeasuredTool(**second[1]), 1: MeasuredTool(**first[1])}  # exchanged
+    with pytest.raises(UsageError, match="B01T0 has the walls that are drawn of B01T1, and B01T1 those of B01T0; exch"):
+        confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", measured=told))
+    assert proposed.lake.rows(ToolRow) == []
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada", measured=told, is_sure=True))
+    assert [row["sure"] for row in proposed.lake.rows(ToolRow)] == ["exchanged tools"] * 2
+    rows = proposed.lake.query(FAILURES.format(campaign="'small'")).to_pylist()
+    assert {"what": "tool, measured with --sure", "reason": "exchanged tools", "n": 2} in rows
+    for tool_id, _ in (first, second):
+        take_back_measured(proposed.lake, tool_id, "ada")
+        with pytest.raises(UsageError, match=f"nothing was measured of {tool_id} that could be taken back"):
+            take_back_measured(proposed.lake, tool_id, "ada")
+    for tool_id, walls in (first, second):
+        measure_printed(proposed.lake, tool_id, MeasuredTool(**walls), "ada")
+    rows = proposed.lake.records(ToolRow)
+    assert {(row.sure, row.measured_rib_thickness_mm) for row in rows} == {
+        (None, walls["measured_rib_thickness_mm"]) for _, walls in (first, second)
+    }
+
+
+def test_taking_back_gives_what_stood_before(proposed):
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada"))
+    for hardness in (30, 31):
+        measure_printed(proposed.lake, "small/B01T0", MeasuredTool(hardness_shore_a=hardness), "ada")
+    assert [take_back_measured(proposed.lake, "small/B01T0", "bo").hardness_shore_a for _ in range(2)] == [30, None]
+
+
+def test_what_cannot_be_is_refused_however_sure(proposed):
+    confirm_print(proposed.lake, "small", 1, PrintConfirmation(operator="ada"))
+    (tool_id, walls), _ = drawn_walls(proposed).items()
+    in_cm = MeasuredTool(**{name: round(mm / 10, 3) for name, mm in walls.items()})
+    with pytest.raises(UsageError, match=r"3 things cannot be, .*\n  B01T0 front wall: 0.\d+ mm, drawn .* or cm"):
+        measure_printed(proposed.lake, tool_id, in_cm, "ada", is_sure=True)
+    measure_printed(proposed.lake, "small/B01T1", MeasuredTool(hardness_shore_a=30), "ada")
+    with pytest.raises(UsageError, match=r"78 Shore A, other tools of the lot have 30, Shore 00\? It would be 30"):
+        measure_printed(proposed.lake, tool_id, MeasuredTool(hardness_shore_a=78), "ada")
 
 
 @pytest.fixture

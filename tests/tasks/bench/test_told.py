@@ -1,5 +1,6 @@
 """Grasps of a bench of one's own: what is taken, what is refused with which words, and what a second telling does."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,13 +8,14 @@ import numpy as np
 import pytest
 
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import GraspRow, ToolRow, TraceRow
+from fast.lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow, ToolRow, TraceRow
 from fast.models.errors import UsageError
+from fast.models.question import Question
 from fast.models.records import Trace
-from fast.models.traces.questions import Question
 from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.told import ToldGrasp, take_back, take_told
 from fast.tasks.bench.told_files import read_peaks, read_rows_of
+from fast.tasks.bench.told_questions import ask_about
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import rank_tools
 from fast.tasks.scientist.propose import propose_initial
@@ -201,7 +203,9 @@ def test_a_strange_number_is_asked_about_and_marked_where_a_person_is_sure(tmp_p
     def ask(_campaign: Campaign, _tools: Any, new: Any) -> list[Question]:
         return [Question("decimal point", "row 0: a decimal point?", (0,))] if new[0].peak_force_n == 100.0 else []
 
-    with pytest.raises(UsageError, match=r"1 number is strange, nothing was written:\n  row 0: a decimal point\?\n"):
+    with pytest.raises(
+        UsageError, match=r"1 number is strange, nothing was written: row 0: a decimal point\? Correct the file"
+    ):
         take_told(campaign, tenfold, "ada", ask=ask)
     assert campaign.lake.records(GraspRow) == []
     assert take_told(campaign, tenfold, "ada", ask=ask, is_sure=True).n_written == N_ASKED
@@ -258,3 +262,41 @@ def test_the_last_telling_is_taken_back_and_can_be_told_again(campaign: Campaign
     with pytest.raises(UsageError, match="has no telling that could be taken back"):
         take_back(campaign, "bo")
     assert take_told(campaign, every, "ada").n_written == N_ASKED
+
+
+def test_told_traces_are_held_against_the_simulated_ones_of_the_lake(campaign: Campaign) -> None:
+    asked = plan_batch(campaign, campaign.state(), 1)
+    rows: list[Any] = []
+    for tool in campaign.state().tools:
+        for object_id in campaign.config.objects.object_ids:
+            row, made = simulated(tool.design.design_id, object_id, trace(9.0))
+            rows += [SimTraceRow.of(row.simulation_id, made), row]
+    campaign.lake.append(rows, campaign.provenance())
+    sound = [ToldGrasp(f"row {i}", g.tool_id, g.object_id, g.repeat, trace=trace(8.0 + i)) for i, g in enumerate(asked)]
+    empty = [replace(one, trace=trace(0.05 + 0.01 * i)) for i, one in enumerate(sound)]
+    with pytest.raises(UsageError, match=r"8 traces hold no force where 9 N are expected, a valve that stuck"):
+        take_told(campaign, empty, "ada", ask=ask_about)
+    assert campaign.lake.rows(GraspRow) == []
+    assert take_told(campaign, sound, "ada", ask=ask_about).n_traces == N_ASKED
+
+
+def simulated(design_id: str, object_id: int, made: Trace) -> tuple[SimulationRow, Trace]:
+    """A simulation of the lake with this trace."""
+    row = SimulationRow(
+        simulation_id=f"S-{design_id}-{object_id}",
+        design_id=design_id,
+        object_id=object_id,
+        version_id="V1",
+        status="ok",
+        peak_force_n=float(made.force_n.max()),
+        setup_id="any",
+        setup_json="{}",
+    )
+    return row, made
+
+
+def test_a_lift_and_a_force_that_were_exchanged_are_named(campaign: Campaign) -> None:
+    usual = trace()
+    turned = trace(lift_mm=usual.force_n, force_n=usual.lift_mm)
+    with pytest.raises(UsageError, match="the lift comes back and the force never does; look whether the two are exch"):
+        take_told(campaign, told(campaign, peak_force_n=None, trace=turned), "ada")

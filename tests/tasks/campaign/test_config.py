@@ -1,4 +1,5 @@
 import tomllib
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,11 @@ def test_last_initial_tray_may_be_partly_filled():
             '[scientist]\nacquisition = "ucb"\n[bench]',
             r"is 'ucb': it must be \"mes\" or \"random\" or \"module:function\"; change it",
         ),
+        (
+            "[bench]",
+            "[diagnostics]\nprotocol_slot = 0\nobjects = [36]\n[bench]",
+            "object 36 has no place on the bench; use an id from 0 to 35",
+        ),
         ("[bench]", '[scientist]\nacquisition = "jes"\n[bench]', 'rule "jes" was removed, "mes" is no worse'),
         ("[bench]", '[scientist]\nsimulation_acquisition = "thompson"\n[bench]', 'rule "thompson" was removed'),
     ],
@@ -102,3 +108,30 @@ def test_cells_are_the_same_for_a_seed_and_cover_everything():
     passes = ObjectPlan(ids=(3, 1, 2), repeats=2, repeats_order="interleaved").cells(5)
     assert [repeat for _, repeat in passes] == [0, 0, 0, 1, 1, 1]
     assert sorted(passes) == sorted(plan.cells(5))
+
+
+@pytest.mark.parametrize(
+    ("first", "wanted", "message"),
+    [
+        (
+            "initial_tools = 2\ninitial_simulations = 2",
+            'objectives = ["mean_peak_n", "mean_work_j"]',
+            "limit `mean_work_j` is learned from 3 tools at least, there are 2 before .*raise schedule.initial_tools",
+        ),
+        (
+            "initial_tools = 3\ninitial_simulations = 2",
+            "at_most = {pressure_kpa = 100}",
+            "`pressure_kpa` is learned from 3 simulated designs at least, there are 2 .*schedule.initial_simulations",
+        ),
+        ("initial_tools = 3\ninitial_simulations = 0", "at_least = {worst_peak_n = 1}", None),
+        ("initial_tools = 2\ninitial_simulations = 1", 'objectives = ["mean_peak_n", "mass_g"]', None),
+    ],
+)
+def test_objectives_need_enough_first_tools(tmp_path: Path, first: str, wanted: str, message: str | None) -> None:
+    path = tmp_path / "few.toml"
+    path.write_text(
+        f'name = "few"\n[schedule]\n{first}\n[scientist]\n{wanted}\n[simulator]\nsimulate_tools = false\n'
+        '[bench]\nkind = "folder"\n'
+    )
+    with pytest.raises(ConfigError, match=message) if message else nullcontext():
+        load_config(path)

@@ -55,6 +55,23 @@ def test_a_lot_is_stored_once_and_a_correction_replaces(lake: Lake, tmp_path: Pa
     assert row["value"] == 0.95
 
 
+def test_a_strange_lot_is_a_question_until_its_file_says_that_it_is_so(lake: Lake, tmp_path: Path) -> None:
+    path = tmp_path / "L7.toml"
+    path.write_text(PAPER.read_text().replace("value = 11.5\n", "value = 115\n").replace("sd = 1.75 ", "sd = 17.5 "))
+    with pytest.raises(
+        UsageError, match=r"115 MPa, 85 Shore A are about 13.2 MPa, a decimal point.*be 11.5 MPa.*`sure"
+    ):
+        store_lot(lake, path)
+    assert n_rows(lake) == 0
+    path.write_text(path.read_text().replace("value = 115\n", "value = 115\nsure = true\n"))
+    for _ in range(2):
+        store_lot(lake, path)
+    assert n_rows(lake) == 4
+    assert {row.quantity: row.sure for row in lake.records(MaterialRow) if row.sure} == {
+        "young_modulus": "decimal point"
+    }
+
+
 @pytest.mark.parametrize(
     ("name", "text", "sentence"),
     [

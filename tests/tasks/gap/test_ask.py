@@ -10,12 +10,13 @@ import pytest
 
 from fast.models.gap.ask.hypotheses import Hypothesis
 from fast.models.gap.ask.predict import Moved, Pair
-from fast.models.gap.bank.bank import AMPLITUDES, EffectRuns
+from fast.models.gap.bank.bank import EffectRuns
 from fast.models.gap.bank.sensor_effects import N_LEAD
 from fast.models.gap.data import GapData
 from fast.models.gap.findings import NextExperiment
 from fast.models.gap.fit.recalibrate import Fitter, recalibrate
 from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import N_STEPS
 from fast.tasks.gap import ask as asking
 from fast.tasks.gap.ask import ask, list_requests
@@ -33,11 +34,11 @@ def world(hidden: EffectValue) -> GapData:
     """A made-up gap whose bank knows ribs too: as usual, bowed ribs and thin walls are alike."""
     data = made_up_gap(5, 5, 3, GapTruth(effects=(hidden,)), n_repeats=2)
     bank, grasps = data.bank, data.grasps
-    runs = np.zeros((len(grasps.tools), len(grasps.objects), len(AMPLITUDES["rib_imperfection"]), N_STEPS))
-    for place, row in enumerate(AMPLITUDES["rib_imperfection"]):
+    runs = np.zeros((len(grasps.tools), len(grasps.objects), len(CATALOGUE["rib_imperfection"].bank_runs), N_STEPS))
+    for place, row in enumerate(CATALOGUE["rib_imperfection"].bank_runs):
         alike = {"wall_thickness_offset": {"offset_mm": THICKER_BY_BOW * row["bow_mm"]}}
         runs[grasps.tool, grasps.obj, place] = made_up_steps(data, bank.centre, alike)
-    ribs = EffectRuns("rib_imperfection", AMPLITUDES["rib_imperfection"], runs)
+    ribs = EffectRuns("rib_imperfection", CATALOGUE["rib_imperfection"].bank_runs, runs)
     return replace(data, bank=replace(bank, effects={**bank.effects, "rib_imperfection": ribs}))
 
 

@@ -12,11 +12,12 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, SimulationRow
 from fast.models.design.space import numbered_design, to_unit
 from fast.models.errors import UsageError
-from fast.models.gap.bank.bank import AMPLITUDES, NUMERICAL, WIDE, list_versions
+from fast.models.gap.bank.bank import NUMERICAL, WIDE, list_versions
 from fast.models.gap.grasps import Cells
 from fast.models.gap.local_bank import MOST_EFFECTS, MOST_RUNS
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
@@ -76,8 +77,8 @@ def test_the_cost_of_a_cold_bank_is_not_known_until_a_few_grasps_of_each_variant
 def test_the_largest_bank_around_a_theta_has_nothing_of_the_wide_one() -> None:
     plan = choose_largest_bank()
     assert not {*plan.grid_thetas, plan.centre} & {*WIDE.grid_thetas, WIDE.centre}
-    most = sorted((len(rows) for rows in AMPLITUDES.values()), reverse=True)[:MOST_EFFECTS]
-    assert sum(len(AMPLITUDES[name]) for name in plan.effects) == sum(most)
+    most = sorted((len(spec.bank_runs) for spec in CATALOGUE.values()), reverse=True)[:MOST_EFFECTS]
+    assert sum(len(CATALOGUE[name].bank_runs) for name in plan.effects) == sum(most)
     versions = {version.version_id for version in list_versions(SimulatorVersion(), plan)}
     assert len(versions) == 5 + sum(most) + MOST_RUNS, "a named effect is simulated where it was fitted"
 

@@ -7,15 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fast.flows.report.campaign.queries import FAILURES
 from fast.lake.provenance import current_provenance
 from fast.lake.query.lineage import find_lineage
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import ToolRow
 from fast.lake.tables.material import MaterialRow
+from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import Answers, Reading
-from fast.tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print, measure_printed
+from fast.tasks.bench.measured_tools import MeasuredTool, measure_printed
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
+from fast.tasks.campaign.state import THICKNESSES, load_designs
 from fast.tasks.gap import rounds
-from fast.tasks.gap.readings import is_answered, read_readings, write_reading
+from fast.tasks.gap.readings import is_answered, read_readings, take_back_reading, write_reading
 from tests.flows.cli.cli_lakes import proposed_lake
 
 BAR = Reading(kind="tensile_bar", value=0.21)
@@ -69,12 +73,35 @@ def test_without_one_lot_a_bar_is_an_answer_to_its_search_alone(lake: Lake) -> N
     assert read_readings(lake, "quick") == (BAR,)
 
 
+def test_a_strange_reading_is_a_question_a_mark_and_can_be_taken_back(lake: Lake) -> None:
+    itself = Reading(kind="tensile_bar", value=1.21)
+    with pytest.raises(UsageError, match=r"1.21, usual is 0.1 or so, the ratio itself\? It would be 0.21"):
+        write_reading(lake, "quick", "A1", itself, "ada")
+    assert not lake.ids(MaterialRow)
+    write_reading(lake, "quick", "A1", itself, "ada", is_sure=True)
+    (row,) = lake.records(MaterialRow, lot="L7")
+    assert row.sure == "another quantity"
+    rows = lake.query(FAILURES.format(campaign="'quick'")).to_pylist()
+    sure = {(row["what"], row["reason"]) for row in rows}
+    assert ("answer to a search, with --sure", "tensile_bar: another quantity") in sure
+    assert ("material, told as sure", "L7, layer_modulus_excess: another quantity") in sure
+    take_back_reading(lake, "quick", "A1", "tensile_bar", "bo")
+    assert read_readings(lake, "quick") == ()
+    assert not is_answered(lake, "A1", "tensile_bar")
+    with pytest.raises(UsageError, match="nobody has answered `tensile_bar` of search A1"):
+        take_back_reading(lake, "quick", "A1", "tensile_bar", "bo")
+    write_reading(lake, "quick", "A1", BAR, "ada")
+    assert read_readings(lake, "quick") == (BAR,)
+
+
 def measure_all(lake: Lake, but: int = 0) -> None:
-    for tool_id in sorted(lake.ids(ToolRow))[but:]:
-        walls = MeasuredTool(
-            measured_front_thickness_mm=2.6, measured_back_thickness_mm=2.7, measured_rib_thickness_mm=2.4
-        )
-        measure_printed(lake, tool_id, walls, "ada")
+    designs = load_designs(lake)
+    for row in lake.records(ToolRow)[but:]:
+        walls = {
+            f"measured_{name}": round(getattr(designs[row.design_id], name) + 0.07 + 0.02 * place, 2)
+            for place, name in enumerate(THICKNESSES)
+        }
+        measure_printed(lake, row.tool_id, MeasuredTool(**walls), "ada")
 
 
 def test_walls_of_every_tool_leave_nothing_for_walls_to_explain(lake: Lake) -> None:

@@ -12,7 +12,8 @@ from fast.models.design.space import random_designs, random_unit, to_unit
 from fast.models.errors import UsageError
 from fast.models.records import Design
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
-from fast.tasks.bench.print import MeasuredTool, PrintConfirmation, confirm_print
+from fast.tasks.bench.measured_tools import MeasuredTool
+from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.settings import ScientistSettings
 from fast.tasks.scientist.criteria import list_outcomes

@@ -21,12 +21,16 @@ def table_of_laws() -> list[str]:
     return [line([e["code"], e["name"], f"`{e['law']}`", e["source"]]) for e in catalogue_entries()]
 
 
+def table_of_searches() -> list[str]:
+    return [line([e["code"], e["family"], e["state"], e["quantity"], e["experiment"]]) for e in catalogue_entries()]
+
+
 def test_the_page_shows_the_catalogue_as_it_is() -> None:
     page = PAGE.read_text().splitlines()
-    missing = [text for text in table_of_parameters() + table_of_laws() if text not in page]
+    missing = [text for text in table_of_parameters() + table_of_laws() + table_of_searches() if text not in page]
     assert not missing, "docs/reference/effects.md lacks these lines:\n" + "\n".join(missing)
     heads = [text for text in page if text.startswith("| ") and text.split(" | ")[0][2:] in _codes()]
-    assert len(heads) == 2 * len(CATALOGUE)
+    assert len(heads) == 3 * len(CATALOGUE)
 
 
 def test_entries_say_everything_of_an_effect() -> None:

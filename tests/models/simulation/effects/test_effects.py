@@ -9,11 +9,12 @@ from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import ConfigError, UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.records import EffectValue, GraspContext, GraspSetup, GraspSimulation, Theta
-from fast.models.simulation.effects.base import LAYERS, Effect, EffectSpec
+from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
 from fast.models.simulation.effects.material import StressRelaxation
 from fast.models.simulation.effects.scaling import scales_with_modulus
 from fast.models.simulation.effects.sensor import LoadCellGain, LoadCellLag
+from fast.models.simulation.effects.spec import LAYERS, EffectSpec
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.units import unit_of
@@ -95,6 +96,7 @@ def test_catalogue_entries_are_complete(effect: str) -> None:
     assert all(other in CATALOGUE and other != effect for other in spec.confusable_with)
     assert all(parameter.name in spec.formula for parameter in spec.parameters)
     assert spec.source
+    assert spec.family
     for parameter in spec.parameters:
         assert parameter.lower <= parameter.neutral <= parameter.upper
         assert parameter.lower <= parameter.prior_median <= parameter.upper

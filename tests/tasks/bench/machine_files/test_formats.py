@@ -104,3 +104,12 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     path.unlink()
     with pytest.raises(UsageError, match="cannot be read"):
         read_pull(path, read_format(machine))
+
+
+def test_a_column_may_be_named_as_it_stands_in_the_file_with_its_unit(tmp_path: Path) -> None:
+    machine = FORMAT.replace('"Zeit"', '"Zeit_ms"').replace('"Weg"', '"Weg [in]"').replace('"Kraft"', '"kraft/kgf"')
+    text = PULL.replace("Zeit;Weg;Kraft;Rest\nms;in;kgf;-", "Zeit_ms;Weg [in];Kraft/kgf;Rest\n")
+    path, format_path = write(tmp_path, text, machine=machine)
+    trace = read_pull(path, read_format(format_path)).trace
+    assert trace is not None
+    assert trace.lift_mm == pytest.approx([0.0, 2.54, 5.08])

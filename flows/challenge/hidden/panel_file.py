@@ -1,0 +1,101 @@
+"""A small panel of true grasps and its bank in one compressed file: hidden-effect worlds that take seconds."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fast.flows.challenge.hidden.panels import Panels
+from fast.flows.challenge.hidden.true_sets import CHANNELS, TrueSet
+from fast.models.gap.bank.bank import CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
+from fast.models.gap.grasps import Cells
+from fast.models.records import GraspSetup, Trace
+from fast.models.simulation.effects.catalogue import CATALOGUE
+
+PANEL = Path(__file__).parents[1] / "panel.npz"  # 9 designs, 7 objects, 23 sets of true grasps; everybody may see it
+_STEP_N = 0.002  # forces are kept in whole multiples of it
+_ARRAYS = ("grid_steps_n", "grid_lead_n", "centre_steps_n", "numerical_steps_n", "placed_steps_n", "wider_steps_n")
+
+
+def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) -> None:
+    """Keep these sets of true grasps and the bank of the same designs and objects."""
+    arrays: dict[str, np.ndarray] = {"grid": bank.grid, "designs": np.array(panels.designs)}
+    arrays["objects"] = np.array(panels.objects)
+    for name in _ARRAYS:
+        arrays[name] = _packed(getattr(bank, name))
+    for name, field in bank.effects.items():
+        arrays[f"field {name}"] = _packed(field.steps_n)
+        arrays[f"amplitudes {name}"] = np.array(json.dumps([dict(row) for row in field.parameters]))
+    for name in names:
+        cells = panels.cells[name]
+        arrays[f"set {name}"] = np.array(panels.sets[name].model_dump_json())
+        arrays[f"cells {name}"] = np.array([[*place, len(trace.time_s)] for place, trace in cells.items()])
+        samples = [np.stack([getattr(trace, channel) for channel in CHANNELS]) for trace in cells.values()]
+        arrays[f"samples {name}"] = np.concatenate(samples, axis=1).astype(np.float32)
+    np.savez_compressed(path, allow_pickle=False, **arrays)
+
+
+def read_small(path: Path) -> tuple[Panels, Bank]:
+    """Panels and bank of a file of `write_small`."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    effects = {
+        name: EffectRuns(name, tuple(json.loads(str(arrays[f"amplitudes {name}"]))), _unpacked(arrays[f"field {name}"]))
+        for name in CATALOGUE
+        if f"field {name}" in arrays
+    }
+    centre_steps_n = _unpacked(arrays["centre_steps_n"])
+    t, o, n_steps = centre_steps_n.shape
+    placed = arrays.get("placed_steps_n")  # older files have none
+    designs, objects = (tuple(int(number) for number in arrays[key]) for key in ("designs", "objects"))
+    bank = Bank(
+        targets=Cells.full([], objects, GraspSetup()).targets,
+        centre=CENTRE,
+        grid=arrays["grid"],
+        grid_steps_n=_unpacked(arrays["grid_steps_n"]),
+        centre_steps_n=centre_steps_n,
+        grid_lead_n=_unpacked(arrays["grid_lead_n"]),
+        numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
+        placed_steps_n=np.full((t, o, len(DEEPER_MM), n_steps), np.nan) if placed is None else _unpacked(placed),
+        wider_steps_n=_unpacked(arrays["wider_steps_n"]),
+        wider_mm=np.array(WIDER_MM),
+        effects=effects,
+    )
+    names = [name.removeprefix("cells ") for name in arrays if name.startswith("cells ")]
+    cells = {name: _cells(arrays[f"cells {name}"], arrays[f"samples {name}"].astype(float)) for name in names}
+    return Panels(
+        designs, objects, {name: TrueSet.model_validate_json(str(arrays[f"set {name}"])) for name in names}, cells
+    ), bank
+
+
+def read_cells(path: Path, law: str) -> tuple[tuple[int, ...], tuple[int, ...], dict[tuple[int, int], Trace]]:
+    """Designs and objects (numbers) of a file of `write_small`, and the true grasps of the first set with this law."""
+    with np.load(path) as file:
+        name = next(key.removeprefix("cells ") for key in file.files if key.startswith(f"cells {law}"))
+        cells = _cells(file[f"cells {name}"], file[f"samples {name}"].astype(float))
+        designs, objects = (tuple(int(number) for number in file[key]) for key in ("designs", "objects"))
+    return designs, objects, cells
+
+
+def _cells(table: np.ndarray, samples: np.ndarray) -> dict[tuple[int, int], Trace]:
+    ends = np.cumsum(table[:, 2])
+    return {
+        (int(tool), int(obj)): Trace(*samples[:, end - n : end])
+        for (tool, obj, n), end in zip(table, ends, strict=True)
+    }
+
+
+def _packed(steps_n: np.ndarray) -> np.ndarray:
+    """Forces as differences of whole steps along the lift, which compress well; NaN as the least number."""
+    whole = np.round(np.nan_to_num(steps_n) / _STEP_N).astype(np.int32)
+    packed = np.diff(whole, axis=-1, prepend=0).astype(np.int16)
+    packed[np.isnan(steps_n).any(axis=-1)] = np.iinfo(np.int16).min
+    return np.asarray(packed)
+
+
+def _unpacked(packed: np.ndarray) -> np.ndarray:
+    is_lost = (packed == np.iinfo(np.int16).min).all(axis=-1)
+    steps_n = _STEP_N * np.cumsum(packed.astype(np.int32), axis=-1)
+    steps_n[is_lost] = np.nan
+    return np.asarray(steps_n)

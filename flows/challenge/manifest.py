@@ -1,0 +1,73 @@
+"""What a challenge's folder says of itself: its id, its worlds with the hashes of their keys, noise, and effects."""
+
+import csv
+from pathlib import Path
+
+from fast.models.errors import UsageError
+from fast.models.records import Record
+from fast.models.traces.step_noise import SensorNoise
+from fast.models.validation import closest, load_record, parse_json
+
+FILE, BANK, OBJECTS, EFFECTS = "challenge.json", "bank.parquet", "objects.csv", "effects.csv"
+NOT_LISTED = "not listed"
+TOOLS_PER_BATCH = 7
+
+
+class Noise(Record):
+    """Noise of the load cell: an AR(1) process."""
+
+    sd_n: float
+    correlation_s: float
+    rate_hz: float
+
+
+class Manifest(Record):
+    """`challenge.json`. challenge: id of the set, derived from the hashes. worlds: by name, the hash of each key."""
+
+    challenge: str
+    format: int = 1
+    load_cell: Noise
+    worlds: dict[str, str]
+
+    @property
+    def noise(self) -> SensorNoise:
+        """Noise of the load cell, as models take it."""
+        return SensorNoise(**self.load_cell.model_dump())
+
+    @staticmethod
+    def read(folder: Path) -> "Manifest":
+        """The manifest of a challenge's folder.
+
+        Raises:
+            UsageError: there is none, or it is of another form.
+        """
+        path = folder / FILE
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(
+                f"{folder} is no folder of a challenge ({FILE} cannot be read); `fast challenge start` makes one."
+            ) from error
+        return load_record(Manifest, parse_json(text, str(path)), str(path))
+
+    def write(self, folder: Path) -> None:
+        """Write `challenge.json`."""
+        (folder / FILE).write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+    def name_worlds(self) -> str:
+        """Names of the worlds, the first to the last."""
+        names = list(self.worlds)
+        return f"{names[0]} to {names[-1]}"
+
+
+def read_families(folder: Path) -> dict[str, str]:
+    """Family of each listed effect, in words."""
+    with (folder / EFFECTS).open(encoding="utf-8", newline="") as file:
+        return {row["effect"]: row["family"] for row in csv.DictReader(file)}
+
+
+def check_effect(name: str, families: dict[str, str]) -> str:
+    """What is wrong with the name of an effect; empty if nothing is."""
+    if name in families or name == NOT_LISTED:
+        return ""
+    return f"`{name}` is no listed effect; {closest(name, [*families, NOT_LISTED])}"

@@ -1,0 +1,55 @@
+"""Amplitudes and laws of effects, as the likelihood has them.
+
+An effect's law is never exactly the catalogue's, so what it changes may be larger or smaller by some 30 % smoothly
+along the lift, with the force of a grasp, and from print to print.
+"""
+
+import numpy as np
+
+from fast.models.gap.evidence.reading import MIDDLES_MM
+from fast.models.gap.fit.fit import axes_of
+from fast.models.gap.fit.law_freedom import LAW_SD
+from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
+
+_N_KNOTS = 5
+
+
+def has_memory(effect: str) -> bool:
+    """Whether what an effect changes depends on what the tool did before."""
+    return CATALOGUE[effect].kind.overrides("in_grasp")
+
+
+def scale_value(value: EffectValue, scale: float) -> EffectValue:
+    """An effect with its amplitudes scaled on their axes, from neutral; what shapes it stays."""
+    found = CATALOGUE[value.effect].neutral.parameters | dict(value.parameters)
+    for place, (spec, axis) in enumerate(zip(CATALOGUE[value.effect].parameters, axes_of(value.effect), strict=True)):
+        if place == 0 or spec.neutral != spec.prior_median:  # else it only shapes the effect
+            neutral = axis.inner(spec.neutral)
+            found[spec.name] = axis.value(neutral + scale * (axis.inner(found[spec.name]) - neutral))
+    return EffectValue(effect=value.effect, parameters=found)
+
+
+def list_law_changes(tool: np.ndarray, n_tools: int, force_n: np.ndarray, change_n: np.ndarray) -> np.ndarray:
+    """Changes (k x c x b) by which that of an effect (c x b) may differ, prior standard deviation 1.
+
+    tool: c, of each cell. force_n: c x b.
+    """
+    place = np.log1p(MIDDLES_MM)
+    knots = np.linspace(0.0, place.max(), _N_KNOTS)
+    near = place.max() / 3.0
+
+    def kernel(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return np.asarray(np.exp(-0.5 * ((first[:, None] - second) / near) ** 2))
+
+    along = np.linalg.solve(np.linalg.cholesky(kernel(knots, knots) + 1e-6 * np.eye(_N_KNOTS)), kernel(knots, place))
+    level = find_level(force_n)
+    is_tool = (tool == np.arange(n_tools)[:, None])[:, :, None]
+    by_level = np.stack([level, 0.7 * level**2])[:, :, None]
+    return np.asarray(LAW_SD * np.concatenate([along[:, None] * change_n, by_level * change_n, is_tool * change_n]))
+
+
+def find_level(force_n: np.ndarray) -> np.ndarray:
+    """Logarithm of the force of cells (c x b), mean 0 and standard deviation 1."""
+    level = np.log(np.maximum(np.sqrt((force_n**2).mean(axis=1)), 1e-6))
+    return np.asarray((level - level.mean()) / max(float(level.std()), 1e-9))

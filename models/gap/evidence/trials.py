@@ -1,0 +1,118 @@
+"""Effects on trial: each in the simulator, everything fitted again, and what it leaves for something else.
+
+Far from nothing, what an effect changes is not in proportion to its amplitude, and theta goes where the effect lets it.
+So those for which there is most evidence at the fit without them are fitted in earnest; their evidence is that of the
+whole fit. A right name leaves nothing that another effect, or a pattern without a name, would explain.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fast.models.gap.evidence.candidates import Candidate, weigh_drifts, weigh_effects, weigh_patterns
+from fast.models.gap.evidence.likelihood import EvidenceFit, add_effect
+from fast.models.records import EffectValue
+
+N_FAMILIES, N_OF_FAMILY = 3, 2  # that are tried: the most evident families, and effects of each
+_N_BESIDES = 6  # effects of other families that are weighed beside the best: the most evident ones
+N_DESCRIBED = 4
+_USUAL_NATS = 100.0
+_LEAST_SHARE, _MOST_SHARE = 0.02, 2.0  # of evidence: less is nothing, more is as good as that
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An effect in the simulator. nats: its evidence over nothing. left: what there is most evidence for besides.
+
+    Of `left`, only what is no effect of its family; empty until it is looked for.
+    """
+
+    effect: str
+    family: str
+    nats: float
+    fit: EvidenceFit
+    left: tuple[Candidate, ...] = ()
+
+    @property
+    def value(self) -> EffectValue:
+        """The effect as fitted."""
+        return self.fit.effects[-1]
+
+    @property
+    def left_patterns_nats(self) -> float:
+        """Evidence that is left for a pattern or a drift without a name."""
+        return max((one.nats for one in self.left if one.kind != "effect" and not one.effect), default=0.0)
+
+    @property
+    def left_effects_nats(self) -> float:
+        """Evidence that is left for another effect of the catalogue."""
+        return max((one.nats for one in self.left if one.effect), default=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """All that was tried, the best first. weighed: what there is evidence for without any, the most first.
+
+    missing: families that the catalogue is taken not to have.
+    """
+
+    fit: EvidenceFit
+    weighed: tuple[Candidate, ...]
+    tried: tuple[Trial, ...]
+    missing: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(fit: EvidenceFit, weighed: Sequence[Candidate], families: Mapping[str, str]) -> "Trials":
+        """The effects with most evidence on trial. families: of every effect that may be named."""
+        found = []
+        for one in _choose(weighed, families):
+            with_it = add_effect(fit, one.value) if one.value is not None else fit
+            found.append(Trial(one.name, families[one.name], with_it.nats - fit.nats, with_it))
+        return Trials(fit, tuple(weighed), tuple(sorted(found, key=lambda trial: -trial.nats)))
+
+    def look_after_best(self, families: Mapping[str, str]) -> "Trials":
+        """The same with what the best trial leaves for patterns, drifts, and effects of other families."""
+        if not self.tried or self.tried[0].left:
+            return self
+        best = self.tried[0]
+        seen = [one.name for one in self.weighed if one.kind == "effect"]
+        others = [name for name in seen if families.get(name) not in (None, best.family, *self.missing)][:_N_BESIDES]
+        drifts = [one for one in weigh_drifts(best.fit) if families.get(one.effect) != best.family]
+        left = [*weigh_effects(best.fit, others), *weigh_patterns(best.fit), *drifts]
+        looked = replace(best, left=tuple(sorted(left, key=lambda one: -one.nats)))
+        return replace(self, tried=(looked, *self.tried[1:]))
+
+    def find(self, effect: str) -> Trial:
+        """The trial of an effect that was tried."""
+        return next(one for one in self.tried if one.effect == effect)
+
+    def without(self, family: str) -> "Trials":
+        """What would have been tried had the catalogue no such family."""
+        kept = [one for one in self.tried if one.family != family]
+        return replace(self, tried=tuple(kept), missing=(*self.missing, family))
+
+    def describe(self) -> np.ndarray:
+        """What tells a right name from a wrong one, `N_DESCRIBED` logarithms.
+
+        The evidence of the best effect; and, as shares of it, what it leaves for a pattern, and for another effect, and
+        the evidence of the best effect of another family.
+        """
+        best = self.tried[0]
+        second = next((trial.nats for trial in self.tried if trial.family != best.family), 0.0)
+        nats = max(best.nats, 1.0)
+        shares = np.array([best.left_patterns_nats, best.left_effects_nats, second]) / nats
+        return np.concatenate([[np.log(nats / _USUAL_NATS)], np.log(np.clip(shares, _LEAST_SHARE, _MOST_SHARE))])
+
+
+def _choose(weighed: Sequence[Candidate], families: Mapping[str, str]) -> list[Candidate]:
+    """Of the best families the best effects; weighed: the most evidence first."""
+    chosen: dict[str, list[Candidate]] = {}
+    for one in weighed:
+        family = families.get(one.name)
+        if one.kind != "effect" or family is None or (family not in chosen and len(chosen) == N_FAMILIES):
+            continue
+        own = chosen.setdefault(family, [])
+        if len(own) < N_OF_FAMILY:
+            own.append(one)
+    return [one for own in chosen.values() for one in own]

@@ -1,0 +1,82 @@
+"""Bodies of one object that do not touch: one of them would float when the object is printed."""
+
+import numpy as np
+import trimesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from fast.models.errors import ConfigError
+
+TOUCH_MM = 0.5  # bodies whose surfaces are this near are one
+_MOST_BODIES = 100
+_N_POINTS = 20_000  # of all surfaces together
+
+
+def check_one_piece(mesh: trimesh.Trimesh, source: str) -> None:
+    """Refuse an object in mm that has bodies which neither touch each other nor lie within another.
+
+    Raises:
+        ConfigError: how many there are, and how far apart the nearest two are.
+    """
+    body_of = _find_bodies(mesh)
+    n_bodies = int(body_of.max()) + 1
+    if n_bodies == 1:
+        return
+    if n_bodies > _MOST_BODIES:
+        raise ConfigError(
+            f"{source}: it has {n_bodies} bodies, at most {_MOST_BODIES} are taken; join them where it was made."
+        )
+    gaps_mm = _find_gaps_mm(mesh, body_of, n_bodies)
+    n_groups, group_of = connected_components(gaps_mm <= TOUCH_MM, directed=False)
+    loose = [group for group in range(n_groups) if not _is_within(mesh, group_of[body_of] == group)]
+    if len(loose) > 1:
+        is_of = [group_of == group for group in loose]
+        apart_mm = min(float(gaps_mm[np.ix_(one, ~one)].min()) for one in is_of)
+        raise ConfigError(
+            f"{source}: it has {len(loose)} bodies that do not touch, {apart_mm:.2g} mm apart at the nearest, so one "
+            "of them would float; join them, or give one object for each."
+        )
+
+
+def _find_bodies(mesh: trimesh.Trimesh) -> np.ndarray:
+    """Number of the body of each triangle; those that share a corner are of one body."""
+    n = len(mesh.vertices)
+    graph = coo_array((np.ones(len(mesh.edges), dtype=bool), tuple(mesh.edges.T)), shape=(n, n))
+    _, part_of = connected_components(graph, directed=False)
+    _, body_of = np.unique(part_of[mesh.faces[:, 0]], return_inverse=True)  # corners of no triangle are left out
+    return body_of
+
+
+def _find_gaps_mm(mesh: trimesh.Trimesh, body_of: np.ndarray, n_bodies: int) -> np.ndarray:
+    """Distances (n_bodies, n_bodies) of the surfaces of bodies, from their corners and points in between.
+
+    The distance of their boxes where that is above `TOUCH_MM` already.
+    """
+    sampled, faces = trimesh.sample.sample_surface(mesh, _N_POINTS, seed=0)
+    spacing_mm = float(np.sqrt(mesh.area / _N_POINTS))
+    points = [
+        np.concatenate([mesh.triangles[body_of == body].reshape(-1, 3), sampled[body_of[faces] == body]])
+        for body in range(n_bodies)
+    ]
+    trees = [cKDTree(of_body) for of_body in points]
+    low, high = (np.array([end(of_body, axis=0) for of_body in points]) for end in (np.min, np.max))
+    gaps_mm = np.zeros((n_bodies, n_bodies))
+    for one in range(n_bodies):
+        for other in range(one):
+            gap_mm = float(np.linalg.norm(np.maximum(np.maximum(low[one] - high[other], low[other] - high[one]), 0.0)))
+            if gap_mm <= TOUCH_MM:
+                gap_mm = max(gap_mm, float(trees[one].query(points[other])[0].min()) - spacing_mm)
+            gaps_mm[one, other] = gaps_mm[other, one] = gap_mm
+    return gaps_mm
+
+
+def _is_within(mesh: trimesh.Trimesh, is_own: np.ndarray) -> bool:
+    """Whether triangles lie in the material that the others enclose: by their winding number about a corner of it."""
+    a, b, c = np.moveaxis(mesh.triangles[~is_own] - mesh.triangles[is_own][0, 0], 1, 0)
+    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    below = la * lb * lc + sum(
+        np.einsum("ij,ij->i", one, other) * length for one, other, length in ((a, b, lc), (b, c, la), (c, a, lb))
+    )
+    return abs(float(np.arctan2(volume, below).sum())) > np.pi  # half of 2 pi, which is once around

@@ -180,27 +180,30 @@ def open_virtual_bench(
 
     `physics` answers one grasp (it is cached here). Time is in lockstep: it moves only while drivers wait; with
     `speed_up` it runs by itself, so many times faster than the wall. `wires` "memory" hands over the bytes of pty and
-    sockets directly, which only lockstep allows and makes a grasp several times cheaper. `log_folder`: where the wire
-    logs go; None keeps them in memory, and `fault_log_folder` gets what is there when the bench ends with an error.
+    sockets directly, opens no port, and makes a grasp several times cheaper; only lockstep allows it. `log_folder`:
+    where the wire logs go; None keeps them in memory, and `fault_log_folder` gets them if the bench ends with an error.
     """
     clock: Clock = VirtualClock() if speed_up is None else ScaledClock(speed_up)
-    with open_virtual_servers(world, tools, physics, clock, layout=layout) as virtual:
+    is_in_memory = wires == "memory"
+    port = None if is_in_memory else 0
+    with open_virtual_servers(world, tools, physics, clock, port, port, layout=layout) as virtual:
         at = virtual.endpoints
         is_noisy = world.sensor.noise_sd_n >= 0.05  # several counts: identical readings can only be a frozen instrument
         settings = BenchSettings(
             serial_port=at.serial_port,
             plc_host=at.plc_host,
-            plc_port=at.plc_port,
             transmitter_host=at.transmitter_host,
-            transmitter_port=at.transmitter_port,
             modbus_time_out_s=10.0,
             force_rate_hz=world.sensor.rate_hz,
             stale_after_s=0.5 if is_noisy else None,
             pressure_time_out_s=2.0 if speed_up is None else _PHYSICS_PATIENCE_S * speed_up,
             layout=layout,
         )
+        if not is_in_memory:
+            ports = {"plc_port": at.plc_port, "transmitter_port": at.transmitter_port}
+            settings = settings.model_copy(update=ports)
         logs = _LogFolders(log_folder, fault_log_folder)
-        with _open(settings, tools, clock, virtual, is_in_memory=wires == "memory", logs=logs) as bench:
+        with _open(settings, tools, clock, virtual, is_in_memory=is_in_memory, logs=logs) as bench:
             yield bench
 
 
@@ -210,8 +213,8 @@ def open_virtual_servers(
     tools: Mapping[int, MountedTool],
     physics: Physics,
     clock: Clock,
-    plc_port: int = 0,
-    transmitter_port: int = 0,
+    plc_port: int | None = 0,
+    transmitter_port: int | None = 0,
     is_transmitter_continuous: bool = False,
     layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
 ) -> Iterator[VirtualBench]:

@@ -17,7 +17,7 @@ def list_peers() -> dict[str, str | None]:
         "mbpoll": _version("mbpoll") if shutil.which("mbpoll") else None,
         "socat": _version("socat") if shutil.which("socat") else None,
         "grbl-Mega on simavr": Path(image).name if board and image and Path(image).is_file() else None,
-        "grblHAL": _file(os.environ.get("FAST_GRBLHAL_SIM")) if shutil.which("socat") else None,
+        "grblHAL": _file(os.environ.get("FAST_GRBLHAL_SIM")) if shutil.which("cc") else None,
         "pyclickplc": "own environment" if os.environ.get("FAST_PYCLICKPLC_PYTHON") else None,
     }
 

@@ -23,7 +23,7 @@ from fast.models.design.fin_ray import FinRay
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
 from fast.models.gap.grasps import Grasps, of_one_setup
-from fast.models.records import GraspContext, GraspSetup, Trace
+from fast.models.records import Design, GraspContext, GraspSetup, Trace
 from fast.models.traces.step_features import N_STEPS, step_means
 
 ASKED = "asked.csv"
@@ -55,7 +55,7 @@ class GivenWorld:
     asked: Grasps
 
 
-def write_world(folder: Path, made: Sequence[Made], designs: Mapping[str, FinRay], objects: Sequence[int]) -> None:
+def write_world(folder: Path, made: Sequence[Made], designs: Mapping[str, Design], objects: Sequence[int]) -> None:
     """Write the files of a world. designs: by id, in the order of the tools."""
     folder.mkdir(parents=True)
     write_csv(folder / "designs.csv", DESIGN_COLUMNS, [{"design_id": n} | d.model_dump() for n, d in designs.items()])

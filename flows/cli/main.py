@@ -3,6 +3,7 @@
 import atexit
 import errno
 import gc
+import io
 import os
 import sys
 
@@ -10,6 +11,8 @@ from cyclopts import App
 from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
 from fast.flows.server.loopback import spare_loopback
+
+_STANDARD_ERROR = 2  # the last number of a stream that every process has
 
 
 def _read_version() -> str:
@@ -79,6 +82,13 @@ def main() -> None:
 
 def run_and_leave(command_line: App) -> None:
     """Run a command line with the process's arguments, and end the process with its exit status."""
+    if sys.getfilesystemencoding() != "utf-8" and os.environ.get("PYTHONUTF8") != "1":
+        # Names of files would be no text that DuckDB or a table can hold.
+        os.environ["PYTHONUTF8"] = "1"
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    _open_closed_streams()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # where it takes ASCII only
     # Several processes work side by side: one thread each, set before numpy is imported.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
@@ -112,6 +122,11 @@ def run(words: list[str] | None, command_line: App = app) -> int:
         _drop_output()
         return 1
     except OSError as error:
+        if error.errno == errno.ENOSPC:
+            _drop_output()
+            return _fail(
+                f"no space is left where {error.filename or 'the output'} is written; free some, then try again.", 1
+            )
         if error.errno != errno.ENAMETOOLONG:
             raise
         return _fail(f"a file name is too long ({str(error.filename)[:40]}...); give a shorter one.", 2)
@@ -160,8 +175,18 @@ def _fail(sentence: str, status: int) -> int:
     return status
 
 
+def _open_closed_streams() -> None:
+    """Where a stream was closed (`>&-`) take the null device, else the next file that is opened gets its number."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= _STANDARD_ERROR:
+        os.set_inheritable(number, True)
+    os.close(number)
+    sys.stdin = sys.stdin or open(os.devnull)
+    sys.stdout = sys.stdout or open(os.devnull, "w")
+    sys.stderr = sys.stderr or open(os.devnull, "w")
+
+
 def _drop_output() -> None:
-    """The reader of our output has gone (`| head`): what is left goes nowhere, without a traceback at exit."""
+    """Nobody takes our output (`| head`, a full disk): what is left goes nowhere, without a traceback at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

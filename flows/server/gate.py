@@ -36,7 +36,7 @@ _PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>FAST: key
 <h1 style="font-size: 1.4rem">This server lets in who has its key</h1>
 <p>Open the address that <code>fast serve</code>, <code>fast campaign run</code> or <code>fast view</code> printed in
 its terminal. It ends with <code>?key=...</code>; the browser keeps it from then on. <code>fast doctor</code> prints
-that of a lake's server again.</p>
+that of <code>fast serve</code> again.</p>
 <p>Where a password was set, reload this page: user <code>fast</code>, and the password.</p></body></html>"""
 
 

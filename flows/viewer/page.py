@@ -65,11 +65,13 @@ def open_page(recording: Path, login: str, is_whole: threading.Event) -> Iterato
         config = uvicorn.Config(app, lifespan="off", log_level="critical", proxy_headers=False)
         config.timeout_graceful_shutdown = 1  # a browser may still wait for more of the recording
         server = uvicorn.Server(config)
-        threading.Thread(target=server.run, args=([listener],), daemon=True, name="viewer-page").start()
+        thread = threading.Thread(target=server.run, args=([listener],), daemon=True, name="viewer-page")
+        thread.start()
         try:
             yield address_for_person(Api(f"http://{LOOPBACK}:{listener.getsockname()[1]}/api", login))
         finally:
             server.should_exit = True
+            thread.join()
 
 
 def make_app(files: Files, recording: Path, is_whole: threading.Event) -> App:

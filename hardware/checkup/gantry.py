@@ -51,9 +51,10 @@ def _wake_up(session: GrblSession) -> StatusReport | None:
 
 def _check_controller(findings: Findings, session: GrblSession, report: StatusReport) -> None:
     session.command("", _DOING)
-    build = [message.text for message in session.query("$I", _DOING) if isinstance(message, Feedback)]
+    build = [message for message in session.query("$I", _DOING) if isinstance(message, Feedback)]
+    session.build = tuple([f"{message.kind}:{message.text}" for message in build])
     state = "not homed" if report.state == "Alarm" else "at rest"
-    findings.add("gantry", f"GRBL {', '.join(build)}; {state}")
+    findings.add("gantry", f"GRBL {', '.join(message.text for message in build)}; {state}")
     closed = ", ".join(letter for letter in report.pins or "" if letter in "XYZ")
     findings.judge(
         "limit switches",
@@ -65,9 +66,9 @@ def _check_controller(findings: Findings, session: GrblSession, report: StatusRe
 
 def _check_settings(findings: Findings, session: GrblSession, profile: GrblProfile) -> None:
     found = {m.number: m.value for m in session.query("$$", _DOING) if isinstance(m, Setting)}
-    corrections = profile.corrections(found)
+    corrections = profile.corrections(found, session.build)
     if not corrections:
-        findings.add(_SETTINGS, f"all {len(found)} are those of the profile")
+        findings.add(_SETTINGS, f"{len(found)} read, none that matters differs from the profile")
         return
     lines = [f"      {line or '(none)':<16} {text}" for text, line in corrections]
     findings.add(

@@ -31,7 +31,7 @@ _SETTING = re.compile(rf"\$(\d{{1,5}})=({_NUMBER})(?:\s.*)?")
 _STARTUP_LINE = re.compile(r"\$N(\d{1,3})=(.*)")
 _STARTUP_RAN = re.compile(r">(.*):(ok|error:\d{1,5})")
 _REPLY_CODE = re.compile(r"(error|ALARM):(\d{1,5})")
-_FEEDBACK = re.compile(r"\[([A-Za-z0-9.+]+):(.*)\]")
+_FEEDBACK = re.compile(r"\[([A-Za-z0-9.+][A-Za-z0-9.+ ]*):(.*)\]")
 _STATE = re.compile(r"([A-Z][A-Za-z]*)(?::(\d{1,3}))?")
 _NUMBERS = re.compile(rf"{_NUMBER}(?:,{_NUMBER})*")
 

@@ -21,6 +21,7 @@ class AlarmMeaning:
 
 
 HARD_LIMIT = 1
+HOMING_REQUIRED = 11  # grblHAL
 _HOME_AGAIN = "home again"
 _CHECK_SWITCH = "check the limit switches and the motors, then home again"
 
@@ -36,7 +37,7 @@ ALARMS = {
     7: AlarmMeaning("the door opened during homing", False, False, "close the door, then home again"),
     8: AlarmMeaning("a switch did not open on pull-off during homing", False, False, _CHECK_SWITCH),
     9: AlarmMeaning("homing found no switch", False, False, _CHECK_SWITCH),
-    10: AlarmMeaning("homing failed on a dual axis", False, False, _CHECK_SWITCH),
+    10: AlarmMeaning("homing failed on a dual axis (grblHAL: an emergency stop)", False, True, _CHECK_SWITCH),
 }
 
 UNKNOWN_ALARM = AlarmMeaning("an alarm of unknown meaning", False, True, "look at the machine, then home again")
@@ -62,7 +63,7 @@ ERRORS = {
     12: "step rate too high",
     13: "door is open",
     14: "start-up or info line too long",
-    15: "jog beyond travel",
+    15: "target beyond travel",
     16: "bad jog",
     17: "laser mode needs PWM",
     20: "unsupported word",
@@ -84,6 +85,16 @@ ERRORS = {
     36: "unused words",
     37: "G43.1 axis",
     38: "tool number too large",
+    # grblHAL's own
+    18: "it was reset",
+    19: "value not above zero",
+    39: "value out of range",
+    43: "feed rate too high",
+    45: "a limit switch is closed",
+    46: "homing needed",
+    52: "setting out of range",
+    53: "no such setting in this build",
+    79: "not in a critical alarm",
 }
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from fast.hardware.grbl.codec import LineDecoder, encode_line
+from fast.hardware.grbl.codes import HOMING_REQUIRED
 from fast.hardware.grbl.messages import (
     Alarm,
     Banner,
@@ -245,6 +246,8 @@ class GrblLink:
                 self._settle(message)
             case StatusReport():
                 self._take_report(message)
+            case Alarm(code) if code == HOMING_REQUIRED:
+                pass  # grblHAL's word at power-on for what GRBL tells by its state alone: it is locked
             case Alarm(code):
                 self._alarm = code
                 for ticket in self._pending:

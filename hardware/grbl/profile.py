@@ -20,44 +20,56 @@ ABSOLUTE_TOLERANCE = 5e-4  # `$$` prints three decimals
 SECONDS_PER_MINUTE = 60.0
 SOFT_LIMITS, HARD_LIMITS = 20, 21  # numbers of the settings that a search for the switches turns off
 
-LAB_SETTINGS: Mapping[int, float] = MappingProxyType(
-    {
-        0: 10,  # step pulse, us
-        1: 255,  # keep motors on: Z must not sink
-        2: 0,
-        3: 0,
-        4: 0,
-        5: 0,
-        6: 0,
-        10: 3,  # report MPos and buffer
-        11: 0.010,
-        12: 0.002,
-        13: 0,  # mm
-        20: 1,  # soft limits
-        21: 1,  # hard limits
-        22: 1,  # homing
-        23: 0,  # all axes home to their + ends
-        24: 200,  # homing locate rate, mm/min
-        25: 3000,  # homing seek rate, mm/min
-        26: 100,  # debounce, ms
-        27: 3,  # pull-off, mm
-        30: 1000,
-        31: 0,
-        32: 0,  # no laser mode
-        100: 80,  # steps/mm
-        101: 80,
-        102: 400,
-        110: 12_000,  # mm/min
-        111: 12_000,
-        112: 3000,
-        120: 500,  # mm/s2
-        121: 500,
-        122: 200,
-        130: 1506,  # travel, mm: workspace and a pull-off at each end
-        131: 1506,
-        132: 186,
-    }
+# Number, value on GRBL, value on grblHAL, what it is for or what goes wrong without. None: it is not compared there,
+# since it is unknown, or does no harm. grblHAL is GRBL's successor on 32-bit boards: it has GRBL's numbers, some with
+# another meaning, and dozens of its own for spindles, networks and the like.
+_TABLE: tuple[tuple[int, float | None, float | None, str], ...] = (
+    (0, 10, 10, "step pulse, us"),
+    (1, 255, 255, "motors stay on: Z must not sink"),
+    (2, 0, 0, "polarity of the step pins"),
+    (3, 0, 0, "directions: a wrong one drives away from the home switch"),
+    (4, 0, 0, "polarity of the motor enable; a bit an axis on grblHAL"),
+    (5, 0, 0, "polarity of the limit switches; a bit an axis on grblHAL"),
+    (6, 0, None, "polarity of the probe, which is not used"),
+    (10, 3, 123, "reports tell place and buffer; grblHAL must be asked for speed, switches, offsets and overrides too"),
+    (11, 0.010, None, "speed in corners; the bench stops at each"),
+    (12, 0.002, None, "arcs, which are not used"),
+    (13, 0, 0, "reports in mm"),
+    (20, 1, 1, "soft limits"),
+    (21, 1, 1, "hard limits"),
+    (22, 1, 5, "homing; grblHAL must be told that nothing moves before it after power-on"),
+    (23, 0, 0, "ends to which the axes home"),
+    (24, 200, 200, "homing, slow approach, mm/min"),
+    (25, 3000, 3000, "homing, search, mm/min: a dead switch drives into the far end at this rate"),
+    (26, 100, 100, "homing debounce, ms"),
+    (27, 3, 3, "pull-off from the switches, mm"),
+    (30, 1000, None, "spindle, unused"),
+    (31, 0, None, "spindle, unused"),
+    (32, 0, None, "laser mode, unused"),
+    (39, None, 1, "`?`, `!` and `~` are obeyed: else there is no feed hold"),
+    (40, None, 0, "a jog beyond the travel is refused, not shortened without a word"),
+    (44, None, 4, "homing: Z first, clear of what stands on the bench"),
+    (45, None, 3, "homing: then X and Y"),
+    (46, None, 0, "homing: nothing else"),
+    (62, None, 0, "no sleep, in which the motors go off"),
+    (100, 80, 80, "steps/mm"),
+    (101, 80, 80, "steps/mm"),
+    (102, 400, 400, "steps/mm"),
+    (110, 12_000, 12_000, "fastest, mm/min"),
+    (111, 12_000, 12_000, "fastest, mm/min"),
+    (112, 3000, 3000, "fastest, mm/min"),
+    (120, 500, 500, "acceleration, mm/s2"),
+    (121, 500, 500, "acceleration, mm/s2"),
+    (122, 200, 200, "acceleration, mm/s2"),
+    (130, 1506, 1506, "travel, mm: workspace and a pull-off at each end"),
+    (131, 1506, 1506, "travel, mm"),
+    (132, 186, 186, "travel, mm"),
+    (481, None, 0, "no report that nobody asked for: it would pass for an answer"),
+    (676, None, 15, "a reset in motion costs the homing, and overrides end"),
 )
+LAB_SETTINGS: Mapping[int, float] = MappingProxyType({row[0]: row[1] for row in _TABLE if row[1] is not None})
+_ONLY_HAL = frozenset({row[0] for row in _TABLE} - set(LAB_SETTINGS))
+HAL_BUILD = "FIRMWARE:grblHAL"  # in the answer to `$I`
 
 
 class GrblProfile(Record):
@@ -80,29 +92,39 @@ class GrblProfile(Record):
                 )
         return settings
 
-    def differences(self, found: Mapping[int, float]) -> list[str]:
-        """One short text for each setting that is missing, extra or different on the controller."""
-        return [text for text, _ in self.corrections(found)]
+    def wanted(self, build: Sequence[str] = ()) -> dict[int, float]:
+        """What is compared on a controller that says `build` of itself (`$I`); nothing said counts as GRBL.
 
-    def corrections(self, found: Mapping[int, float]) -> list[tuple[str, str]]:
+        On grblHAL a setting that the profile has changed is wanted as the profile says.
+        """
+        if HAL_BUILD not in build:
+            return {number: value for number, value in self.settings.items() if number not in _ONLY_HAL}
+        own = {number: value for number, value in self.settings.items() if value != LAB_SETTINGS.get(number)}
+        return {number: own.get(number, hal) for number, _, hal, _ in _TABLE if hal is not None}
+
+    def differences(self, found: Mapping[int, float], build: Sequence[str] = ()) -> list[str]:
+        """One short text for each setting that is missing or different on the controller."""
+        return [text for text, _ in self.corrections(found, build)]
+
+    def corrections(self, found: Mapping[int, float], build: Sequence[str] = ()) -> list[tuple[str, str]]:
         """The differences, each with the line that corrects it; empty where only another profile or build helps.
 
-        A setting that GRBL does not have is no difference: successors of GRBL have dozens, for spindles, networks and
-        the like. All that decides where and how fast the machine moves is among GRBL's own, which are all compared.
+        Of GRBL all is compared, of grblHAL what decides where, how fast and when the machine moves (`_TABLE`). What a
+        controller has beside is no difference, nor is a setting of grblHAL alone that its build has not.
         """
         pairs = []
-        for number, want in sorted(self.settings.items()):
+        for number, want in sorted(self.wanted(build).items()):
             have = found.get(number)
-            if have is None:
+            if have is None and number not in _ONLY_HAL:
                 pairs.append((f"${number} is absent", ""))
-            elif abs(want - have) > max(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * abs(want)):
+            elif have is not None and abs(want - have) > max(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * abs(want)):
                 pairs.append((f"${number} is {have:g}, profile {want:g}", f"${number}={want:g}"))
         return pairs
 
-    def limits_off(self, found: Mapping[int, float]) -> list[int]:
+    def limits_off(self, found: Mapping[int, float], build: Sequence[str] = ()) -> list[int]:
         """Numbers of the limits that the profile has on and the controller off, if nothing else differs."""
         off = [number for number in (SOFT_LIMITS, HARD_LIMITS) if self.settings[number] and found.get(number) == 0]
-        is_all = not self.differences({**found, **{number: self.settings[number] for number in off}})
+        is_all = not self.differences({**found, **{number: self.settings[number] for number in off}}, build)
         return off if is_all else []
 
     def with_settings(self, changes: Mapping[int, float]) -> "GrblProfile":

@@ -22,7 +22,7 @@ from fast.hardware.grbl.errors import (
 from fast.hardware.grbl.link import GrblLink, Ticket
 from fast.hardware.grbl.messages import ErrorReply, Feedback, Message, RealTime, Setting, StatusReport
 from fast.hardware.grbl.place_watch import PlaceWatch
-from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.grbl.profile import HAL_BUILD, GrblProfile
 from fast.hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, STOPPED, hold
 from fast.hardware.wire.serial import Transport
 from fast.models.errors import DeviceError
@@ -136,11 +136,11 @@ class GrblSession:
         self.command("", doing)
         self.build = tuple(f"{m.kind}:{m.text}" for m in self.query("$I", doing) if isinstance(m, Feedback))
         found = self._settings(doing)
-        for number in self.profile.limits_off(found):
+        for number in self.profile.limits_off(found, self.build):
             logger.warning("%s: limit setting $%d is off and is switched on", self.link.transport.name, number)
             found[number] = self.profile.settings[number]
             self.store_setting(number, found[number])
-        differences = self.profile.differences(found)
+        differences = self.profile.differences(found, self.build)
         if differences:
             rest = f" and {len(differences) - MAX_DIFFERENCES} more" if len(differences) > MAX_DIFFERENCES else ""
             raise ProfileMismatchError(
@@ -298,6 +298,12 @@ class GrblSession:
 
     # Stopping
 
+    @property
+    def stop_codes(self) -> tuple[RealTime, ...]:
+        """What brings any motion to rest. grblHAL moves on in a jog after a feed hold; GRBL ends the jog."""
+        is_grbl = self.build and HAL_BUILD not in self.build
+        return (RealTime.HOLD,) if is_grbl else (RealTime.HOLD, RealTime.JOG_CANCEL)
+
     def distrust_and_stop(self, fault: DeviceError) -> Never:
         """Raise a fault that costs the position, after whatever moves was stopped; the sentence says what was done."""
         self.distrust()
@@ -324,7 +330,7 @@ class GrblSession:
             is_deaf: after a critical alarm no answer means that the firmware stands and listens to a reset only.
         """
         try:
-            was_moving, state = hold(self.link, self.clock, is_deaf)
+            was_moving, state = hold(self.link, self.clock, self.stop_codes, is_deaf)
             if was_moving:
                 self.distrust()
             if state is None and is_deaf:
@@ -342,7 +348,7 @@ class GrblSession:
         """Feed hold, and wait until nothing moves; False when it did not come to rest in time."""
         epoch = self.link.epoch
         self.watch.let_end()
-        self.link.send_real_time(RealTime.HOLD)
+        self.link.send_real_time(*self.stop_codes)
         until_s = self.clock.now_s() + HOLD_TIMEOUT_S
         while self.poll(doing, epoch).is_moving:
             if self.clock.now_s() > until_s:

@@ -1,5 +1,7 @@
 """Brings a gantry to rest without believing anything: after an ALARM, a banner or a report that may not be true."""
 
+from collections.abc import Sequence
+
 from fast.hardware.clock import Clock
 from fast.hardware.grbl.link import GrblLink
 from fast.hardware.grbl.messages import RealTime
@@ -10,18 +12,19 @@ HOLD_POLL_S = 0.05
 STOPPED = "It was moving all the same: this host stopped it with a feed hold, and its position is unknown."
 
 
-def hold(link: GrblLink, clock: Clock, is_deaf: bool) -> tuple[bool, str | None]:
+def hold(link: GrblLink, clock: Clock, stop_codes: Sequence[RealTime], is_deaf: bool) -> tuple[bool, str | None]:
     """Feed hold: whether it was moving, and the state in which it came to rest; None if it did not, or did not say so.
 
     Args:
         link: to the controller that is to stand.
         clock: what waits.
+        stop_codes: what brings any motion of this controller to rest.
         is_deaf: after a critical alarm no answer means that the firmware stands and listens to a reset only.
     """
     was_moving = is_asked = False
     until_s = clock.now_s() + HOLD_TIMEOUT_S
     while True:
-        report = link.request_report(STATUS_REPLY_S, *([] if is_asked else [RealTime.HOLD]))
+        report = link.request_report(STATUS_REPLY_S, *([] if is_asked else stop_codes))
         was_moving |= report is not None and report.is_moving
         if is_asked and report is not None and not report.is_moving:
             return was_moving, report.state  # asked after the hold: a feed hold makes Hold of Idle, too

@@ -77,8 +77,8 @@ class VirtualBench:
             strings_clock=clock if is_transmitter_continuous else None,
         )
 
-    def start(self, plc_port: int = 0, transmitter_port: int = 0) -> Endpoints:
-        """Start everything; ports 0 are free ones.
+    def start(self, plc_port: int | None = 0, transmitter_port: int | None = 0) -> Endpoints:
+        """Start everything; ports 0 are free ones. None: no port, only this process reaches the device.
 
         Raises:
             DeviceError: a port is taken; nothing is left running.

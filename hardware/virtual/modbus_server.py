@@ -1,4 +1,4 @@
-"""A Modbus TCP server on loopback in its own thread, in front of any register map."""
+"""A Modbus TCP server on loopback in its own thread, in front of any register map; or the same without a port."""
 
 import asyncio
 import contextlib
@@ -92,6 +92,7 @@ class ModbusServerThread:
         self.name = name
         self.host = "127.0.0.1"
         self.port = 0
+        self._wanted_port: int | None = 0
         self.is_silent = False
         self.n_to_swallow = 0
         self.n_to_leave = 0
@@ -106,18 +107,18 @@ class ModbusServerThread:
         self._failure: BaseException | None = None
         self._stopping = asyncio.Event()
 
-    def start(self, port: int = 0) -> None:
-        """Listen; `port` 0 takes a free one, which is then in `self.port`.
+    def start(self, port: int | None = 0) -> None:
+        """Listen; `port` 0 takes a free one, which is then in `self.port`. None: only this process can ask (`handle`).
 
         Raises:
             UsageError: no such port.
             DeviceError: the port is taken.
         """
-        if not 0 <= port <= HIGHEST_PORT:
+        if not 0 <= (port or 0) <= HIGHEST_PORT:
             raise UsageError(
                 f"The virtual {self.name} cannot listen on port {port}; ports are 0 (any free one) to {HIGHEST_PORT}."
             )
-        self.port = port
+        self._wanted_port = port
         self._thread.start()
         if not self._is_up.wait(_START_TIME_OUT_S) or self._failure is not None:
             raise DeviceError(
@@ -206,11 +207,14 @@ class ModbusServerThread:
 
     async def _listen(self) -> None:
         self._loop = asyncio.get_running_loop()
-        server = await self._loop.create_server(lambda: _Connection(self), self.host, self.port)
-        self.port = server.sockets[0].getsockname()[1]
+        server = None
+        if self._wanted_port is not None:
+            server = await self._loop.create_server(lambda: _Connection(self), self.host, self._wanted_port)
+            self.port = server.sockets[0].getsockname()[1]
         self._is_up.set()
         await self._stopping.wait()
-        server.close()
+        if server is not None:
+            server.close()
         for connection in tuple(self._connections):
             if connection.transport is not None:
                 connection.transport.abort()

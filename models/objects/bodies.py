@@ -1,5 +1,8 @@
 """Bodies of one object that do not touch: one of them would float when the object is printed."""
 
+from collections.abc import Callable, Sequence
+from itertools import combinations, product
+
 import numpy as np
 import trimesh
 from scipy.sparse import coo_array
@@ -7,10 +10,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fast.models.errors import ConfigError
+from fast.models.objects.distance import distance
+from fast.models.objects.primitives import bounds
 
 TOUCH_MM = 0.5  # bodies whose surfaces are this near are one
 _MOST_BODIES = 100
 _N_POINTS = 20_000  # of all surfaces together
+_FIRST_CELL_MM, _ACCURACY_MM = 4.0, 0.05
+_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 def check_one_piece(mesh: trimesh.Trimesh, source: str) -> None:
@@ -28,8 +35,27 @@ def check_one_piece(mesh: trimesh.Trimesh, source: str) -> None:
             f"{source}: it has {n_bodies} bodies, at most {_MOST_BODIES} are taken; join them where it was made."
         )
     gaps_mm = _find_gaps_mm(mesh, body_of, n_bodies)
-    n_groups, group_of = connected_components(gaps_mm <= TOUCH_MM, directed=False)
-    loose = [group for group in range(n_groups) if not _is_within(mesh, group_of[body_of] == group)]
+    _, group_of = connected_components(gaps_mm <= TOUCH_MM, directed=False)
+    _check_groups(group_of, gaps_mm, source, lambda group: _is_within(mesh, group_of[body_of] == group))
+
+
+def check_parts_touch(parts: Sequence[np.ndarray], source: str) -> None:
+    """Refuse an object of parts, rows of primitives (n_rows, n_columns) each, some of which touch no other one.
+
+    Raises:
+        ConfigError: how many bodies there are, and how far apart the nearest two are.
+    """
+    gaps_mm = np.zeros((len(parts), len(parts)))
+    for one, other in combinations(range(len(parts)), 2):
+        gaps_mm[one, other] = gaps_mm[other, one] = _find_gap_mm(parts[one], parts[other])
+    _, group_of = connected_components(gaps_mm <= TOUCH_MM, directed=False)
+    _check_groups(group_of, gaps_mm, source, lambda group: False)
+
+
+def _check_groups(group_of: np.ndarray, gaps_mm: np.ndarray, source: str, is_within: Callable[[int], bool]) -> None:
+    """Refuse bodies of several groups that do not touch, but for those that lie within others."""
+    groups = range(int(group_of.max()) + 1)
+    loose = [group for group in groups if len(groups) > 1 and not is_within(group)]
     if len(loose) > 1:
         is_of = [group_of == group for group in loose]
         apart_mm = min(float(gaps_mm[np.ix_(one, ~one)].min()) for one in is_of)
@@ -37,6 +63,27 @@ def check_one_piece(mesh: trimesh.Trimesh, source: str) -> None:
             f"{source}: it has {len(loose)} bodies that do not touch, {apart_mm:.2g} mm apart at the nearest, so one "
             "of them would float; join them, or give one object for each."
         )
+
+
+def _find_gap_mm(one: np.ndarray, other: np.ndarray) -> float:
+    """Distance of two solids, to `_ACCURACY_MM`; not exact below `TOUCH_MM`.
+
+    Half of it is the least value of the larger of their two distances: cells in which no point can be better than the
+    best one so far are left out, the others are divided.
+    """
+    lows, highs = zip(bounds(one), bounds(other), strict=True)
+    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    step_mm, best_mm = _FIRST_CELL_MM, np.inf
+    axes = [np.arange(a, b + step_mm, step_mm) for a, b in zip(low, high, strict=True)]
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    while True:
+        values = np.maximum(distance(one, centres), distance(other, centres))
+        best_mm = min(best_mm, float(values.min()))
+        if best_mm <= TOUCH_MM / 2 or step_mm < _ACCURACY_MM:
+            return max(2.0 * best_mm, 0.0)
+        centres = centres[values - np.sqrt(3) / 2 * step_mm <= best_mm]
+        step_mm /= 2.0
+        centres = (centres[:, None] + step_mm / 2.0 * _CORNERS).reshape(-1, 3)
 
 
 def _find_bodies(mesh: trimesh.Trimesh) -> np.ndarray:

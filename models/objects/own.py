@@ -12,7 +12,7 @@ import trimesh
 
 from fast.models.errors import ConfigError
 from fast.models.ids import canonical_json
-from fast.models.objects.bodies import check_one_piece
+from fast.models.objects.bodies import check_one_piece, check_parts_touch
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS
 from fast.models.objects.distance import distance
 from fast.models.objects.grid import SAME_MM, MeshGrid, looks_round, surface_points
@@ -39,7 +39,7 @@ def object_of_parts(name: str, parts: Sequence[Part], source: str) -> RigidObjec
     """
     shape = PartsShape(parts=tuple(parts))
     obj = _of_parts(name, shape, source)
-    check_one_piece(surface_of(place_parts(shape.parts)), source)
+    check_parts_touch([part.rows for part in shape.parts], source)
     return obj
 
 

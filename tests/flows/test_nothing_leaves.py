@@ -2,13 +2,13 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from fast.flows.viewer.window import find_port
 from tests.flows.cli.cli_lakes import ROOT, proposed_lake
 
 # Read by every Python that is started below, before anything else.
@@ -81,16 +81,10 @@ def test_commands_ask_nobody(tmp_path, watched, words):
 @pytest.mark.timeout(600)
 def test_server_worker_and_deployments_ask_nobody(tmp_path, watched):
     environment, leaves = watched
-    command = [
-        sys.executable,
-        "-m",
-        "fast.flows.cli.main",
-        "serve",
-        "--lake",
-        str(tmp_path / "lake"),
-        "--port",
-        str(find_port()),
-    ]
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "fast.flows.cli.main", "serve", "--lake", str(tmp_path / "lake")]
+    command += ["--port", str(port)]
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as lab:
         lines = iter(lab.stdout.readline, "")
         assert any("worker ready" in line for line in lines)

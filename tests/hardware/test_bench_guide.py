@@ -10,7 +10,7 @@ from fast.flows.cli.common import table_text
 from fast.hardware.click import tags
 from fast.hardware.click.codec import parse_address
 from fast.hardware.clock import VirtualClock
-from fast.hardware.grbl.profile import LAB_SETTINGS
+from fast.hardware.grbl.profile import HAL_BUILD, LAB_SETTINGS, GrblProfile
 from fast.hardware.virtual.click import VirtualClick
 
 ROOT = Path(__file__).parents[2]
@@ -110,6 +110,14 @@ def test_the_settings_to_send_are_the_profile():
     rows = [row[0] for row in rows_under("Settings of the gantry controller") if row[0].startswith("`$")]
     sent = {int(number): float(value) for number, value in (row.strip("`$").split("=") for row in rows)}
     assert sent == dict(LAB_SETTINGS)
+
+
+def test_the_settings_of_grblhal_are_those_that_differ():
+    rows = [row[0] for row in rows_under("Settings of a controller with grblHAL") if row[0].startswith("`$")]
+    sent = {int(number): float(value) for number, value in (row.strip("`$").split("=") for row in rows)}
+    wanted = GrblProfile().wanted((HAL_BUILD,))
+    assert sent == {number: value for number, value in wanted.items() if LAB_SETTINGS.get(number) != value}
+    assert LAB_SETTINGS.keys() - wanted.keys() == {6, 11, 12, 30, 31, 32}, "the page names them"
 
 
 def test_unverified_facts_point_to_what_exists():

@@ -86,7 +86,7 @@ STUDIES: dict[str, Benchmark] = {
     "host-kills": benchmark(measure_host_kills, "n"),
     "server-kills": benchmark(measure_server_kills, "n", "results", "limit_minutes"),
     "day": benchmark(measure_day, "figure"),
-    "environments": benchmark(measure_environments, "n", "results", "workers"),
+    "environments": benchmark(measure_environments, "n", "results", "workers", "limit_minutes"),
     "feature-pairs": benchmark(measure_feature_pairs, "n", "results"),
     "paper-schedule": benchmark(measure_paper_schedule, "results", "limit_minutes", "figure"),
 }

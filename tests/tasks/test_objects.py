@@ -208,6 +208,14 @@ def test_parts_that_do_not_touch_are_refused(folder: Path) -> None:
         read_object(folder / "pair.toml")
     (folder / "pair.toml").write_text(sphere.format(7) + sphere.format(20))
     assert read_object(folder / "pair.toml").size_mm[2] == pytest.approx(27)
+    thin = '[[parts]]\nshape = "cylinder"\nrounding_mm = 0.1\n'
+    rod = thin + "diameter_mm = 0.6\nlength_mm = 10\nat_mm = [0, 0, 17]\n"
+    (folder / "pair.toml").write_text(sphere.format(7) + sphere.format(26) + rod)
+    assert read_object(folder / "pair.toml").size_mm[2] == pytest.approx(33)
+    ring = thin + "diameter_mm = 40\nbore_mm = 38\nlength_mm = 20\nat_mm = [0, 0, 10]\n"
+    (folder / "pair.toml").write_text(ring + sphere.format(10))
+    with pytest.raises(ConfigError, match="has 2 bodies that do not touch, 12 mm apart at the nearest"):
+        read_object(folder / "pair.toml")
 
 
 @pytest.mark.parametrize(

@@ -146,7 +146,7 @@ class Effect:
 
     def modify_trace(self, trace: Trace) -> Trace:
         """What is left to do with the true force over time: relaxation, compliance in series, the load-cell chain."""
-        if not self.overrides("modify_forces"):
+        if not self.overrides("modify_forces") or not len(trace.time_s):
             return trace
         return Trace(trace.time_s, trace.lift_mm, self.modify_forces(trace.force_n, Readings.of(trace)))
 

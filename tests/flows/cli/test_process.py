@@ -1,6 +1,7 @@
 """What only a process of its own shows: exit statuses, start-up cost, imports, Ctrl-C, help."""
 
 import json
+import os
 import resource
 import signal
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from fast.flows.cli.main import app, run
+from fast.lake.store import Lake
 from fast.tasks.simulation.pool import WorkerPool
 from tests.flows.cli.cli_lakes import ROOT, WORLD, leaves, proposed_lake, write_config
 
@@ -201,6 +203,31 @@ def test_a_reader_that_goes_away_is_no_bug(tmp_path):
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.stdout == '"range"\n'
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("redirected", "status", "said"),
+    [
+        ("<&- >&- 2>&-", 0, ""),
+        (">/dev/full", 1, "fast: no space is left where the output is written; free some, then try again.\n"),
+    ],
+)
+def test_closed_streams_and_a_full_disk_are_no_bugs(redirected, status, said):
+    command = ["bash", "-c", f'"$@" {redirected}', "-", sys.executable, *FAST, "objects", "list"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (status, "", said)
+
+
+@pytest.mark.parametrize(
+    ("locale", "shown"),
+    [({"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}, "ö"), ({"PYTHONIOENCODING": "ascii"}, r"\xf6")],
+)
+def test_letters_are_kept_where_a_locale_knows_none(locale, shown, tmp_path):
+    Lake.open(tmp_path / "läke", create=True).close()
+    command = [sys.executable, *FAST, "sql", "SELECT 'ö' AS letter", "--lake", "läke"]
+    strange = os.environ | locale | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=strange, capture_output=True, encoding="utf-8", timeout=120)
+    assert (done.stdout, done.stderr) == (f"letter\n------\n{shown}\n", "")
 
 
 def test_workers_leave_ctrl_c_to_their_parent():

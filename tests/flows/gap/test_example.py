@@ -26,7 +26,7 @@ from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import gap_lake, plan_rows
 
 pytestmark = pytest.mark.timeout(600)
-ORDER = GapOrder("demo", rehearsed=8, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
 IMPORTED_CONFIG = 'kind = "imported"\nsources = []\n'
 SILENT = ProgressReporter(lambda _: None, lambda _: None)

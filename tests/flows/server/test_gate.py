@@ -4,7 +4,6 @@ import asyncio
 import base64
 import os
 
-import httpx
 import pytest
 
 from fast.flows.server.access import Api, address_for_person, key_path, own_login, session_of
@@ -129,21 +128,3 @@ def test_an_empty_key_is_said(tmp_path, monkeypatch):
     key_path(tmp_path).touch()
     with pytest.raises(FastError, match="is empty; delete it"):
         own_login(tmp_path)
-
-
-def attack(url, login):
-    """The calls of a stranger on a server that runs, by name; each has to be refused."""
-    port = url.rpartition(":")[2]
-    mine = {"auth": tuple(login.split(":", 1)), "timeout": 30.0}
-    evil, json = {"Origin": "http://evil.example"}, {"json": {"name": "evil"}}
-    preflight = {**evil, "Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "content-type"}
-    return {
-        "origin": httpx.post(f"{url}/api/flows/", headers=evil, **json, **mine).status_code,
-        "preflight": httpx.options(f"{url}/api/flows/", headers=preflight, **mine).status_code,
-        "rebinding": httpx.get(f"{url}/api/health", headers={"Host": f"evil.example:{port}"}, **mine).status_code,
-        "other user": httpx.post(f"{url}/api/flows/", timeout=30.0, **json).status_code,
-        "other user's page": httpx.get(f"{url}/outputs/", timeout=30.0).status_code,
-    }
-
-
-REFUSED = {"origin": 403, "preflight": 403, "rebinding": 403, "other user": 401, "other user's page": 401}

@@ -24,7 +24,6 @@ from fast.lake.store import Lake
 from fast.models.errors import FastError
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
 from tests.flows.server.on_server import wait_for
-from tests.flows.server.test_gate import REFUSED, attack
 from tests.studies.platform.sockets import family, is_loopback, listening
 
 OWN = ("flows", "tasks", "lake", "hardware", "models")
@@ -33,36 +32,22 @@ PIPES = {"models/calibration/inference/parallel_chains.py"}
 
 
 def test_where_this_process_listens_is_seen():
-    with socket.create_server(("127.0.0.1", 0)), socket.create_server(("0.0.0.0", 0)):
-        assert listening({os.getpid()}) >= {"127.0.0.1", "0.0.0.0"}
+    with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("0.0.0.0", 0)) as other:
+        assert listening({os.getpid()}) >= {one.getsockname(), other.getsockname()}
     assert os.getpid() in family(os.getppid())
     assert [is_loopback(a) for a in ("127.0.0.1", "::1", "0.0.0.0", "10.0.0.3")] == [True, True, False, False]
 
 
-def test_a_virtual_bench_listens_on_the_loopback_address_only():
-    before = listening({os.getpid()})
-    bench = VirtualBench(World(seed=7), {}, lambda request: None, ScaledClock(10.0), BenchLayout(), False)
-    bench.start(0, 0)
-    try:
-        found = listening({os.getpid()}) - before
-    finally:
-        bench.stop()
-    assert found
-    assert all(map(is_loopback, found))
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_a_lab_answers_on_the_loopback_address_to_its_password_only_and_starts_again_what_dies(tmp_path, monkeypatch):
+def test_a_lab_answers_to_its_password_only_and_starts_again_what_dies(tmp_path, monkeypatch):
     monkeypatch.delenv("FAST_PREFECT_API_URL", raising=False)
     monkeypatch.setenv("FAST_PASSWORD", "open")
     with open_lab(Lake.open(tmp_path / "lake", create=True), LabPlan(ANY_PORT, n_runs=3)) as lab:
         lab.prepare_pool()
         assert ask_server(lab.api, f"/work_pools/{POOL}")["concurrency_limit"] == 3
-        assert listening(set(lab.pids)) == {"127.0.0.1"}
         for login, status in ((None, 401), (("fast", "shut"), 401), (("fast", "open"), 200)):
             assert httpx.post(f"{lab.api.url}/flows/filter", json={}, auth=login, timeout=60.0).status_code == status
-        assert attack(lab.api.page, "fast:open") == REFUSED
         assert "rejected" not in (state_folder(tmp_path / "lake") / "worker.log").read_text()  # events reach the worker
         killed, said = set(lab.pids), []
         for pid in killed:

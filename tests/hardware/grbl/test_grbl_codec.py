@@ -146,9 +146,9 @@ def test_lines_that_would_confuse_the_controller_are_refused(line, reason):
 
 def test_code_tables_say_what_holds_for_the_position():
     assert {code for code, meaning in ALARMS.items() if meaning.keeps_position} == {2, 4, 5}
-    assert {code for code, meaning in ALARMS.items() if meaning.is_critical} == {1, 2}
+    assert {code for code, meaning in ALARMS.items() if meaning.is_critical} == {1, 2, 10}
     assert not alarm_meaning(77).keeps_position
-    assert error_text(15) == "jog beyond travel"
+    assert error_text(15) == "target beyond travel"
     assert error_text(99) == "error of unknown meaning"
 
 

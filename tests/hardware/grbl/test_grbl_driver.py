@@ -223,7 +223,7 @@ def test_jog_stops_anywhere_and_keeps_the_position(homed):
 
 
 def test_jog_beyond_travel_is_an_error_without_alarm(homed):
-    with pytest.raises(GrblReplyError, match=r"error:15 \(jog beyond travel\)"):
+    with pytest.raises(GrblReplyError, match=r"error:15 \(target beyond travel\)"):
         homed.driver.start_jog((0.0, 0.0, 50.0), 5)
     homed.driver.move(FAR_MM)
 

@@ -50,7 +50,7 @@ LOAD_CELL_CURVE = EffectSpec(
     formula="F' = F (1 + curve_share F / 10 N)",
     source="non-linearity of force transducers: ISO 376",
     cost="P",
-    parameters=(amplitude("curve_share", -0.3, 0.3, (0.0, 0.05)),),
+    parameters=(amplitude("curve_share", -0.9, 0.9, (0.0, 0.2)),),
     state=FORCE,
     quantity=Quantity("reported over true force", 1.0),
     family="curve of the load cell",
@@ -73,7 +73,7 @@ NAMES = (NEW, "load_cell_lag", "static_kinetic_friction", "force_limited_closing
 def result(monkeypatch: pytest.MonkeyPatch) -> NamingResult:
     """The answer to a made-up world that hides the new effect."""
     monkeypatch.setitem(CATALOGUE, NEW, LOAD_CELL_CURVE)  # type: ignore[arg-type]  # a dict, but nobody writes into it
-    hidden = EffectValue(effect=NEW, parameters={"curve_share": 0.15})
+    hidden = EffectValue(effect=NEW, parameters={"curve_share": 0.6})
     data = made_up_gap(7, 7, 0, GapTruth(effects=(hidden,)), n_repeats=2)
     return name_effect(data, USUAL, catalogue=NAMES)
 
@@ -81,7 +81,7 @@ def result(monkeypatch: pytest.MonkeyPatch) -> NamingResult:
 def test_a_new_effect_of_one_module_is_named_shown_and_documented(result: NamingResult, tmp_path: Path) -> None:
     named = result.named
     assert (named.kind, named.effects, named.family) == ("effect", (NEW,), LOAD_CELL_CURVE.family)
-    assert named.parameters["curve_share"].median == pytest.approx(0.15, abs=0.05)
+    assert named.parameters["curve_share"].median == pytest.approx(0.6, abs=0.2)
     assert named.law is not None
     assert (named.law.quantity, named.law.state) == ("reported over true force", "force, N")
     found = RoundFindings(where=(), candidates=result.candidates, named=named)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 NOWHERE = "http://127.0.0.1:9"  # the port of `discard`: nobody listens
 UNWRITABLE = "/proc/nothing"  # not even root makes a folder there
 NOBODY = "65534"
-_MATPLOTLIBRC = "backend: TkAgg\ntext.usetex: True\nfont.family: Nobody's\nsavefig.format: eps\nnonsense: 1\n"
+_MATPLOTLIBRC = "backend: TkAgg\ntext.usetex: True\nfont.family: Nobody's\nsavefig.format: eps\n"
 _MODULE_NAMES = ("numpy", "prefect", "tasks", "lake", "queue", "random", "secrets", "signal", "types", "calibrate")
 _BAD_TOML = "this is = no [ TOML\n"
 _PROFILE = (
@@ -153,7 +153,7 @@ _NETWORK = (
         says="programs on this machine cannot reach each other at 127.0.0.1",
     ),
     Environment("settings of a web server", {"WEB_CONCURRENCY": "4", "FORWARDED_ALLOW_IPS": "*", "PORT": "1"}),
-    Environment("FAST_PASSWORD with letters of others", {"FAST_PASSWORD": "pä:ss wörd 実験"}),
+    Environment("FAST_PASSWORD with letters of others", {"FAST_PASSWORD": "pä:ss wörd 実験"}, says="Campaign tiny; "),
 )  # fmt: skip
 
 _FOLDERS = (
@@ -250,4 +250,12 @@ CONTAINER = Environment(
     },
     says=f"NUMBA_CACHE_DIR is {UNWRITABLE}, which cannot be written; ",
 )  # fmt: skip
-ENVIRONMENTS = (OURS, *_PREFECT, *_NETWORK, *_FOLDERS, *_PYTHON, COMPUTER_OF_OTHERS, CONTAINER)
+GROUPS = {
+    "ours": (OURS,),
+    "settings of Prefect": _PREFECT,
+    "networks": _NETWORK,
+    "folders, rights, limits": _FOLDERS,
+    "locales, Python, libraries": _PYTHON,
+    "many at once": (COMPUTER_OF_OTHERS, CONTAINER),
+}
+ENVIRONMENTS = tuple(environment for group in GROUPS.values() for environment in group)

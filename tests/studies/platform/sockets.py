@@ -8,10 +8,10 @@ _LISTENING = "0A"
 _LOOPBACK = ("127.", "::1", "::ffff:127.")
 
 
-def listening(pids: Collection[int]) -> set[str]:
-    """Addresses, without ports, on which these processes listen for TCP connections."""
+def listening(pids: Collection[int]) -> set[tuple[str, int]]:
+    """Addresses and ports on which these processes listen for TCP connections."""
     inodes = {inode for pid in pids for inode in _sockets(pid)}
-    return {address for table in ("tcp", "tcp6") for address, inode in _table(table) if inode in inodes}
+    return {place for table in ("tcp", "tcp6") for place, inode in _table(table) if inode in inodes}
 
 
 def is_loopback(address: str) -> bool:
@@ -50,8 +50,8 @@ def _sockets(pid: int) -> Iterator[str]:
             yield target[len("socket:[") : -1]
 
 
-def _table(name: str) -> Iterator[tuple[str, str]]:
-    """(address, inode) of each listening socket of a kernel table."""
+def _table(name: str) -> Iterator[tuple[tuple[str, int], str]]:
+    """Address and port, and inode, of each listening socket of a kernel table."""
     try:
         lines = Path(f"/proc/net/{name}").read_text().splitlines()[1:]
     except OSError:
@@ -59,7 +59,8 @@ def _table(name: str) -> Iterator[tuple[str, str]]:
     for line in lines:
         fields = line.split()
         if fields[3] == _LISTENING:
-            yield _address(fields[1].partition(":")[0]), fields[9]
+            address, _, port = fields[1].partition(":")
+            yield (_address(address), int(port, 16)), fields[9]
 
 
 def _address(code: str) -> str:

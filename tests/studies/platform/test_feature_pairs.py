@@ -1,4 +1,4 @@
-"""Three campaigns with many features each, one for each kind of bench; and the pairs that are refused by design."""
+"""Campaigns with many features each, one for each kind of bench, by `make studies`; and pairs refused by design."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtu
     monkeypatch.setattr(feature_pairs, "command", command)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("bench", CASES)
 def test_a_campaign_with_many_features_comes_to_its_report(tmp_path: Path, bench: str) -> None:
     campaign = run_case(plain_case() | {"bench": bench} | CASES[bench], tmp_path / "case")

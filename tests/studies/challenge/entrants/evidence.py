@@ -6,17 +6,17 @@ each by a likelihood ratio, and judges them together: here the largest of them, 
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from fast.flows.challenge.manifest import NOT_LISTED
 from fast.flows.challenge.world_folder import GivenWorld
-from fast.models.gap.evidence.candidates import Candidate, weigh_candidates
+from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
-from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse
+from fast.models.gap.evidence.rehearsal import EVEN, Panel, Rehearsal, rehearse
+from fast.models.gap.evidence.trials import Trials
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.challenge.entrants.common import Fitted, Opinion
 
 N_REHEARSED = 120
-_SUREST = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,25 +29,24 @@ class Evidence:
     def rehearse(world: GivenWorld, n: int = N_REHEARSED) -> "Evidence":
         """Lines from so many made-up worlds."""
         usable = world.data.usable
-        return Evidence(rehearse(Problem.of(usable), usable.names, n, seed=0))
+        return Evidence(rehearse(Panel(Problem.of(usable), _find_families(usable)), n))
 
     def answer(self, fitted: Fitted) -> Opinion:
         """What the evidence says of a world."""
+        usable, lines = fitted.world.data.usable, self.rehearsal
+        families = _find_families(usable)
         fit = fit_evidence(fitted.problem)
-        candidates = weigh_candidates(fit, fitted.world.data.usable.names)
-        best, lines = candidates[0], self.rehearsal
-        missing = lines.is_alarm(best.nats, fit.omnibus)
-        probability = lines.estimate_hidden(is_alarm=missing)
-        if not missing:
+        weighed = weigh_candidates(fit, usable.names)
+        nats = weighed[0].nats
+        probability = lines.judge_gap(nats, fit.omnibus)
+        if not lines.is_alarm(nats, fit.omnibus):
             return Opinion(False, probability, fitted.foretell_with())
-        effect = best.effect if best.effect and best.nats > lines.nats_line else NOT_LISTED
-        forces_n = fitted.foretell_with(() if best.value is None else (best.value,))
-        return Opinion(True, probability, forces_n, effect, _estimate_share(candidates, effect))
+        trials = Trials.of(fit, weighed, families).look_after_best(families)
+        best, name = trials.tried[0], lines.name.judge(trials.describe())
+        forces_n = fitted.foretell_with((best.value,))
+        effect, sure = (best.effect, name) if name >= EVEN else (NOT_LISTED, 1.0 - name)
+        return Opinion(True, probability, forces_n, effect, sure)
 
 
-def _estimate_share(candidates: list[Candidate], effect: str) -> float:
-    """Share of the evidence of all candidates that the named effect has."""
-    nats = np.array([one.nats for one in candidates])
-    weights = np.exp(nats - nats.max())
-    own = sum(w for w, one in zip(weights, candidates, strict=True) if (one.effect or NOT_LISTED) == effect)
-    return float(min(own / weights.sum(), _SUREST))
+def _find_families(surrogate: Surrogate) -> dict[str, str]:
+    return {name: CATALOGUE[name].family for name in surrogate.names}

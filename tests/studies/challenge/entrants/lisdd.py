@@ -61,7 +61,7 @@ def answer_lisdd(fitted: Fitted) -> Opinion:
     columns = _list_terms(fitted.asked)
     for one in real:
         rows = np.flatnonzero(fitted.world.asked.obj == one.obj)
-        added[np.ix_(rows, one.bins)] += columns[np.ix_(rows, one.bins, one.terms)] @ one.weights
+        added[np.ix_(rows, one.bins)] += columns[np.ix_(rows, one.bins, np.array(one.terms))] @ one.weights
     names = [list(TERMS.values())[term] for one in real for term in one.terms]
     effect = max(set(names), key=names.count) if names else ""
     return Opinion(bool(real), probability, fitted.foretell(added), effect)
@@ -107,7 +107,7 @@ def _find_terms(fitted: Fitted, rest: np.ndarray, obj: int, bins: np.ndarray) ->
     bins = bins[np.unique(np.linspace(0, len(bins) - 1, 3).round().astype(int))]  # neighbours tell the same
 
     def take(of: np.ndarray, terms: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        return columns[np.ix_(of, bins, terms)].reshape(-1, len(terms)), rest[np.ix_(of, bins)].ravel()
+        return columns[np.ix_(of, bins, np.array(terms))].reshape(-1, len(terms)), rest[np.ix_(of, bins)].ravel()
 
     def miss(terms: tuple[int, ...]) -> float:
         wrong = 0.0

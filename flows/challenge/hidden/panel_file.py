@@ -11,7 +11,6 @@ from fast.flows.challenge.hidden.true_sets import CHANNELS, TrueSet
 from fast.models.gap.bank.bank import CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Trace
-from fast.models.simulation.effects.catalogue import CATALOGUE
 
 PANEL = Path(__file__).parents[1] / "panel.npz"  # 9 designs, 7 objects, 23 sets of true grasps; everybody may see it
 _STEP_N = 0.002  # forces are kept in whole multiples of it
@@ -42,8 +41,7 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         arrays = {name: file[name] for name in file.files}
     effects = {
         name: EffectRuns(name, tuple(json.loads(str(arrays[f"amplitudes {name}"]))), _unpacked(arrays[f"field {name}"]))
-        for name in CATALOGUE
-        if f"field {name}" in arrays
+        for name in (key.removeprefix("field ") for key in arrays if key.startswith("field "))
     }
     centre_steps_n = _unpacked(arrays["centre_steps_n"])
     t, o, n_steps = centre_steps_n.shape

@@ -55,7 +55,7 @@ def run_made_up_campaign(
     from fast.flows.campaign.launch import run_campaign
     from fast.tasks.simulation import simulate as simulating
 
-    simulating.attempt_grasp = attempt
+    simulating.attempt_grasp = attempt  # type: ignore[assignment]  # a partial has no name for its argument
     return run_campaign(config_path, lake, auto_print=auto_print, reporter=reporter, physics_of_truth=fingerprint)
 
 

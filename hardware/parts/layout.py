@@ -57,10 +57,10 @@ class BenchLayout(Record):
         """
         place = dict(self.own_objects).get(object_id, object_id)
         if not self.has_place(object_id):
-            standing = [own for own, taken in self.own_objects if taken == object_id]
-            if standing:
+            placed = [own for own, taken in self.own_objects if taken == object_id]
+            if placed:
                 raise UsageError(
-                    f"Object {object_id} is not on the bench, own object {standing[0]} stands on its place; give that "
+                    f"Object {object_id} is not on the bench, own object {placed[0]} stands on its place; give that "
                     "one another of `objects.places`, or do without the other."
                 )
             raise UsageError(

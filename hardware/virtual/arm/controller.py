@@ -67,8 +67,8 @@ class VirtualArm:
         """The bench file of this arm."""
         layout = self.layout
         rack = [(*layout.dock_xy_mm(slot), layout.dock_z_mm) for slot in range(N_SLOTS)]
-        standing = [i for i in (*range(N_OBJECTS), *dict(layout.own_objects)) if layout.has_place(i)]
-        mounts = {i: to_base(layout, *layout.object_xy_mm(i), 0.0) for i in standing}
+        placed = [i for i in (*range(N_OBJECTS), *dict(layout.own_objects)) if layout.has_place(i)]
+        mounts = {i: to_base(layout, *layout.object_xy_mm(i), 0.0) for i in placed}
         return ArmSettings(
             kind="ur",
             host=host,

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 app = App(name="gap", help="Find where simulation and measurement disagree, name what is missing, add it.")
 _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
+_WORLDS = 120  # that are rehearsed
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "
     "F: finite elements of its own"
@@ -52,7 +53,7 @@ def gap(
     ] = None,
     rehearse: Annotated[
         int, Parameter(help="Made-up worlds that say what could still hide.", validator=Number(gte=8, lte=10_000))
-    ] = 120,
+    ] = _WORLDS,
     dry_run: Annotated[bool, Parameter(negative="", help="Only say what would be simulated and how long.")] = False,
     json: AsJson = False,
 ) -> None:
@@ -92,6 +93,49 @@ def gap(
         outcome = run_gap(found, order, reporter)
     page = write_folder(found, outcome, out)
     show(_data(outcome) | {"report": str(page)}, _text(outcome, page), json)
+
+
+@app.command(name="plan")
+def plan_(
+    config: Path,
+    *,
+    lake: LakePath = DEFAULT_LAKE,
+    tools: Annotated[int, Parameter(help="How many of the campaign's first tools.", validator=_AT_LEAST_ONE)] = 8,
+    objects: Annotated[int, Parameter(help="On how many objects, of different classes.", validator=_AT_LEAST_ONE)] = 6,
+    rehearse: Annotated[int, Parameter(help="Made-up worlds.", validator=Number(gte=8, lte=10_000))] = _WORLDS,
+    workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=_AT_LEAST_ONE)] = 2,
+    json: AsJson = False,
+) -> None:
+    """Say what a search of a campaign's first tools will be able to tell, before a finger is printed.
+
+    The bank around these tools is simulated into the lake, where the search will find it. Then made-up worlds of the
+    panel are answered as the real one will be: from what size on causes are seen, by which name, and what they are
+    taken for. One tool, and one object, less are compared with it.
+    """
+    from fast.flows.cli.live import open_reporter
+    from fast.flows.gap.plan import look_ahead
+    from fast.lake.store import Lake
+
+    found = Lake.open(lake, create=True)
+    with open_reporter() as reporter:
+        outlook = look_ahead(found, config, tools, objects, rehearse, workers, reporter)
+    families = [
+        {
+            "hidden": one.family,
+            "noticed": f"{one.n_alarms} of {one.n}",
+            "smallest": "-" if one.seen_size is None else f"{100.0 * one.seen_size:.1f} %",
+            "right name": one.n_right,
+            "unknown": one.n_unknown,
+            "taken for": "; ".join(one.taken_for),
+        }
+        for one in outlook.rehearsal.tell_families()
+    ]
+    sizes = [
+        {"effect": one.effect, "seen from": one.words, "an object less": less.words, "a tool less": fewer.words}
+        for one, less, fewer in zip(outlook.visible, outlook.fewer_objects, outlook.fewer_tools, strict=True)
+    ]
+    lines = [outlook.sentence, "", table_text(families), "", table_text(sizes)]
+    show({"summary": outlook.sentence, "families": families, "sizes": sizes}, "\n".join(lines), json)
 
 
 @app.command(name="next")

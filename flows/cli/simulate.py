@@ -80,7 +80,8 @@ def simulate(
     ] = False,
     out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
     export_calculix: Annotated[
-        Path | None, Parameter(help="Folder for an input deck of CalculiX of the closing, and our own numbers.")
+        Path | None,
+        Parameter(help="Folder for an input deck of CalculiX up to the first lift, and our numbers."),
     ] = None,
     designs: Annotated[
         Path | None,

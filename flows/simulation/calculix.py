@@ -1,6 +1,7 @@
 """`fast simulate --export-calculix`: a folder that CalculiX can run, with our own numbers beside it."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +26,20 @@ N_LEVELS = 4
 OBJECT_SPACING_MM = 1.0
 # Fine steps, because the forces at the levels are read between them; the law is CalculiX's for *ELASTIC.
 NUMERICS = Numerics(limits=StepLimits(closing_mm=0.5), material_law="st_venant_kirchhoff")
-SHORTEST_LIFT_MM = 0.01
+LIFTS_MM = (0.25, 0.5, 1.0, 2.0)
 
-_README = """# Closing of one finger in CalculiX
+_README = """# Closing of one finger, and the beginning of its lift, in CalculiX
 
     ccx closing
 
 runs `closing.inp` (CalculiX 2.20 or later) and prints, in `closing.dat`, the force of the clamp on the modelled finger
-at {n} levels of closing. `expected.json` holds our own forces at the same levels: {share}.
+at {n} levels of closing and {n_lift} of the lift that follows. `expected.json` holds our own forces at the same levels:
+{share}.
 
 One finger (+x) of design {design} closes on object {object_id}, {name}{where}.
 Units mm, N, MPa; frame of the nominal object (z up, x closing). The deck starts at the first touch, when the jaw has
-travelled {touch:.3f} mm, and moves the base by {stroke:.3f} mm in -x. The object is a layer of wedges with every node
-held.
+travelled {touch:.3f} mm, moves the base by {stroke:.3f} mm in -x, then by {lift:g} mm in z. The object
+is a layer of wedges with every node held.
 
 Same in both codes: mesh, St.Venant-Kirchhoff law, linear penalty contact and stick stiffness, friction. Different:
 contact integration, facets instead of the smooth object, and our smooth onset of pressure (which delays the force by
@@ -64,18 +66,18 @@ def write_calculix(
         raise UsageError("--export-calculix writes the simulator without effects; use a version that has none.")
     mesh = build_mesh(design, version.mesh, full_width=needs_full_width(obj, placement))
     recording = GraspRecording()
-    closing_only = setup.model_copy(update={"max_lift_mm": SHORTEST_LIFT_MM})
+    short = setup.model_copy(update={"max_lift_mm": LIFTS_MM[-1]})
     simulate_grasp(
         design,
         obj,
         version,
-        closing_only,
+        short,
         placement=placement,
         mesh=mesh,
         numerics=NUMERICS,
         recorder=recording.add,
     )
-    closing = [snapshot for snapshot in recording.of("right") if snapshot.phase == "closing"]
+    closing, lift = ([s for s in recording.of("right") if s.phase == phase] for phase in ("closing", "lift"))
     if not closing[-1].pressure.size:
         raise UsageError(
             f"The finger never touches object {obj.object_id}, so there is nothing to compute in CalculiX."
@@ -83,16 +85,19 @@ def write_calculix(
     stroke = closing[-1].travel_mm - closing[0].travel_mm
     travels = [stroke * level / N_LEVELS for level in range(1, N_LEVELS + 1)]
     law = NUMERICS.contact
-    deck = ClosingDeck(mesh, closing[0].rest_nodes, _surface(obj, placement), version.theta, law, travels)
+    deck = ClosingDeck(mesh, closing[0].rest_nodes, _surface(obj, placement), version.theta, law, travels, LIFTS_MM)
     expected = {"design_id": design.design_id, "object_id": obj.object_id, "version_id": version.version_id}
     expected |= {
         "setup": setup.model_dump(),
         "placement": placement.model_dump(),
         "mesh_id": mesh.mesh_id,
-        "levels": _levels(closing, travels),
+        "levels": _levels(closing, travels, "travel_mm"),
+        "lift_levels": _levels([closing[-1], *lift], LIFTS_MM, "lift_mm"),
     }
     readme = _README.format(
         n=N_LEVELS,
+        n_lift=len(LIFTS_MM),
+        lift=LIFTS_MM[-1],
         share="of the modelled half, as CalculiX prints them" if mesh.is_half else "of the finger",
         design=design.design_id,
         object_id=obj.object_id,
@@ -121,12 +126,10 @@ def _surface(obj: RigidObject, placement: Placement) -> ObjectSurface:
     return ObjectSurface(vertices, normals, np.asarray(mesh.faces))
 
 
-def _levels(closing: list[Snapshot], travels_mm: list[float]) -> list[dict[str, Any]]:
+def _levels(seen: list[Snapshot], places_mm: Sequence[float], axis: str) -> list[dict[str, Any]]:
     """Force of the clamp on the modelled finger (half of it for a half mesh) at each travel since the first touch."""
-    share = 2.0 if closing[0].mesh.is_half else 1.0
-    travel = np.array([snapshot.travel_mm - closing[0].travel_mm for snapshot in closing])
-    force = np.array([snapshot.clamp_force * snapshot.scale / share for snapshot in closing])
-    return [
-        {"travel_mm": at, "force_n": [float(np.interp(at, travel, force[:, axis])) for axis in range(3)]}
-        for at in travels_mm
-    ]
+    share = 2.0 if seen[0].mesh.is_half else 1.0
+    first_mm = seen[0].travel_mm if axis == "travel_mm" else 0.0
+    place = np.array([getattr(snapshot, axis) - first_mm for snapshot in seen])
+    force = np.array([snapshot.clamp_force * snapshot.scale / share for snapshot in seen])
+    return [{axis: at, "force_n": [float(np.interp(at, place, force[:, n])) for n in range(3)]} for at in places_mm]

@@ -43,6 +43,7 @@ class Choice:
 
 HYPERVOLUME = "hypervolume"  # what `proposals.acquisition` says of tools chosen by objectives and limits
 _MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed of is a slip of the pen
+_INITIAL_TOOLS = "initial tools"  # what their seed is drawn for
 
 
 def propose_stage(campaign: Campaign, stage: int) -> list[int]:
@@ -86,11 +87,26 @@ def propose_initial_simulations(campaign: Campaign) -> None:
         append_simulation(campaign, last, index, ProposedDesign(design=design, value=0.0), Choice(RANDOM, seed))
 
 
+def draw_first_designs(campaign: Campaign) -> list[Design]:
+    """Designs of the initial batches as the campaign will propose them: one's own, and random ones."""
+    own = [
+        one.design for batch in campaign.config.schedule.batches_of(0) for one in campaign.own_designs.get(batch, ())
+    ]
+    n_random = sum(_count_random(campaign).values())
+    rng = np.random.default_rng(campaign.seed(_INITIAL_TOOLS))
+    return [*own, *_random_tools(campaign, n_random, rng)]
+
+
+def _count_random(campaign: Campaign) -> dict[int, int]:
+    """Random tools of each initial batch."""
+    schedule = campaign.config.schedule
+    return {b: schedule.tools_of(b) - len(campaign.own_designs.get(b, ())) for b in schedule.batches_of(0)}
+
+
 def propose_initial_tools(campaign: Campaign) -> None:
     """Designs of one's own and random ones to print, for the initial batches that have none yet."""
-    schedule = campaign.config.schedule
-    seed = campaign.seed("initial tools")
-    n_random = {b: schedule.tools_of(b) - len(campaign.own_designs.get(b, ())) for b in schedule.batches_of(0)}
+    seed = campaign.seed(_INITIAL_TOOLS)
+    n_random = _count_random(campaign)
     designs = iter(_random_tools(campaign, sum(n_random.values()), np.random.default_rng(seed)))
     state = campaign.state()
     for batch, n in n_random.items():

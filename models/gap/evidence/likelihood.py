@@ -137,7 +137,7 @@ class EvidenceFit:
     @property
     def omnibus(self) -> float:
         """How much is left as a whole: the geometric mean of the cells' misfits, so that one that snaps is one."""
-        return float(np.exp(np.log(self.misfit).mean()))
+        return float(np.exp(np.log(np.maximum(self.misfit, 1e-12)).mean()))
 
     @property
     def factor(self) -> np.ndarray:

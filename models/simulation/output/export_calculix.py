@@ -1,4 +1,4 @@
-"""The closing of a grasp as an input deck of CalculiX: independent code for the same mechanics.
+"""A grasp, up to the beginning of its lift, as an input deck of CalculiX: independent code for the same mechanics.
 
 What the deck shares with our solver: mesh, St.Venant-Kirchhoff law (*ELASTIC with NLGEOM), linear penalty contact
 of the same stiffness, Coulomb friction with the same stick stiffness, prescribed base. What differs: contact
@@ -54,7 +54,7 @@ class ObjectSurface:
 
 @dataclass(frozen=True)
 class ClosingDeck:
-    """One finger closing on a rigid object.
+    """One finger closing on a rigid object, and the beginning of its lift.
 
     Attributes:
         mesh: elements and sets of the finger.
@@ -63,6 +63,7 @@ class ClosingDeck:
         theta: modulus, friction, Poisson ratio.
         law: contact stiffness at the reference modulus.
         travels_mm: rising travels of the base along -x since the first touch; one step each.
+        lifts_mm: rising travels of the base along +z afterwards; one step each.
     """
 
     mesh: SolidMesh
@@ -71,6 +72,7 @@ class ClosingDeck:
     theta: Theta
     law: ContactLaw
     travels_mm: Sequence[float]
+    lifts_mm: Sequence[float] = ()
 
     def text(self) -> str:
         """The whole input deck."""
@@ -78,7 +80,7 @@ class ClosingDeck:
         return "\n".join(line for part in parts for line in part) + "\n"
 
     def _finger(self) -> Iterator[str]:
-        yield "*HEADING\nClosing of one finger on a rigid object; mm, N, MPa"
+        yield "*HEADING\nClosing and lift of one finger on a rigid object; mm, N, MPa"
         yield "*NODE, NSET=FINGER"
         yield from _table(1, self.nodes)
         first = 1
@@ -122,9 +124,10 @@ class ClosingDeck:
             yield "SYMMETRY, 2, 2"
 
     def _steps(self) -> Iterator[str]:
-        for travel in self.travels_mm:
+        ways = [(1, -travel) for travel in self.travels_mm] + [(3, lift) for lift in self.lifts_mm]
+        for axis, place in ways:
             yield f"*STEP, NLGEOM, INC={MAX_INCREMENTS}\n*STATIC\n0.1, 1., 1e-6, 0.25"
-            yield f"*BOUNDARY\nBASE, 1, 1, {-travel:.10g}"
+            yield f"*BOUNDARY\nBASE, {axis}, {axis}, {place:.10g}"
             yield f"*NODE PRINT, NSET=BASE, TOTALS=ONLY, FREQUENCY={MAX_INCREMENTS}\nRF"
             yield f"*NODE FILE, FREQUENCY={MAX_INCREMENTS}\nU"
             yield f"*CONTACT FILE, FREQUENCY={MAX_INCREMENTS}\nCDIS, CSTR\n*END STEP"

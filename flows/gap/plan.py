@@ -1,0 +1,147 @@
+"""What a panel that is not measured yet will be able to tell: rehearsed before a finger is printed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fast.flows.progress import ProgressReporter
+from fast.flows.simulation.progress import n_missing, simulate_missing
+from fast.lake.store import Lake
+from fast.models.errors import UsageError
+from fast.models.gap.data import GapData
+from fast.models.gap.evidence.likelihood import Problem, fit_evidence
+from fast.models.gap.evidence.rehearsal import Rehearsal
+from fast.models.gap.evidence.visible import VisibleSize, find_visible_sizes
+from fast.models.gap.grasps import Grasps, of_one_setup
+from fast.models.records import Design, GraspContext
+from fast.models.traces.step_features import N_STEPS
+from fast.models.traces.step_noise import SensorNoise
+from fast.tasks.campaign.campaign import Campaign, read_own_designs
+from fast.tasks.campaign.config import load_config
+from fast.tasks.gap.bank import plan_bank, read_bank
+from fast.tasks.gap.panel import spread_objects
+from fast.tasks.gap.rehearse import rehearse_panel
+from fast.tasks.scientist.propose import draw_first_designs
+
+LEAST_TOOLS, LEAST_OBJECTS = 2, 2  # of a panel: one fewer of either is compared with it
+_GRASP_S = 30.0  # between grasps on the gantry, about: for effects that go by the clock
+_NOISE = SensorNoise(sd_n=0.1, correlation_s=0.05, rate_hz=80.0)  # of a usual load cell: a bench's own is not known
+
+
+@dataclass(frozen=True, eq=False)
+class PanelOutlook:
+    """What a panel will tell. rehearsal: made-up worlds of it. visible: sizes of effects that will be seen.
+
+    fewer_objects, fewer_tools: the same with one object, and one tool, less.
+    """
+
+    tools: tuple[str, ...]
+    objects: tuple[int, ...]
+    repeats: int
+    rehearsal: Rehearsal
+    visible: tuple[VisibleSize, ...]
+    fewer_objects: tuple[VisibleSize, ...]
+    fewer_tools: tuple[VisibleSize, ...]
+
+    @property
+    def sentence(self) -> str:
+        """From what size on causes will be seen."""
+        size, n = self.rehearsal.find_seen_size(), len(self.rehearsal.worlds)
+        panel = f"{len(self.tools)} tools on {len(self.objects)} objects, {self.repeats} times each"
+        if size is None:
+            return f"{panel}: of {n} made-up worlds too little was seen to say from what size on causes are; take more."
+        return (
+            f"{panel}: a cause that changes the force by {100.0 * size:.2g} % or more is seen in nine of ten of {n} "
+            "made-up worlds."
+        )
+
+
+def look_ahead(
+    lake: Lake,
+    config_path: Path,
+    n_tools: int,
+    n_objects: int,
+    n_worlds: int,
+    n_workers: int,
+    reporter: ProgressReporter,
+) -> PanelOutlook:
+    """Rehearse the first tools of a campaign on objects of as many classes as there are; nothing is measured.
+
+    The bank of simulations around them goes into the lake, where the search of the campaign will find it.
+
+    Raises:
+        UsageError: the panel is too small, or the campaign has fewer tools or objects.
+        ConfigError: the config is wrong.
+        FastError: a simulation process died.
+    """
+    config = load_config(config_path)
+    own_designs = read_own_designs(config_path, config)
+    campaign = Campaign(lake, config, config_path=config_path, own_designs=own_designs)
+    designs = draw_first_designs(campaign)
+    objects = spread_objects(set(campaign.config.objects.object_ids))
+    for what, n, least, most in (
+        ("tools", n_tools, LEAST_TOOLS, len(designs)),
+        ("objects", n_objects, LEAST_OBJECTS, len(objects)),
+    ):
+        if not least <= n <= most:
+            raise UsageError(
+                f"a panel of {n} {what} cannot be rehearsed: the campaign begins with {most}, {least} are the least; "
+                f"give --{what} between these."
+            )
+    grasps = _plan_grasps(campaign, designs[:n_tools], tuple(sorted(objects[:n_objects])))
+    version = campaign.config.simulator.version.model_copy(update={"effects": ()})
+    plans = plan_bank(version, grasps.cells)
+    if n_missing(lake, plans):
+        simulate_missing(lake, plans, n_workers, reporter)
+    nothing = np.zeros(len(grasps.tools), dtype=bool), np.zeros(len(grasps.objects), dtype=bool)
+    data = GapData(grasps, read_bank(lake, version, grasps.cells), *nothing)
+    rehearsal = rehearse_panel(data, (), n_worlds, n_workers, reporter.progress)
+    last_object, last_tool = len(grasps.objects) - 1, len(grasps.tools) - 1
+    return PanelOutlook(
+        tools=grasps.tools,
+        objects=grasps.objects,
+        repeats=campaign.config.objects.repeats,
+        rehearsal=rehearsal,
+        visible=_find_visible(data, rehearsal, np.ones(len(grasps.tool), dtype=bool)),
+        fewer_objects=_find_visible(data, rehearsal, grasps.obj != last_object),
+        fewer_tools=_find_visible(data, rehearsal, grasps.tool != last_tool),
+    )
+
+
+def _find_visible(data: GapData, rehearsal: Rehearsal, is_taken: np.ndarray) -> tuple[VisibleSize, ...]:
+    """Sizes of effects that the grasps that are taken (n) show, at the middle of the bank and without noise."""
+    usable = data.usable
+    taken = usable.select(np.flatnonzero(is_taken[: len(usable.grasps.tool)]))
+    problem = Problem.of(taken)
+    centre = taken.centre
+    theta = np.array([centre.young_modulus_mpa, centre.friction, centre.poisson_ratio])
+    fit = fit_evidence(problem.measured(problem.predict_steps(theta, ())))
+    return find_visible_sizes(fit, taken.names, rehearsal.nats_line)
+
+
+def _plan_grasps(campaign: Campaign, designs: Sequence[Design], objects: tuple[int, ...]) -> Grasps:
+    """The grasps of a batch in the order in which the campaign makes them, with forces of 0."""
+    plan = campaign.config.objects.model_copy(update={"ids": objects, "files": ()})
+    tool: list[int] = []
+    obj: list[int] = []
+    contexts: list[GraspContext] = []
+    for number in range(len(designs)):
+        for place, (one, repeat) in enumerate(plan.cells(campaign.seed("planned order", number))):
+            n = len(contexts)
+            tool.append(number)
+            obj.append(objects.index(one))
+            contexts.append(GraspContext(repeat=repeat, tool_grasps=place, batch_grasps=n, clock_s=_GRASP_S * n))
+    return Grasps(
+        tools=tuple(f"T{number:02d}" for number in range(len(designs))),
+        designs=tuple(designs),
+        objects=objects,
+        tool=np.array(tool),
+        obj=np.array(obj),
+        contexts=tuple(contexts),
+        steps_n=np.zeros((len(tool), N_STEPS)),
+        grasp_ids=tuple(f"planned {number}" for number in range(len(tool))),
+        noise=_NOISE,
+        **of_one_setup(len(tool), campaign.config.grasp),
+    )

@@ -1,0 +1,98 @@
+"""A panel that is not measured yet is rehearsed, and what it needs is simulated for the search to come."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fast.flows.cli.main import app
+from fast.flows.gap import plan
+from fast.flows.gap.plan import look_ahead
+from fast.flows.progress import ProgressReporter
+from fast.lake.store import Lake
+from fast.models.errors import UsageError
+from fast.models.gap.data import GapData
+from fast.models.gap.evidence.rehearsal import Rehearsal, Rehearsed
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
+from fast.tasks.scientist.propose import draw_first_designs, propose_initial_tools
+from fast.tasks.simulation.plan import SimulationPlan
+from tests.tasks.calibration.trace_lake import PROVENANCE
+from tests.tasks.gap.gap_lake import plan_rows
+
+CONFIG = """name = "ahead"
+seed = 4
+[schedule]
+initial_tools = 4
+tools_per_batch = 4
+[objects]
+ids = [1, 14, 22, 30]
+repeats = 2
+[bench]
+kind = "folder"
+"""
+SILENT = ProgressReporter(lambda _: None, lambda _: None)
+
+
+@pytest.fixture
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A campaign, made-up answers in the place of finite elements, and worlds that are there."""
+    seen: list[GapData] = []
+
+    def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
+        lake.append(plan_rows(plans), PROVENANCE)
+
+    def rehearse(data: GapData, *_: Any) -> Rehearsal:
+        seen.append(data)
+        assert data.usable.grasps.steps_n.shape == (3 * 3 * 2, 120)
+        return Rehearsal.of([Rehearsed("listed", 10.0 * n, 1.0, size=0.01 * n) for n in range(1, 21)])
+
+    monkeypatch.setattr(plan, "simulate_missing", simulate)
+    monkeypatch.setattr(plan, "rehearse_panel", rehearse)
+    path = tmp_path / "ahead.toml"
+    path.write_text(CONFIG)
+    return path
+
+
+def test_a_panel_says_what_it_will_tell_and_what_one_less_would_cost(config: Path, tmp_path: Path) -> None:
+    lake = Lake.open(tmp_path / "lake", create=True)
+    outlook = look_ahead(lake, config, 3, 3, 20, 1, SILENT)
+    assert (len(outlook.tools), len(outlook.objects), outlook.repeats) == (3, 3, 2)
+    assert outlook.sentence.startswith("3 tools on 3 objects, 2 times each: a cause that changes the force by ")
+    by_name = {one.effect: one for one in outlook.visible}
+    less = {one.effect: one for one in outlook.fewer_objects}
+    offset, with_less = by_name["load_cell_offset"].value, less["load_cell_offset"].value
+    assert offset is not None
+    assert with_less is not None
+    assert abs(offset.parameters["offset_n"]) < abs(with_less.parameters["offset_n"])
+
+
+def test_the_bank_is_that_of_the_tools_that_the_campaign_will_print(config: Path, tmp_path: Path) -> None:
+    lake = Lake.open(tmp_path / "lake", create=True)
+    campaign = Campaign(lake, load_config(config), config_path=config)
+    drawn = draw_first_designs(campaign)
+    propose_initial_tools(campaign)
+    printed = {tool.design.design_id for tool in campaign.state().tools}
+    assert printed == {design.design_id for design in drawn}
+
+
+def test_a_panel_that_the_campaign_does_not_have_is_refused(config: Path, tmp_path: Path) -> None:
+    lake = Lake.open(tmp_path / "lake", create=True)
+    with pytest.raises(UsageError, match="a panel of 5 tools cannot be rehearsed: the campaign begins with 4"):
+        look_ahead(lake, config, 5, 3, 20, 1, SILENT)
+    with pytest.raises(UsageError, match="a panel of 1 objects cannot be rehearsed"):
+        look_ahead(lake, config, 3, 1, 20, 1, SILENT)
+
+
+def test_the_command_prints_what_is_seen_and_taken_for_what(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app(
+        ["gap", "plan", str(config), "--lake", str(tmp_path / "lake"), "--tools", "3", "--objects", "3", "--json"],
+        result_action="return_value",
+    )
+    told = json.loads(capsys.readouterr().out)
+    assert told["summary"].startswith("3 tools on 3 objects")
+    assert {"effect", "seen from", "an object less", "a tool less"} == set(told["sizes"][0])

@@ -122,7 +122,7 @@ def test_a_number_is_kept_and_a_second_one_replaces_it(fast: Fast, lake: Lake) -
     [
         (["walls", "nan"], "the answer: `value` is nan, it must be a finite number; change it."),
         (["walls", "inf"], "the answer: `value` is inf, it must be a finite number"),
-        (["walls", "120"], "walls: 120 mm, usual is 0.05 or so, um? It would be 0.12 mm (it is -1 to 1 mm). Measure again."),
+        (["walls", "120"], "walls: 120 mm, usual is 0.05 or so, um? It would be 0.12 mm (it is -1 to 1 mm)."),
         (["walls", "0.12mm"], 'unable to convert "0.12mm" into a number'),
         (["walls"], "give a number, or --undo and no number; nothing was changed."),
         (["dead_weight", "0.1"], "search P0 asks for `walls`, not `dead_weight`; nothing was changed."),

@@ -63,7 +63,7 @@ PAGES: dict[str, Callable[[Path], AbstractContextManager[str]]] = {
 }
 # Where the product listens, or has it done: each is opened in this file, or by the doctor for a moment.
 PLACES = {
-    "flows/cli/doctor.py", "flows/server/server.py", "flows/server/server_process.py", "flows/viewer/page.py",
+    "flows/server/surroundings.py", "flows/server/server.py", "flows/server/server_process.py", "flows/viewer/page.py",
     "hardware/virtual/arm/server.py", "hardware/virtual/modbus_server.py",
 }  # fmt: skip
 

@@ -182,7 +182,7 @@ def test_a_row_is_rewritten_a_few_times_however_many_batches_are_merged():
     files, written = {"b0": (0, 5 * unit, 0)}, 0
     for number in range(1, 200):
         files[f"b{number}"] = (number, 5 * unit, number)
-        for group in list(_groups(files, target, set())):
+        for group in list(_groups(files, target)):
             size = sum(files.pop(name)[1] for name in group)
             assert size <= target
             files[f"m{number}"] = (number, size, 10_000 + number)

@@ -93,8 +93,16 @@ def tell(
     if format is not None and is_guessed:
         _guess(config, lake, results, format)
     is_dry = dry_run or is_guessed
+    is_sure = sure or is_guessed  # what is strange is asked when it is told, not while its format is looked at
     taken = tell_all(
-        config, lake, results, format_path=format, operator=operator, is_dry=is_dry, may_replace=replace, is_sure=sure
+        config,
+        lake,
+        results,
+        format_path=format,
+        operator=operator,
+        is_dry=is_dry,
+        may_replace=replace,
+        is_sure=is_sure,
     )
     for note in taken.notes:
         say_progress(note)

@@ -150,6 +150,9 @@ class GapFindingRow(Row):
     probability: float | None = Field(default=None, ge=0, le=1)
     visible_fraction: float | None = Field(default=None, description="left of the signature when theta is refitted")
     evidence_nats: float | None = Field(default=None, description="log of how much more probable it makes the data")
+    grouped_r2: float | None = Field(default=None, description="of searches before 0.3, as are the next two")
+    held_out_gain_nats: float | None = None
+    held_out_rmse_change: float | None = None
     parameters: tuple[str, ...] = Field(default=(), description="of the effect; the unit is the suffix")
     parameter_values: tuple[float, ...] = Field(default=(), description="posterior medians")
     parameter_ci90_lower: tuple[float, ...] = ()

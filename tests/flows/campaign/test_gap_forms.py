@@ -118,7 +118,8 @@ def test_a_number_is_asked_for_until_it_can_be(lake: Lake, suspend: Suspend) -> 
     done = read_number.fn("quick", "P0", "walls", str(lake.root))
     complaints = [describe(form).partition("** Correct it")[0] for form in forms[1:]]
     assert [complaint.rpartition("used: ")[2] for complaint in complaints] == [
-        "Walls, more than drawn, mm is 120, beyond -1 to 1; measure again, or look at the unit.",
+        "1 number cannot be, nothing was written: walls: 120 mm, usual is 0.05 or so, um? It would be 0.12 mm (it is "
+        "-1 to 1 mm). Measure again.",
         "the form: `value` is nan, it must be a finite number; change it.",
         "nobody said who measured it; give a name.",
     ]

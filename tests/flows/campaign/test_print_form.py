@@ -24,10 +24,10 @@ def test_only_the_name_is_needed_and_an_empty_answer_is_not_enough():
 def test_numbers_are_plain_fields_with_limits():
     tool = make_form("small", 1, [0], "", None).model_json_schema()["$defs"]["ToolAnswer"]["properties"]
     assert tool["front_mm"] == {
-        "title": "Front wall, measured, mm", "type": "number", "minimum": 1, "maximum": 5
+        "title": "Front wall, measured, mm", "type": "number", "exclusiveMinimum": 0
     }  # fmt: skip
     with pytest.raises(ValidationError):
-        answer(B01T0={"front_mm": 25.0})
+        answer(B01T0={"front_mm": -2.5})
 
 
 def test_an_answer_is_read_by_slot():

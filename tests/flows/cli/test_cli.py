@@ -44,7 +44,17 @@ def test_print_sheet_and_confirm(fast, tmp_path):
     sheet = fast("print", "sheet", "B01", "--out", tmp_path / "tray", "--lake", lake, "--json").json["sheet"]
     assert sheet == str(tmp_path / "tray" / "sheet.html")
     assert "quick/B01" in (tmp_path / "tray" / "sheet.html").read_text()
-    words = ["--operator", "ada", "--material-lot", "L7", "--reject", "1=tip torn", "--measured", "0:front=2.5,rib=2"]
+    words = [
+        "--operator",
+        "ada",
+        "--material-lot",
+        "L7",
+        "--reject",
+        "1=tip torn",
+        "--measured",
+        "0:front=2.5,rib=2",
+        "--sure",
+    ]
     answer = fast("print", "confirm", "quick/B01", *words, "--lake", lake, "--json")
     said = {"batch": "quick/B01", "n_mounted": N_TOOLS - 1, "n_rejected": 1, "operator": "ada"}
     assert answer.json == said | {"again": [], "sheet": None}

@@ -65,7 +65,7 @@ check: setup    ## format, lint, types, import layers, packages as locked
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m fast.flows.cli.audit
+	$(BIN)/python -m tests.package_audit
 
 docs: setup     ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

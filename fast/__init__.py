@@ -16,20 +16,22 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fast.flows.library import Campaign, find_gap, simulate
     from fast.lake.store import Lake
+    from fast.models.design.fin_ray import FinRay
     from fast.models.design.space import BEST_PUBLISHED
     from fast.models.errors import FastError
     from fast.models.objects.catalogue import get_object
-    from fast.models.records import Design, FinRay, GraspSetup, SimulatorVersion, Theta, Trace
+    from fast.models.records import Design, GraspSetup, Theta, Trace
+    from fast.models.simulation.version import SimulatorVersion
 
 _HOMES = {
     "BEST_PUBLISHED": "models.design.space",
     "Campaign": "flows.library",
     "Design": "models.records",
     "FastError": "models.errors",
-    "FinRay": "models.records",
+    "FinRay": "models.design.fin_ray",
     "GraspSetup": "models.records",
     "Lake": "lake.store",
-    "SimulatorVersion": "models.records",
+    "SimulatorVersion": "models.simulation.version",
     "Theta": "models.records",
     "Trace": "models.records",
     "find_gap": "flows.library",

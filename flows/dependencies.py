@@ -1,8 +1,9 @@
-"""The packages FAST is built on: which are missing, and the sentence that says how to get them."""
+"""The packages FAST is built on: missing or of another version, and the sentence that says how to get them."""
 
 import importlib.util
 import re
-from collections.abc import Iterable
+import sysconfig
+from collections.abc import Iterable, Iterator
 from importlib import metadata
 from pathlib import Path
 
@@ -23,7 +24,9 @@ CAMPAIGN = (*BASE, "prefect", "torch", "botorch", "gpytorch", "rerun")
 ALL = (*CAMPAIGN, "pymc", "pytetwild")
 
 OWN = ("fast",)
+LOCK = Path(__file__).resolve().parents[1] / "requirements.lock"
 _PROJECT = "fast-gripper-lab"
+_PIN = re.compile(r"(?P<name>[A-Za-z0-9._-]+)==(?P<version>[A-Za-z0-9.+!_-]+)")
 _EXTRA = re.compile(r"^(?P<name>[A-Za-z0-9._-]+).*;.*extra == [\"'](?P<extra>[a-z]+)[\"']")
 
 
@@ -77,3 +80,37 @@ def _read_extras() -> dict[str, list[str]]:
         if (match := _EXTRA.match(line)) and match["name"] != _PROJECT and match["extra"] != "dev":
             found.setdefault(match["name"], []).append(match["extra"])
     return found
+
+
+def read_lock(text: str) -> tuple[dict[str, str], list[str]]:
+    """Versions by package of a lock file, and the lines that pin nothing."""
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    found = {line: _PIN.fullmatch(line) for line in lines}
+    pins = {_plain(match["name"]): match["version"] for match in found.values() if match}
+    return pins, [line for line, match in found.items() if match is None]
+
+
+def find_mismatches(text: str) -> Iterator[str]:
+    """Packages of a lock file that are missing, or there in another version, one sentence each."""
+    installed = installed_packages()
+    for name, version in read_lock(text)[0].items():
+        found = installed.get(name)
+        if found is None:
+            yield f"{name} {version} is locked but not installed; run `make clean setup`."
+        elif found.version.partition("+")[0] != version.partition("+")[0]:
+            yield f"{name} is {found.version}, the lock says {version}; run `make clean setup`."
+
+
+def installed_packages() -> dict[str, metadata.Distribution]:
+    """What is in the environment, by name."""
+    return {_plain(found.metadata["Name"]): found for found in list_distributions()}
+
+
+def list_distributions() -> list[metadata.Distribution]:
+    """What is in the environment; setuptools, once imported, adds copies of its own to the path, which do not count."""
+    paths = sysconfig.get_paths()
+    return list(metadata.distributions(path=list(dict.fromkeys([paths["purelib"], paths["platlib"]]))))
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()

@@ -8,8 +8,9 @@ if TYPE_CHECKING:
     from fast.flows.campaign.ask_tell import AskedBatch
     from fast.lake.store import Lake
     from fast.models.gap.findings import Findings
-    from fast.models.objects.catalogue import RigidObject
-    from fast.models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion
+    from fast.models.objects.rigid import RigidObject
+    from fast.models.records import Design, GraspSetup, GraspSimulation
+    from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.bench.told import Taken
 
 
@@ -31,9 +32,10 @@ def simulate(
         UsageError: there is no such object.
         MeshingFailed, SimulationFailed: this finger cannot be meshed, or the grasp does not converge.
     """
-    from fast.models.objects.catalogue import RigidObject
-    from fast.models.records import GraspSetup, SimulatorVersion
+    from fast.models.objects.rigid import RigidObject
+    from fast.models.records import GraspSetup
     from fast.models.simulation.grasp import simulate_grasp
+    from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.objects import find_object
 
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)

@@ -14,10 +14,7 @@ from pydantic import Field, model_validator
 
 from fast.hardware.cell.cell import CellDevices, GraspCell, MeasuredGrasp
 from fast.hardware.cell.diagnostics import Item
-from fast.hardware.cell.force_sensor import ForceSensor
-from fast.hardware.cell.gantry import Gantry
-from fast.hardware.cell.layout import BenchLayout
-from fast.hardware.cell.pneumatics import Pneumatics
+from fast.hardware.cell.lost_steps import PositionCheck
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
@@ -27,9 +24,12 @@ from fast.hardware.laumas.continuous import ContinuousTransmitter
 from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.laumas.source import WeightSource
 from fast.hardware.laumas.strings import least_baud_rate
+from fast.hardware.parts.force_sensor import ForceSensor
+from fast.hardware.parts.gantry import Gantry
+from fast.hardware.parts.layout import BenchLayout
+from fast.hardware.parts.pneumatics import Pneumatics
+from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
-from fast.hardware.safety.lost_steps import PositionCheck
-from fast.hardware.safety.safe_state import StopAskedError, Verb
 from fast.hardware.safety.supervisor import Supervisor
 from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
 from fast.hardware.tools.changer import ToolChanger

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.diagnostics import Item
-from fast.hardware.safety.safe_state import Verb
+from fast.hardware.parts.safe_state import Verb
 from fast.models.records import GraspSetup
 
 Leave = Callable[[], None]

@@ -23,13 +23,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from fast.lake.storage.base import LEASES, Storage
 from fast.models.errors import FastError, LostLeaseError
-
-if TYPE_CHECKING:
-    from fast.lake.store import Lake
 
 _LOG = logging.getLogger(__name__)
 BEAT_S = 5.0
@@ -183,8 +180,8 @@ _OWNED: dict[Path, set[Lease]] = {}  # by lake
 
 
 @contextmanager
-def exclusive(lake: "Lake", name: str, busy: str) -> Iterator[Lease]:
-    """Own `name` in this lake, as no other process on any host does.
+def exclusive(storage: Storage, name: str, busy: str) -> Iterator[Lease]:
+    """Own `name` in the lake of this storage, as no other process on any host does.
 
     While an owner on another machine is silent, this waits, for `SILENT_S` at most.
 
@@ -192,7 +189,7 @@ def exclusive(lake: "Lake", name: str, busy: str) -> Iterator[Lease]:
         FastError: `busy`, with who owns it and since when.
         UsageError: the lake cannot be written.
     """
-    lease = _acquire(lake.storage, name, busy)
+    lease = _acquire(storage, name, busy)
     lease.begin()
     try:
         yield lease
@@ -200,15 +197,15 @@ def exclusive(lake: "Lake", name: str, busy: str) -> Iterator[Lease]:
         lease.release()
 
 
-def holder_of(lake: "Lake", name: str) -> Holder | None:
+def holder_of(storage: Storage, name: str) -> Holder | None:
     """Who owns `name`, as far as the lake tells: one of another machine may have died without a word."""
-    holders = _newest(lake.storage, name).holders
+    holders = _newest(storage, name).holders
     return holders[0] if holders else None
 
 
-def is_held(lake: "Lake", name: str) -> bool:
+def is_held(storage: Storage, name: str) -> bool:
     """True while a process owns `name`, as far as the lake tells."""
-    return holder_of(lake, name) is not None
+    return holder_of(storage, name) is not None
 
 
 def require_owned(storage: Storage) -> None:

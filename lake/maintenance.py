@@ -25,12 +25,12 @@ from fast.lake.storage.files import (
     fault_of,
     file_name,
     number_of,
+    read_rows,
     stage,
 )
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
 from fast.lake.tables.schema import has_samples, schema_of
-from fast.lake.tables.upgrades import forget_copies, older_files, read_upgraded
 
 _LOG = logging.getLogger(__name__)
 _OF_FAST = frozenset({"outputs", ".state", LEASES, ".lock"})  # no rows; the last is a lock of version 0.1
@@ -108,7 +108,7 @@ def check(lake: Lake, *, quarantine: bool = False) -> list[Finding]:
 
 
 def compact(lake: Lake, table: type[Row] | str, target_bytes: int = TARGET_BYTES) -> Compaction:
-    """Merge the small files of a table, rewrite those of older programs; every row stays, superseded ones too.
+    """Merge the small files of a table; every row stays, superseded ones too.
 
     The merged file is complete before the first small one goes, and rows that are in both count once, so
     a reader or a crash at any moment sees the same rows. Runs beside writers and readers.
@@ -122,11 +122,8 @@ def compact(lake: Lake, table: type[Row] | str, target_bytes: int = TARGET_BYTES
     lake.storage.refresh([row_type.table])
     n_before = len(list_files(folder))
     n_rows = 0
-    older = older_files(folder, row_type)
-    for group in _groups(list_files(folder), target_bytes, older):
+    for group in _groups(list_files(folder), target_bytes):
         n_rows += _merge(lake.storage, row_type, group)
-    if older:
-        forget_copies(lake.root, row_type)
     pa.default_memory_pool().release_unused()  # all samples of the merged files went through it
     return Compaction(row_type.table, n_before, len(list_files(folder)), n_rows)
 
@@ -152,20 +149,20 @@ def _table_stats(lake: Lake, row_type: type[Row]) -> TableStats:
     return TableStats(table, len(files), row["n"] - old["n"], old["n"], size_mb, row["oldest"], row["newest"])
 
 
-def _groups(files: dict[str, Signature], target_bytes: int, older: set[str]) -> Iterator[dict[str, Signature]]:
-    """Small files in groups of at most the target size, and older ones of any; one new file alone is left alone."""
-    chosen = older | _small_files(files, target_bytes)
+def _groups(files: dict[str, Signature], target_bytes: int) -> Iterator[dict[str, Signature]]:
+    """Small files in groups of at most the target size; one file alone is left alone."""
+    chosen = _small_files(files, target_bytes)
     group: dict[str, Signature] = {}
     size = 0
     for name, signature in sorted(files.items(), key=lambda item: (number_of(item[0]), item[1])):
         if name not in chosen:
             continue
-        if size + signature[1] > target_bytes and (len(group) > 1 or older & set(group)):
+        if size + signature[1] > target_bytes and len(group) > 1:
             yield group
             group, size = {}, 0
         group[name] = signature
         size += signature[1]
-    if len(group) > 1 or older & set(group):
+    if len(group) > 1:
         yield group
 
 
@@ -205,7 +202,7 @@ def _read_merged(folder: Path, row_type: type[Row], names: list[str]) -> pa.Tabl
     with ThreadPoolExecutor(_READERS) as pool:
         for first in range(0, len(names), _READ_AT_ONCE):
             paths = [folder / name for name in names[first : first + _READ_AT_ONCE]]
-            read = list(pool.map(lambda path: read_upgraded(path, row_type), paths))
+            read = list(pool.map(lambda path: read_rows(path, row_type), paths))
             # A thousand chunks of a row each take longer to write than to copy together.
             parts.append(pa.concat_tables(read).combine_chunks())
     rows = pa.concat_tables(parts)

@@ -22,7 +22,8 @@ from fast.lake.storage.open import storage_at
 from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES, ObjectRow, Row, SimTraceRow, TraceRow
 from fast.lake.tables.schema import has_samples, schema_of, to_arrow
 from fast.models.errors import FastError, LakeError, UsageError
-from fast.models.objects.catalogue import RigidObject, add_source
+from fast.models.objects.catalogue import add_source
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Trace
 
 _LOG = logging.getLogger(__name__)

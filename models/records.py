@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from fast.models.errors import UsageError
 from fast.models.ids import content_id
-from fast.models.validation import closest
 
 if TYPE_CHECKING:
     from shapely.geometry import Polygon
@@ -55,7 +53,7 @@ class Design(Record):
         """The compliant body in the (x, z) plane, mm, with its voids as holes; extruded over the width.
 
         x = 0 is the front wall, which touches the object; the other points lie at x > 0. z runs from the top of the
-        rigid base (`models.design.profile.BASE_HEIGHT_MM`) to the apex (`height_mm`). Inner corners may carry fillets
+        rigid base (`models.design.fin_ray.BASE_HEIGHT_MM`) to the apex (`height_mm`). Inner corners may carry fillets
         of radius `fillet_mm`, drawn with `arc_segments` per quarter circle.
         """
         raise NotImplementedError(f"the family {type(self).__name__} has no `draw_section`")
@@ -73,50 +71,6 @@ class Design(Record):
     def scale_modulus(self, points: np.ndarray) -> np.ndarray | float:
         """Factor (n) on Young's modulus at points (n, 2) of the section, x and z in mm: a second material."""
         return 1.0
-
-
-class FinRay(Design):
-    """A fin-ray finger in nine parameters, with the ranges of the paper (Problem definition)."""
-
-    family: ClassVar[str] = "fin-ray"
-
-    length_mm: float = Field(ge=19, le=35, description="depth at the base, closing direction x")
-    width_mm: float = Field(ge=28, le=35, description="along y")
-    height_mm: float = Field(ge=90, le=120, description="along z, base to apex")
-    tip_length_mm: float = Field(ge=20, le=30, description="solid tip, from the apex along z")
-    front_thickness_mm: float = Field(ge=2, le=3, description="wall that touches the object")
-    back_thickness_mm: float = Field(ge=2, le=3, description="slanted wall")
-    rib_thickness_mm: float = Field(ge=2, le=3)
-    rib_count: int = Field(ge=1, le=10)
-    rib_angle_deg: float = Field(ge=-40, le=40, description="from the horizontal")
-
-    @property
-    def content(self) -> dict[str, Any]:
-        """See `Design`."""
-        return self.model_dump() if type(self) is FinRay else super().content
-
-    @property
-    def tip_height_mm(self) -> float:
-        """Length of the solid tip."""
-        return self.tip_length_mm
-
-    def draw_section(self, fillet_mm: float = 0.5, arc_segments: int = 4) -> "Polygon":
-        """See `Design` and `models.design.profile.planar_profile`."""
-        from fast.models.design.profile import planar_profile
-
-        return planar_profile(self, fillet_mm, arc_segments)
-
-    def list_voids(self) -> "list[Polygon]":
-        """The voids between the ribs, however small."""
-        from fast.models.design.profile import cavities
-
-        return cavities(self)
-
-    def measure_section_mm2(self) -> float:
-        """Area between outline and voids, however small these are."""
-        from fast.models.design.profile import outline_area_mm2
-
-        return outline_area_mm2(self) - sum(float(void.area) for void in self.list_voids())
 
 
 class Theta(Record):
@@ -174,88 +128,6 @@ class EffectValue(Record):
     def __hash__(self) -> int:
         """Of the content, so that simulator versions with effects can be keys."""
         return hash((self.effect, frozenset(self.parameters.items())))
-
-
-class MeshSettings(Record):
-    """Which mesher, how fine. `extruded` is the production mesher of fin rays, `tetwild` meshes any body.
-
-    The defaults are the production mesh. Walls are one element thick, short at the joints and at most `edge_mm`
-    long between them; `refine` divides every element in the section into four and draws the fillets rounder.
-    """
-
-    mesher: Literal["extruded", "tetwild"] = "extruded"
-    edge_mm: float = Field(default=8.0, gt=0.5, le=20, description="longest edge along the walls")
-    refine: int = Field(default=0, ge=0, le=2, description="uniform divisions of the section (extruded only)")
-    layers: int = Field(default=1, ge=1, le=6, description="quadratic layers over the half width (extruded only)")
-    fillet_mm: float = Field(default=0.5, ge=0, le=1.5, description="radius of the printed joint fillets")
-
-
-# The mesh of the reference tier: six times the production unknowns; the tube's peak is 0.4 % above that at 25 times.
-REFERENCE_MESH = MeshSettings(refine=1, layers=2)
-
-
-class ContactSettings(Record):
-    """How stiff a finger's surface meets an object: every simulator's own choice; see `ContactLaw` for the defaults.
-
-    In N/mm3 at the reference modulus; stiffnesses are in proportion to E for any other.
-    """
-
-    normal_n_per_mm3: float = Field(default=4.0, gt=0, description="pressure per depth of penetration")
-    tangential_n_per_mm3: float = Field(default=4.0, gt=0, description="shear per slip, before the surface slides")
-
-
-# Lakes may hold versions of the removed tier `screening`, a plane section of the finger: they are read, listed and
-# compared; `check_tier` refuses to simulate with them.
-Tier = Literal["screening", "production", "reference"]
-REMOVED_TIER = "screening"
-
-
-class SimulatorVersion(Record):
-    """FEM settings + theta + an ordered list of effects: everything that decides a simulated number."""
-
-    theta: Theta = Theta()
-    effects: tuple[EffectValue, ...] = ()
-    mesh: MeshSettings = MeshSettings()
-    contact: ContactSettings = ContactSettings()
-    tier: Tier = "production"
-    fem_version: str = "3"
-
-    @property
-    def version_id(self) -> str:
-        """Id derived from the whole content; versions that are older than the settings of contact keep theirs."""
-        is_usual = self.contact == ContactSettings()
-        return content_id("V", self.model_dump(exclude={"contact"} if is_usual else None))
-
-
-TIERS = {
-    "production": SimulatorVersion(),
-    "reference": SimulatorVersion(tier="reference", mesh=REFERENCE_MESH),
-}
-
-
-def find_tier(name: str) -> SimulatorVersion:
-    """The simulator version of a tier.
-
-    Raises:
-        UsageError: the tier was removed, or there is none of this name.
-    """
-    check_tier(name)
-    if name not in TIERS:
-        raise UsageError(f"there is no tier `{name}`; {closest(name, list(TIERS))}")
-    return TIERS[name]
-
-
-def check_tier(tier: str) -> None:
-    """Refuse to simulate with a tier that the simulator no longer has.
-
-    Raises:
-        UsageError: the tier was removed.
-    """
-    if tier == REMOVED_TIER:
-        raise UsageError(
-            f"The simulator tier `{REMOVED_TIER}` was removed; simulate with `production` (its stored results stay "
-            "readable)."
-        )
 
 
 class Placement(Record):

@@ -13,9 +13,10 @@ from pydantic import Field, model_validator
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import ObjectRow
 from fast.models.errors import ConfigError, UsageError
-from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject, get_object, register
+from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object, register
 from fast.models.objects.own import MOST_LETTERS, object_of_mesh, object_of_parts
 from fast.models.objects.parts import Part, Turn
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Record
 from fast.models.validation import closest, load_record, parse_toml
 

@@ -75,7 +75,7 @@ def run_calibration(
         UsageError: measurements or simulations are missing, too few, or not of one kind.
         FastError: another process calibrates this lake.
     """
-    with exclusive(lake, "calibrate", f"the lake {lake.address} is already being calibrated"):
+    with exclusive(lake.storage, "calibrate", f"the lake {lake.address} is already being calibrated"):
         if order.data == "trace":
             return _calibrate_traces(lake, order, reporter, should_stop)
         return _calibrate_means(lake, order, reporter, should_stop)

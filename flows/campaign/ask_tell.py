@@ -65,7 +65,7 @@ def ask(
     folder = Path(out) if out is not None else None
     if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(f"{folder} is there already and not empty; nothing was written: give a new folder.")
-    batch = _find_open(campaign) if is_held(campaign.lake, lease_name(campaign.campaign_id)) else None
+    batch = _find_open(campaign) if is_held(campaign.lake.storage, lease_name(campaign.campaign_id)) else None
     if batch is None:
         with _held(campaign, Path(config_path)):
             batch = _find_open(campaign)
@@ -185,7 +185,7 @@ def _held(campaign: Campaign, config_path: Path) -> Iterator[None]:
     """The campaign in the lake, and nobody else's meanwhile."""
     name = campaign.campaign_id
     busy = f"campaign {name} is being run, and asks for nothing now"
-    with exclusive(campaign.lake, lease_name(name), busy) as lease:
+    with exclusive(campaign.lake.storage, lease_name(name), busy) as lease:
         enter(campaign, config_path)
         append_event(campaign.lake, name, STARTED, "asked for the next batch", run=lease.token)
         yield

@@ -64,7 +64,7 @@ def close_gap(run: CampaignRun, stage: int, wait: Wait) -> bool:
 def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
     """Search the campaign's measurements for what its simulator misses; None where there is too little to search."""
     campaign = run.campaign
-    if is_held(campaign.lake, GAP_LEASE):
+    if is_held(campaign.lake.storage, GAP_LEASE):
         logger.warning("another process searches this lake for a gap; the campaign goes on without a search here.")
         return None
     order = GapOrder(campaign.campaign_id, asking=AskSettings(min(count_left(run), USUAL_BUDGET)))

@@ -25,6 +25,7 @@ from fast.tasks.campaign.setup import check_arm, enter, read_real_bench, read_wo
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
+    from fast.hardware.virtual.world.physics import Physics
 
 ConfirmReal = Callable[[Path, BenchSettings | ArmSettings], None]  # raises when there is no leave to move
 
@@ -37,11 +38,13 @@ def run_campaign(
     reporter: ProgressReporter,
     confirm_real: ConfirmReal | None = None,
     is_acknowledged: bool = False,
+    physics_of_truth: "Physics | None" = None,
 ) -> "CampaignOutcome":
     """Start a campaign, or continue it where the lake says it stands.
 
     `confirm_real` drives the real bench of the config, unless it raises for lack of leave; None is a virtual bench.
-    `is_acknowledged`: a person has looked after an emergency stop.
+    `is_acknowledged`: a person has looked after an emergency stop. `physics_of_truth`: what a virtual bench measures,
+    None for the finite elements of its world.
 
     Raises:
         UsageError: config, world, lake or this machine cannot be used, or a package is missing; nothing was written.
@@ -62,7 +65,7 @@ def run_campaign(
     with ExitStack() as stack:
         stack.callback(campaign.lake.close)
         busy = f"campaign {name} is already being run"
-        lease = stack.enter_context(exclusive(campaign.lake, lease_name(name), busy))
+        lease = stack.enter_context(exclusive(campaign.lake.storage, lease_name(name), busy))
         require_acknowledgement(campaign.lake, name, is_acknowledged)
         enter(campaign, config_path)
         append_event(campaign.lake, name, STARTED, "started or continued", run=lease.token)
@@ -77,7 +80,9 @@ def run_campaign(
         # Prefect reads its settings when first imported, so only now.
         from fast.flows.campaign.process import run_in_process
 
-        return run_in_process(campaign, bench, auto_print=auto_print, reporter=reporter)
+        return run_in_process(
+            campaign, bench, auto_print=auto_print, reporter=reporter, physics_of_truth=physics_of_truth
+        )
 
 
 def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> BenchSettings | ArmSettings:

@@ -14,7 +14,7 @@ from fast.flows.campaign.told_step import ToldPrompts, await_batch
 from fast.flows.progress import ProgressReporter
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
-from fast.hardware.safety.safe_state import Verb
+from fast.hardware.parts.safe_state import Verb
 from fast.models.records import Design
 from fast.tasks.bench.folder import is_told
 from fast.tasks.bench.measure import OpenBench

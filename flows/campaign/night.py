@@ -14,7 +14,8 @@ from prefect.cache_policies import NO_CACHE
 
 from fast.flows.campaign.loops import CampaignRun, SimulationJob, SimulationLoop
 from fast.flows.progress import describe_duration
-from fast.models.records import Design, SimulatorVersion
+from fast.models.records import Design
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.night_story import Night, count_worker_seconds, end_night, find_night
 from fast.tasks.campaign.prefect_tasks import unmapped

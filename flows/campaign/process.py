@@ -27,9 +27,9 @@ from fast.hardware.arm.bench import open_arm_bench
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings, open_real_bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.grasp_bench import GraspBench
-from fast.hardware.safety.safe_state import Verb
+from fast.hardware.parts.layout import BenchLayout
+from fast.hardware.parts.safe_state import Verb
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
@@ -83,10 +83,11 @@ def run_in_process(
     *,
     auto_print: bool,
     reporter: ProgressReporter,
+    physics_of_truth: Physics | None = None,
 ) -> CampaignOutcome:
     """Run the campaign's flow until its schedule is complete or someone asks to stop.
 
-    setup: of the gantry; None where a bench of one's own measures.
+    setup: of the gantry; None where a bench of one's own measures. physics_of_truth: see `launch.run_campaign`.
     """
     config = campaign.config
     limit_arenas()
@@ -95,10 +96,11 @@ def run_in_process(
     told = notifier(isinstance(setup, World), config.execution.notify, config.execution.notify_virtual)
     reporter = with_run_page(reporter)
     progress = CampaignProgress(campaign, reporter.report)
+    truth = keep_physics(campaign, physics, physics_of_truth or simulate_request)
     run = CampaignRun(
         campaign=campaign,
         pool=simulations,
-        open_bench=functools.partial(open_campaign_bench, campaign, setup, keep_physics(campaign, physics)),
+        open_bench=functools.partial(open_campaign_bench, campaign, setup, truth),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
@@ -193,16 +195,13 @@ def open_campaign_bench(
         yield bench
 
 
-physics_of_truth: Physics = simulate_request  # a benchmark puts one that costs nothing here
-
-
-def keep_physics(campaign: Campaign, pool: WorkerPool) -> PhysicsCache:
+def keep_physics(campaign: Campaign, pool: WorkerPool, physics_of_truth: Physics = simulate_request) -> PhysicsCache:
     """The physics of the campaign's world, solved in the pool, once, and kept beside the lake's tables."""
     files = PhysicsFiles(campaign.lake.root / ".state" / "physics")
-    return PhysicsCache(functools.partial(_solve_in_worker, pool), files)
+    return PhysicsCache(functools.partial(_solve_in_worker, pool, physics_of_truth), files)
 
 
-def _solve_in_worker(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
+def _solve_in_worker(pool: WorkerPool, physics_of_truth: Physics, request: PhysicsRequest) -> GraspSimulation:
     return pool.call(solve_elsewhere, physics_of_truth, get_object(request.object_id), request)
 
 

@@ -85,7 +85,7 @@ def _held_campaign(config_path: Path, lake: str) -> Iterator[Campaign]:
     """A campaign of the lake that no other process runs meanwhile."""
     campaign = Campaign(Lake.open(lake), load_config(config_path))
     name = campaign.campaign_id
-    with exclusive(campaign.lake, lease_name(name), f"campaign {name} is being run"):
+    with exclusive(campaign.lake.storage, lease_name(name), f"campaign {name} is being run"):
         require_acknowledgement(campaign.lake, name, False)
         enter(campaign, config_path)
         yield at_present(campaign)

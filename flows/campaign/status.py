@@ -4,7 +4,7 @@ import tomllib
 from typing import Any
 
 from fast.flows.campaign.progress import count_work
-from fast.hardware.safety.safe_state import Verb
+from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import holder_of
 from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
@@ -104,9 +104,9 @@ def format_status(status: dict[str, Any]) -> str:
 
 def describe_state(lake: Lake, campaign_id: str, is_complete: bool) -> str:
     """What a campaign is doing, in a word or two: who owns it, or how its last run ended."""
-    holder = holder_of(lake, lease_name(campaign_id))
+    holder = holder_of(lake.storage, lease_name(campaign_id))
     if holder is not None:
-        searcher = holder_of(lake, GAP_LEASE)
+        searcher = holder_of(lake.storage, GAP_LEASE)
         if searcher is not None and (searcher.machine, searcher.pid) == (holder.machine, holder.pid):
             return "running, searches for a gap"
         return "running" if holder.is_here else f"running, as far as is known, on {holder.host}"

@@ -19,10 +19,11 @@ from fast.flows.challenge.bank_table import read_bank
 from fast.flows.challenge.manifest import BANK, TOOLS_PER_BATCH, Manifest
 from fast.lake.handoff.export_folder import write_csv
 from fast.lake.handoff.format import DESIGN_COLUMNS, GRASP_COLUMNS, TELLING_COLUMNS, TRACE_COLUMNS
+from fast.models.design.fin_ray import FinRay
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
 from fast.models.gap.grasps import Grasps, of_one_setup
-from fast.models.records import Design, FinRay, GraspContext, GraspSetup, Trace
+from fast.models.records import Design, GraspContext, GraspSetup, Trace
 from fast.models.traces.step_features import N_STEPS, step_means
 
 ASKED = "asked.csv"

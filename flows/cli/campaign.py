@@ -106,14 +106,14 @@ def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: A
 
 
 def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: bool) -> None:
-    from fast.hardware.safety.safe_state import Verb
+    from fast.hardware.parts.safe_state import Verb
     from fast.lake.leases import is_held
     from fast.models.errors import FastError
     from fast.tasks.campaign.requests import append_request, lease_name
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign)
-    if not is_held(found, lease_name(name)):
+    if not is_held(found.storage, lease_name(name)):
         raise FastError(f"campaign {name} is not running, so there is nothing to {verb}; nothing was changed.")
     append_request(found, name, Verb(verb), f"{verb} asked for on the command line")
     text = f"asked campaign {name} to {verb}; {effect}."

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 from cyclopts import Parameter
 
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 
 MIN_FREE_GB = 2.0
 MESH_LIMIT_S = 60.0
@@ -30,12 +30,21 @@ def doctor(
     server: Annotated[
         bool, Parameter(negative="", help="Also start a Prefect server and stop it again (up to a minute).")
     ] = False,
+    speed: Annotated[
+        bool, Parameter(negative="", help="Say instead what this computer takes for grasps, fits and searches.")
+    ] = False,
     real: Annotated[
         Path | None, Parameter(help="Bench file: look at that bench's devices instead. Nothing moves.")
     ] = None,
     json: AsJson = False,
 ) -> None:
     """Check Python, packages, solver, mesher, disk, lake and ports; exit status 1 when a check fails."""
+    if speed:
+        from fast.flows.cli.speed import measure_speed
+
+        rows = measure_speed()
+        show(rows, table_text(rows), json)
+        return
     _tell(_bench(real) if real is not None else _computer(lake, server), json)
 
 
@@ -95,9 +104,9 @@ def _packages() -> Check:
 
 
 def _versions() -> Check:
-    from fast.flows.cli.audit import LOCK, mismatches
+    from fast.flows.dependencies import LOCK, find_mismatches
 
-    wrong = list(mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
+    wrong = list(find_mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
     others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
     return Check("versions", not wrong, f"{wrong[0]}{others}" if wrong else "as in requirements.lock")
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fast.hardware.bench import Bench
     from fast.hardware.cell.cell import MeasuredGrasp
     from fast.hardware.tools.mounted import MountedTool
-    from fast.models.objects.catalogue import RigidObject
+    from fast.models.objects.rigid import RigidObject
 
 app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
 app.command("fast.flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")
@@ -124,7 +124,7 @@ def _check_target(
     met: "RigidObject", own_objects: tuple[tuple[int, int], ...], slot: int, tools: "Mapping[int, MountedTool]"
 ) -> None:
     """Raises UsageError for an object without a place or an empty slot, before a bench is opened."""
-    from fast.hardware.cell.layout import N_OBJECTS, BenchLayout
+    from fast.hardware.parts.layout import N_OBJECTS, BenchLayout
     from fast.models.errors import UsageError
 
     is_own = met.shape is not None
@@ -176,7 +176,7 @@ def open_bench(
     from fast.flows.cli.real import ask_leave
     from fast.flows.cli.wire import log_folder
     from fast.hardware.bench import open_real_bench, open_virtual_bench
-    from fast.hardware.cell.layout import BenchLayout
+    from fast.hardware.parts.layout import BenchLayout
     from fast.tasks.campaign.setup import read_bench, read_world
 
     mounted = rack(None) if tools is None else tools

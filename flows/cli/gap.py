@@ -97,7 +97,7 @@ def gap(
 
 @app.command(name="plan")
 def plan_(
-    config: Annotated[Path, Parameter(help="TOML file of the campaign.")],
+    config: Annotated[Path, Parameter(help="TOML file of the campaign, e.g. campaigns/quick.toml.")],
     *,
     lake: LakePath = DEFAULT_LAKE,
     tools: Annotated[int, Parameter(help="How many of the campaign's first tools.", validator=_AT_LEAST_ONE)] = 8,

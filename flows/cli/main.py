@@ -66,7 +66,6 @@ for _name, _target, _help in (
         "fast.flows.cli.serve:serve",
         "Prefect server with its pages, a worker and the deployments; prints the address.",
     ),
-    ("bench", "fast.flows.cli.benchmarks:app", "What simulations, fits, the lake and campaigns cost on this machine."),
     (
         "doctor",
         "fast.flows.cli.doctor:doctor",

@@ -8,7 +8,7 @@ from cyclopts import App, Parameter
 from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show, table_text
 
 if TYPE_CHECKING:
-    from fast.models.objects.catalogue import RigidObject
+    from fast.models.objects.rigid import RigidObject
 
 app = App(name="objects", help="List, check, draw and print test objects, and add own ones.")
 

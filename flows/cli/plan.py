@@ -74,7 +74,7 @@ def _what(config: Path | None) -> "tuple[ObjectPlan, Any]":
 def _times(objects: "ObjectPlan", setup: Any, n_tools: int, design: list[Path] | None) -> "list[PlanTime]":
     """One plan per tool, each with its own order; fewer designs than tools are used again."""
     from fast.hardware.cell.cycle_time import plan_time
-    from fast.hardware.cell.layout import BenchLayout
+    from fast.hardware.parts.layout import BenchLayout
 
     mounted, layout = list(rack(design).values()), objects.stand_on(BenchLayout())
 

@@ -121,7 +121,7 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, began: Callable[[], None
     from fast.tasks.campaign.requests import lease_name
 
     name = resolve_campaign(lake, campaign_id)
-    return follow(lake, name, path, lambda: is_held(lake, lease_name(name)), began=began, tell=tell)
+    return follow(lake, name, path, lambda: is_held(lake.storage, lease_name(name)), began=began, tell=tell)
 
 
 def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:

@@ -12,8 +12,9 @@ from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, s
 from fast.flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
-    from fast.models.objects.catalogue import RigidObject
-    from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion
+    from fast.models.objects.rigid import RigidObject
+    from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement
+    from fast.models.simulation.version import SimulatorVersion
 
     Grasp = tuple[Design, RigidObject, SimulatorVersion, GraspSetup, Placement]
 
@@ -192,9 +193,9 @@ def read_design(path: Path | None) -> "Design":
         ConfigError: missing file, no JSON, or a value out of its range.
     """
     from fast.models.design.families import read_design as read_family_design
+    from fast.models.design.fin_ray import FinRay
     from fast.models.design.space import BEST_PUBLISHED, numbered_design
     from fast.models.errors import ConfigError
-    from fast.models.records import FinRay
     from fast.models.validation import load_record, parse_json
 
     if path is None or path == BEST:
@@ -257,7 +258,7 @@ def refuse_beside(option: str, others: dict[str, Any]) -> None:
 
 
 def _base_version(lake: Path, version_id: str | None, tier: str | None) -> "SimulatorVersion":
-    from fast.models.records import find_tier
+    from fast.models.simulation.version import find_tier
 
     if tier is None:
         return read_version(lake, version_id)
@@ -272,7 +273,7 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
         UsageError: the lake has no such version, or it is another lab's simulator.
     """
     from fast.models.errors import UsageError
-    from fast.models.records import SimulatorVersion
+    from fast.models.simulation.version import SimulatorVersion
     from fast.models.validation import closest, load_record
 
     if version_id is None:
@@ -297,7 +298,8 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
         ConfigError: unknown name or value out of range.
     """
     from fast.models.errors import ConfigError
-    from fast.models.records import GraspSetup, MeshSettings, Placement, Theta
+    from fast.models.records import GraspSetup, Placement, Theta
+    from fast.models.simulation.version import MeshSettings
     from fast.models.validation import closest, load_record
 
     sections: dict[Any, dict[str, Any]] = {

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from fast.models.errors import UsageError
-    from fast.models.objects.catalogue import RigidObject
+    from fast.models.objects.rigid import RigidObject
     from fast.models.records import Branches, Design, GraspSimulation, Placement, Trace
     from fast.models.simulation.output.recording import GraspRecording
 

@@ -86,7 +86,7 @@ def arm(
     json: AsJson = False,
 ) -> None:
     """Serve a Universal Robots arm in a world, by RTDE and URScript, until Ctrl-C."""
-    from fast.hardware.cell.layout import BenchLayout
+    from fast.hardware.parts.layout import BenchLayout
     from fast.hardware.virtual.arm.controller import VirtualArm
     from fast.hardware.virtual.arm.server import ArmServer
     from fast.hardware.virtual.world.physics import simulate_request
@@ -133,7 +133,7 @@ def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
         UsageError: a file that is no design, or more designs than slots.
     """
     from fast.flows.cli.simulate import read_design
-    from fast.hardware.cell.layout import N_SLOTS
+    from fast.hardware.parts.layout import N_SLOTS
     from fast.hardware.tools.mounted import MountedTool
     from fast.models.errors import UsageError
     from fast.models.ids import tool_label

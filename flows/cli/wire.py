@@ -11,8 +11,8 @@ from cyclopts.validators import Number
 from fast.flows.cli.common import AsJson, show, table_text
 
 if TYPE_CHECKING:
+    from fast.hardware.replay.outcome import Replay
     from fast.hardware.wire.log_files import RecordedWire, WireHeader
-    from fast.hardware.wire.replay_outcome import Replay
 
 FromLake = Annotated[
     Path | None, Parameter(name="--lake", help="Lake whose benches' logs are meant; default: benches moved by hand.")
@@ -54,8 +54,8 @@ def replay(
 
     The device says again, byte for byte, what it said. Nothing real is touched.
     """
+    from fast.hardware.replay.replay import replay as play
     from fast.hardware.wire.log_files import read_session
-    from fast.hardware.wire.replay import replay as play
 
     recorded = read_session(file)
     outcome = play(recorded)

@@ -2,15 +2,14 @@
 
 from pathlib import Path
 from tempfile import mkdtemp
+from zipfile import ZipFile
 
-from fast.lake.handoff.packed import read_packed
-from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow
 from fast.models.errors import UsageError
 
 CAMPAIGN = "example"
-FILE = Path(__file__).with_name("example.npz")
+FILE = Path(__file__).with_name("example.zip")
 LAKE = "lake"
 
 
@@ -23,10 +22,23 @@ def open_example(out: Path | None = None, file: Path = FILE) -> tuple[Lake, Path
         UsageError: the lake in the folder is another one, or cannot be written.
     """
     folder = Path(mkdtemp(prefix="fast-gap-")) if out is None else out
-    lake = Lake.open(folder / LAKE, create=True)
+    if not Lake.exists(folder / LAKE):
+        _unpack(file, folder / LAKE)
+    lake = Lake.open(folder / LAKE)
     known = lake.ids(CampaignRow)
-    if known - {CAMPAIGN}:
-        raise UsageError(f"{folder / LAKE} is another lake (campaign {sorted(known)[0]}); give a new folder as --out.")
-    if not known:
-        lake.append(read_packed(file), current_provenance())
+    if known != {CAMPAIGN}:
+        found = sorted(known - {CAMPAIGN})[:1] or ["none"]
+        raise UsageError(f"{folder / LAKE} is another lake (campaign {found[0]}); give a new folder as --out.")
     return lake, folder
+
+
+def _unpack(file: Path, root: Path) -> None:
+    """Unpack a lake beside its place, then move it there: a kill leaves no half of it."""
+    try:
+        root.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(mkdtemp(prefix=f".{root.name}-", dir=root.parent))
+        with ZipFile(file) as archive:
+            archive.extractall(part)
+        part.replace(root)
+    except OSError as error:
+        raise UsageError(f"{root} cannot be written ({error.strerror}); give another folder as --out.") from error

@@ -22,7 +22,8 @@ from fast.models.errors import FastError
 from fast.models.gap.data import GapData
 from fast.models.gap.findings import Findings
 from fast.models.ids import content_id
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.asked import read_requests, write_requests
 from fast.tasks.calibration.mean_data import find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
@@ -105,7 +106,7 @@ def run_gap(
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: the budget ended before the bank was complete, or another process searches in this lake.
     """
-    with exclusive(lake, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
+    with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:
@@ -130,7 +131,7 @@ def tell_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: another process searches in this lake.
     """
-    with exclusive(lake, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
+    with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         search = _prepare(lake, order)
         known = find_run(lake, search.gap_id)
         if known is not None:

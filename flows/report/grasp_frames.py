@@ -16,11 +16,12 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulationRow, SimulatorVersionRow
 from fast.models.errors import FastError
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Design, GraspSetup, GraspSimulation, SimulatorVersion, Trace
+from fast.models.records import Design, GraspSetup, GraspSimulation, Trace
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.output.recording import SIDES, GraspRecording, Snapshot
 from fast.models.simulation.output.surface import Skin, section_of, section_outline, skin_of
 from fast.models.simulation.placement import Side
+from fast.models.simulation.version import SimulatorVersion
 
 _LOG = logging.getLogger(__name__)
 CELL_MM = 3.0  # contact forces are summed over cells of this size

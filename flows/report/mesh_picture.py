@@ -17,7 +17,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from fast.flows.report.style import OBJECT
-from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.rigid import RigidObject
 from fast.models.objects.surface import object_mesh
 
 LIGHT = np.array([0.22, 0.58, 0.78])  # towards the light, in view coordinates (right, up, towards the eye)

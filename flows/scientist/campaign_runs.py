@@ -21,8 +21,8 @@ from fast.flows.progress import RateEstimate, describe_time_left
 from fast.flows.scientist.strategies import Strategy
 from fast.hardware.bench import Bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.grasp_bench import GraspBench
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere

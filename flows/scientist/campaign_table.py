@@ -10,11 +10,12 @@ from scipy.stats import ttest_1samp
 
 from fast.flows.report.style import INK, MUTED, new_figure
 from fast.flows.scientist.campaign_runs import StrategyRun
-from fast.flows.scientist.landscape_table import COLOURS
 
 Rows = list[dict[str, Any]]
 COLUMNS = ("strategy", "n_campaigns", "last_batch_n", "last_batch_sd_n", "best_n", "best_median_n", "best_of_all_n",
            "n_measured", "n_simulated", "simulation_cpu_s")  # fmt: skip
+# Okabe and Ito (2008); the paper's hybrid in black
+COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d1f", "#5f6670")
 
 
 def campaign_rows(runs: Sequence[StrategyRun]) -> Rows:

@@ -9,17 +9,18 @@ import numpy as np
 
 from fast.flows.cli.simulate_output import unwritable
 from fast.models.errors import UsageError
-from fast.models.objects.catalogue import RigidObject
 from fast.models.objects.distance import distance_and_normal
 from fast.models.objects.primitives import turn_about_z
+from fast.models.objects.rigid import RigidObject
 from fast.models.objects.surface import object_mesh
-from fast.models.records import Design, GraspSetup, Placement, SimulatorVersion
+from fast.models.records import Design, GraspSetup, Placement
 from fast.models.simulation.grasp import Numerics, simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.output.export_calculix import ClosingDeck, ObjectSurface
 from fast.models.simulation.output.recording import GraspRecording, Snapshot
 from fast.models.simulation.placement import CENTRED, describe_placement, needs_full_width, offset_mm, place
 from fast.models.simulation.solver.stepping import StepLimits
+from fast.models.simulation.version import SimulatorVersion
 
 N_LEVELS = 4
 OBJECT_SPACING_MM = 1.0

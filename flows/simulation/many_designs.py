@@ -7,7 +7,8 @@ from functools import partial
 
 from fast.flows.progress import Bar, ProgressReporter, RateEstimate
 from fast.models.objects.catalogue import get_object, name_object
-from fast.models.records import GraspSetup, Placement, SimulatorVersion
+from fast.models.records import GraspSetup, Placement
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.own_designs import OwnDesign
 from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
 from fast.tasks.simulation.pool import WorkerPool

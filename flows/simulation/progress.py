@@ -9,7 +9,7 @@ from fast.flows.progress import Bar, ProgressReporter, RateEstimate
 from fast.lake.maintenance import compact
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimTraceRow, SimulationRow
-from fast.models.records import SimulatorVersion
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.simulation.plan import PointDone, SimulationPlan, missing_objects, simulate_plan
 
 _PROGRESS_INTERVAL_S = 10.0

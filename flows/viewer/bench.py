@@ -10,7 +10,7 @@ import trimesh
 from fast.flows.report.style import FAINT, MUTED
 from fast.flows.viewer.scene import rgb
 from fast.flows.viewer.stream import fit_eye
-from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.parts.layout import BenchLayout
 from fast.models.records import Design, GraspSetup
 
 HEAD_ROOM_MM = 210.0  # a gripper at the end of its lift

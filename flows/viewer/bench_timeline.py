@@ -18,7 +18,7 @@ from fast.flows.viewer.bench import build_head, send_bench
 from fast.flows.viewer.curves import Curves
 from fast.flows.viewer.scene import draw_object, flatten_mesh, rgb
 from fast.flows.viewer.stream import read_design
-from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.parts.layout import BenchLayout
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import design_of_columns
 from fast.models.design.space import FIN_RAYS, DesignSpace

@@ -18,7 +18,7 @@ from fast.flows.viewer.bench import place_bench_eye
 from fast.flows.viewer.bench_timeline import BenchTimeline
 from fast.flows.viewer.curves import view_curves
 from fast.flows.viewer.stream import lay_out, open_recording
-from fast.hardware.cell.layout import N_OBJECTS, BenchLayout
+from fast.hardware.parts.layout import N_OBJECTS, BenchLayout
 from fast.lake.store import Lake
 from fast.lake.tables.imported import is_imported
 from fast.models.objects.catalogue import FIRST_OWN_ID

@@ -15,11 +15,12 @@ from fast.lake.tables.campaign import DesignRow, ToolRow
 from fast.models.design.finger import FingerBodies, finger_bodies
 from fast.models.design.tray import BED_MM, PrintItem, lying, tray_layout
 from fast.models.ids import tool_label
-from fast.models.records import Design, GraspSetup, MeshSettings
+from fast.models.records import Design, GraspSetup
 from fast.models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.output.surface import skin_of
+from fast.models.simulation.version import MeshSettings
 from fast.models.units import spell_name
 
 _SIDE = (-0.3, -1.0, 0.2)  # from which the ribs are seen

@@ -14,11 +14,11 @@ from fast.hardware.arm.link import ArmLink, ArmState, write_output
 from fast.hardware.arm.settings import ArmSettings, Point
 from fast.hardware.cell.cell import CLOSED_SETTLE_S, MeasuredGrasp, closing_s
 from fast.hardware.cell.diagnostics import DiagnosticRun, Item
+from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM
 from fast.hardware.cell.recorder import CONTACT_READINGS
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.grasp_bench import Leave
-from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM
-from fast.hardware.safety.safe_state import MEANINGS, StopAskedError, Verb
+from fast.hardware.parts.safe_state import MEANINGS, StopAskedError, Verb
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
 from fast.models.objects.catalogue import get_object

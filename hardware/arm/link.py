@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fast.hardware.arm.settings import ArmSettings, Point
-from fast.hardware.safety.safe_state import EmergencyStopError
+from fast.hardware.parts.safe_state import EmergencyStopError
 from fast.models.errors import DeviceError
 
 DONE_REGISTER = 12  # output_int_register, 12 to 19 are free for a user's program

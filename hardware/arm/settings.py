@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from fast.hardware.cell.limits import BenchLimits
+from fast.hardware.parts.limits import BenchLimits
 from fast.models.errors import UsageError
 from fast.models.records import Design, GraspSetup, Record
 

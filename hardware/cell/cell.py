@@ -11,13 +11,13 @@ from typing import Literal
 import numpy as np
 
 from fast.hardware.cell.diagnostics import NO_OBJECT, DiagnosticRun, Item
-from fast.hardware.cell.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
-from fast.hardware.cell.gantry import Gantry
-from fast.hardware.cell.layout import BenchLayout
-from fast.hardware.cell.pneumatics import Pneumatics
 from fast.hardware.cell.recorder import GraspRecorder
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.clock import Clock
+from fast.hardware.parts.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
+from fast.hardware.parts.gantry import Gantry
+from fast.hardware.parts.layout import BenchLayout
+from fast.hardware.parts.pneumatics import Pneumatics
 from fast.hardware.safety.supervisor import Supervisor
 from fast.hardware.safety.watches import GraspFaultError, GraspWatch
 from fast.hardware.tools.changer import ToolChanger

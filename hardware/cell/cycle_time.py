@@ -21,8 +21,8 @@ from fast.hardware.cell.cell import (
     least_lift_mm,
 )
 from fast.hardware.cell.diagnostics import DiagnosticRun, Item
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools import changer as tool_changer
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.records import GraspRequest, GraspSetup, Placement

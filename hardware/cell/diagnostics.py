@@ -20,7 +20,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from fast.models.records import FinRay, GraspRequest, GraspSetup, Record
+from fast.models.design.fin_ray import FinRay
+from fast.models.records import GraspRequest, GraspSetup, Record
 
 DiagnosticKind = Literal["dwell", "lift_speed", "supply_pressure", "closed_empty", "dead_weight", "reference"]
 Cell = tuple[int, int]  # (object id, repeat)

@@ -4,7 +4,7 @@ from bisect import bisect_left
 
 import numpy as np
 
-from fast.hardware.cell.force_sensor import Baseline, ForceReading
+from fast.hardware.parts.force_sensor import Baseline, ForceReading
 from fast.models.records import Trace
 
 AT_REST_MM = 0.005  # below the place tolerance of the Z axis: the lift has not begun

@@ -5,7 +5,6 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from fast.hardware.bench import BenchSettings, wires_to
-from fast.hardware.cell.layout import N_SLOTS
 from fast.hardware.checkup.findings import Finding, Findings
 from fast.hardware.checkup.gantry import check_gantry
 from fast.hardware.checkup.load_cell import check_load_cell
@@ -13,6 +12,7 @@ from fast.hardware.checkup.plc import HeadState, check_plc
 from fast.hardware.checkup.ports import check_address, check_serial_port
 from fast.hardware.clock import Clock, RealClock
 from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.wire.log_files import WireFiles
 
 LIGHTEST_KG, HEAVIEST_KG = 0.05, 5.0  # of a tool with its adaptor

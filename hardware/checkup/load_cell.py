@@ -5,12 +5,12 @@ The filter cannot be read over Modbus, but it shows: with a slow one the instrum
 
 import statistics
 
-from fast.hardware.cell.force_sensor import FULL_SCALE_N
 from fast.hardware.checkup.findings import Findings
 from fast.hardware.clock import Clock
 from fast.hardware.laumas.codec import Reading
 from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.laumas.source import WeightSource
+from fast.hardware.parts.force_sensor import FULL_SCALE_N
 
 WEIGH_S = 2.0
 SLOWEST_FILTER = 1  # of those fit for a lift: 3 (425 ms) smears 2 mm of it, 4 twice that

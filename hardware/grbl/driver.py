@@ -25,7 +25,7 @@ from fast.hardware.grbl.messages import ErrorReply, RealTime, StatusReport, Vect
 from fast.hardware.grbl.place_watch import PLACE_TOLERANCE_MM, Way
 from fast.hardware.grbl.profile import DEADLINE_FACTOR, GrblProfile, limit_along, move_deadline_s, move_duration_s
 from fast.hardware.grbl.session import FULL_OVERRIDES, GrblSession
-from fast.hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, stand_still
+from fast.hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S
 from fast.hardware.grbl.switch_search import SwitchSearch
 from fast.hardware.wire.serial import Transport
 from fast.models.errors import DeviceError, InterlockError
@@ -296,13 +296,13 @@ class GrblDriver:
         try:
             self.session.command(line, doing)
         except SilentControllerError:
-            stand_still(self.session)
+            self.session.stand_still()
             raise
         except GrblReplyError as error:
             self._clock.sleep(SHORT_POLL_S)
             report = self._link.request_report(STATUS_REPLY_S)
             if report is None or report.is_moving:  # the line was taken: `error` was said of another, or by nobody
-                raise GrblReplyError(error.code, line, stand_still(self.session)) from error
+                raise GrblReplyError(error.code, line, self.session.stand_still()) from error
             raise
 
     def _follow(self, dwell: Ticket, doing: str, epoch: int, expected_s: float, allowed_s: float) -> None:
@@ -313,7 +313,7 @@ class GrblDriver:
             report = self.session.poll(doing, epoch)
             self._watch_overrides(doing)
             if isinstance(dwell.reply, ErrorReply):
-                raise GrblReplyError(dwell.reply.code, dwell.line, stand_still(self.session))
+                raise GrblReplyError(dwell.reply.code, dwell.line, self.session.stand_still())
             if dwell.reply is not None and report.state == "Idle":
                 return
             now_s = self._clock.now_s()

@@ -72,7 +72,7 @@ class GrblLink:
         self._is_reset_asked = False
         self._was_reset_asked = False
         self._alarm: int | None = None
-        self._alarm_before: int | None = None
+        self._alarms_of_epochs: list[int | None] = []
         self._lost: str | None = None
         self._report: StatusReport | None = None
         self._offset_mm: Vector | None = None
@@ -95,10 +95,12 @@ class GrblLink:
         """Alarm of the present epoch, or None."""
         return self._alarm
 
-    @property
-    def alarm_before(self) -> int | None:
-        """Alarm that stood when the present epoch began, such as the ALARM:3 of a reset in motion."""
-        return self._alarm_before
+    def alarm_since(self, epoch: int) -> int | None:
+        """Last alarm that stood when an epoch ended, from `epoch` on, such as the ALARM:3 of a reset in motion.
+
+        A reset may be asked for twice, since the first banner was late: its alarm is that of the first.
+        """
+        return next((alarm for alarm in reversed(self._alarms_of_epochs[epoch:]) if alarm is not None), None)
 
     @property
     def lost(self) -> str | None:
@@ -279,7 +281,7 @@ class GrblLink:
 
     def _start_epoch(self) -> None:
         self._epoch += 1
-        self._alarm_before = self._alarm
+        self._alarms_of_epochs.append(self._alarm)
         self._was_reset_asked, self._is_reset_asked = self._is_reset_asked, False
         self._alarm = self._report = self._offset_mm = self._overrides = None
         self._void_pending()

@@ -23,7 +23,7 @@ from fast.hardware.grbl.link import GrblLink, Ticket
 from fast.hardware.grbl.messages import ErrorReply, Feedback, Message, RealTime, Setting, StatusReport
 from fast.hardware.grbl.place_watch import PlaceWatch
 from fast.hardware.grbl.profile import HAL_BUILD, GrblProfile
-from fast.hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, stand_still
+from fast.hardware.grbl.stand_still import HOLD_POLL_S, HOLD_TIMEOUT_S, STATUS_REPLY_S, STOPPED, hold
 from fast.hardware.wire.serial import Transport
 from fast.models.errors import DeviceError
 
@@ -308,7 +308,7 @@ class GrblSession:
         """Raise a fault that costs the position, after whatever moves was stopped; the sentence says what was done."""
         self.distrust()
         self._is_prepared = False
-        raise type(fault)(f"{fault}; the position is no longer trusted, home again.{stand_still(self)}") from None
+        raise type(fault)(f"{fault}; the position is no longer trusted, home again.{self.stand_still()}") from None
 
     def _stop_once(self, alarm: int | None) -> str:
         """After an ALARM or a banner: the first to hear it sees to it that the gantry stands. It may not be true."""
@@ -317,9 +317,32 @@ class GrblSession:
             if self._stopped_for == event:
                 return ""
             self._stopped_for = event
-            told = stand_still(self, is_deaf=alarm is not None and alarm_meaning(alarm).is_critical)
+            told = self.stand_still(is_deaf=alarm is not None and alarm_meaning(alarm).is_critical)
             self._stopped_for = self._stopped_for if self.link.epoch == event[0] else None
             return told
+
+    def stand_still(self, is_deaf: bool = False) -> str:
+        """Feed hold, then a soft reset at rest where lines are left; says what it did, or nothing.
+
+        A soft reset comes last, since in motion it switches the motors off. The position is lost if it was moving.
+
+        Args:
+            is_deaf: after a critical alarm no answer means that the firmware stands and listens to a reset only.
+        """
+        try:
+            was_moving, state = hold(self.link, self.clock, self.stop_codes, is_deaf)
+            if was_moving:
+                self.distrust()
+            if state is None and is_deaf:
+                return ""
+            if state not in ("Idle", "Alarm"):
+                self.reset("stopping the gantry")
+        except DeviceError as error:
+            logger.error("The gantry may still be moving: %s", error)
+            return f" It may still be moving: {error}"
+        if state is None:
+            return " It did not come to rest on a feed hold and was reset."
+        return f" {STOPPED}" if was_moving else ""
 
     def slow_to_rest(self, doing: str) -> bool:
         """Feed hold, and wait until nothing moves; False when it did not come to rest in time."""
@@ -351,7 +374,7 @@ class GrblSession:
                     f"Nothing on {self.link.transport.name} answers as a GRBL controller while {doing}; the position "
                     "is unknown. Check power, cable and port, drop the motor enable, then reconnect."
                 )
-        alarm = self.link.alarm_before
+        alarm = self.link.alarm_since(epoch)
         self._known_epoch = self.link.epoch
         if was_known and (alarm_meaning(alarm).keeps_position if alarm is not None else self._is_unlocked()):
             self.trust()

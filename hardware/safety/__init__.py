@@ -1,1 +1,1 @@
-"""What keeps people and machine safe: safe state, supervisor, watches."""
+"""What keeps people and machine safe: supervisor, watches, heartbeat."""

@@ -9,12 +9,12 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from fast.hardware.cell.gantry import Gantry
-from fast.hardware.cell.pneumatics import Pneumatics
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.grbl.errors import ControllerResetError, GrblAlarmError, MoveAbortedError
-from fast.hardware.safety.safe_state import (
+from fast.hardware.parts.gantry import Gantry
+from fast.hardware.parts.pneumatics import Pneumatics
+from fast.hardware.parts.safe_state import (
     COMMANDS,
     MEANINGS,
     BenchCondition,

@@ -7,9 +7,9 @@ the safe state.
 import logging
 from collections import deque
 
-from fast.hardware.cell.force_sensor import Baseline, ForceSensor
-from fast.hardware.cell.pneumatics import Pneumatics
 from fast.hardware.clock import Clock
+from fast.hardware.parts.force_sensor import Baseline, ForceSensor
+from fast.hardware.parts.pneumatics import Pneumatics
 from fast.models.errors import DeviceError, InterlockError
 from fast.models.units import force_n_from_kg
 

@@ -3,13 +3,13 @@
 import logging
 from collections.abc import Mapping
 
-from fast.hardware.cell.force_sensor import ForceSensor
-from fast.hardware.cell.gantry import Gantry
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import Clock
-from fast.hardware.safety.safe_state import EmergencyStopError, FreezeError
+from fast.hardware.parts.force_sensor import ForceSensor
+from fast.hardware.parts.gantry import Gantry
+from fast.hardware.parts.layout import BenchLayout
+from fast.hardware.parts.safe_state import EmergencyStopError, FreezeError
 from fast.hardware.tools.journal import Journal, Transaction
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.tools.status import HeadSensors, ToolStatus, WayOn, judge

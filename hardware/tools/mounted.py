@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-from fast.models.records import Design, FinRay
+from fast.models.design.fin_ray import FinRay
+from fast.models.records import Design
 
 ADAPTOR_MASS_KG = 0.260  # head-side plate, jaws and quick-change pin of every tool, without fingers
 _PRINT_DENSITY_KG_PER_MM3 = 1.17e-6  # rubber-like photopolymers and their mixtures: 1.12 to 1.20 g/cm3

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import Clock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.click import VirtualClick
 from fast.hardware.virtual.faults import find_fault

@@ -1,1 +1,1 @@
-"""Bytes to and from devices: serial lines, Modbus, logs of them and their replay."""
+"""Bytes to and from devices: serial lines, Modbus, and logs of them."""

@@ -8,7 +8,8 @@ from datetime import UTC, datetime, timedelta
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from fast.models.records import FinRay, GraspSetup, Placement, Record, Theta
+from fast.models.design.fin_ray import FinRay
+from fast.models.records import GraspSetup, Placement, Record, Theta
 from fast.models.units import unit_of
 
 _EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)

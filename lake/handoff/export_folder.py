@@ -28,6 +28,7 @@ from fast.lake.handoff.format import (
 )
 from fast.lake.handoff.import_folder import HandoffCounts
 from fast.lake.provenance import PACKAGE
+from fast.lake.query.lots import read_lot_rows
 from fast.lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (
@@ -41,7 +42,6 @@ from fast.lake.tables.campaign import (
     TraceRow,
 )
 from fast.lake.tables.imported import importing_campaign
-from fast.lake.tables.material import read_lot_rows
 from fast.models.errors import LakeError, UsageError
 from fast.models.records import GraspSetup
 

@@ -46,12 +46,14 @@ from fast.lake.handoff.samples import check_samples, needs_samples, read_traces
 from fast.lake.handoff.tables import HandoffError, Reader, Table, new_id, read_csv
 from fast.lake.tables.material import MaterialRow
 from fast.models.design.families import read_design
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.recipe import Recipe
 from fast.models.design.space import PARAMETERS
 from fast.models.errors import FastError, UsageError
 from fast.models.material import MaterialMeasurement
-from fast.models.objects.catalogue import OBJECTS, RigidObject, find_object
-from fast.models.records import Design, FinRay, Trace
+from fast.models.objects.catalogue import OBJECTS, find_object
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import Design, Trace
 
 _MOST_SHAPES_BYTES = 400_000_000
 

@@ -14,6 +14,10 @@ from __future__ import annotations
 import logging
 import os
 import re
+import shutil
+import tempfile
+import uuid
+import weakref
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
@@ -26,10 +30,9 @@ import duckdb
 import pyarrow as pa
 
 from fast.lake.order import CLOCK, LATEST_FIRST
-from fast.lake.storage.files import FILE_PREFIX, FILE_SUFFIX, fault_of
+from fast.lake.storage.files import FILE_PREFIX, FILE_SUFFIX, fault_of, newer_fault, unusable, version_number
 from fast.lake.tables.campaign import TABLE_BY_NAME, TABLES, Row
-from fast.lake.tables.schema import has_samples, schema_of, sql_columns
-from fast.lake.tables.upgrades import Upgrades
+from fast.lake.tables.schema import SCHEMA_VERSION, VERSION_KEY, has_samples, schema_of, sql_columns
 from fast.models.errors import LakeError, UsageError
 
 _LOG = logging.getLogger(__name__)
@@ -59,13 +62,8 @@ class _TableFiles:
     signatures: dict[str, Signature] = field(default_factory=dict)
     numbers: dict[str, int] = field(default_factory=dict)
     next_number: int = 0
-    copies: dict[str, Path] = field(default_factory=dict)  # what is read in place of older files
     partial: set[str] = field(default_factory=set)  # of traces: files that lack a column
     n_losses: int = 0
-
-    def paths(self, folder: Path, names: Iterable[str]) -> list[Path]:
-        """Where to read these files."""
-        return [self.copies.get(name, folder / name) for name in names]
 
 
 class Engine:
@@ -73,7 +71,8 @@ class Engine:
 
     def __init__(self, root: Path) -> None:
         self._root, self._number = root, next(_ENGINES)
-        self._upgrades = Upgrades(root)
+        self._temporary = Path(tempfile.gettempdir()).resolve() / f"fast-lake-{uuid.uuid4().hex}"
+        weakref.finalize(self, _remove_own, self._temporary, os.getpid())
         self._files = {row_type.table: _TableFiles() for row_type in TABLES}
         self._old_views: set[str] = set()  # tables whose view does not show all that was read
         self._defined = set(_TIMES_VIEW.values())  # names of `views.sql` that the connection has
@@ -83,7 +82,7 @@ class Engine:
         self.connection.execute("USE held")
         self.connection.execute("SET TimeZone = 'UTC'")
         self.connection.execute(f"SET memory_limit = '{_MEMORY_LIMIT}'")
-        self.connection.execute(f"SET temp_directory = {_quote(self._upgrades.temporary / 'spilled')}")
+        self.connection.execute(f"SET temp_directory = {_quote(self._temporary)}")
         self.connection.execute("BEGIN TRANSACTION")  # one for all: each would take as long as its statements
         for row_type in TABLES:
             self._create_table(row_type)
@@ -91,7 +90,7 @@ class Engine:
             if row_type.table in _TIMES_VIEW:
                 self._point_views(row_type)
         self.connection.execute("COMMIT")
-        readable = [root.resolve() / row_type.table for row_type in TABLES] + self._upgrades.folders
+        readable = [root.resolve() / row_type.table for row_type in TABLES] + [self._temporary]
         self.connection.execute(f"SET allowed_directories = {_quoted_list(readable)}")
         self.connection.execute("SET enable_external_access = false")
         self.connection.execute("SET lock_configuration = true")
@@ -131,7 +130,7 @@ class Engine:
     def files(self, table: str) -> list[Path]:
         """Files of a table as of the last `sync`."""
         known = self._files[table]
-        return known.paths(self._root / table, sorted(known.signatures))
+        return [self._root / table / name for name in sorted(known.signatures)]
 
     def mark(self, table: str) -> Mark:
         """How far a table was read by the last `sync`."""
@@ -150,8 +149,7 @@ class Engine:
             return None
         ((file_number, row),) = found
         names = {number: name for name, number in self._files[table].numbers.items()}
-        (path,) = self._files[table].paths(self._root / table, [names[file_number]])
-        return path, row
+        return self._root / table / names[file_number], row
 
     def has_superseded(self, table: str) -> bool:
         """True when some row of the table has been superseded, as of the last `sync`."""
@@ -192,12 +190,12 @@ class Engine:
         """SELECT of the rows of a table of traces; the files in `with_old` hold superseded rows too."""
         known, folder = self._files[table], self._root.resolve() / table
         parts = [f"SELECT * FROM empty_{table}"]
-        if plain := known.paths(folder, sorted(set(known.signatures) - with_old - known.partial)):
+        if plain := _places(folder, set(known.signatures) - with_old - known.partial):
             parts.append(f"SELECT * FROM read_parquet({_quoted_list(plain)})")
-        if partial := known.paths(folder, sorted(known.partial - with_old)):
+        if partial := _places(folder, known.partial - with_old):
             parts.append(f"SELECT * FROM read_parquet({_quoted_list(partial)}, union_by_name = true)")
         if with_old:
-            paths = _quoted_list(known.paths(folder, sorted(with_old)))
+            paths = _quoted_list(_places(folder, with_old))
             parts.append(
                 "SELECT * EXCLUDE (_name, file_row_number) FROM (SELECT * REPLACE (parse_filename(_name) AS _name) "
                 f"FROM read_parquet({paths}, union_by_name = true, filename = '_name', file_row_number = true)) AS new "
@@ -250,30 +248,38 @@ class Engine:
             self.connection.execute(f"CREATE OR REPLACE TEMP TABLE touched AS SELECT {key} AS _id {gone}", [stale])
             self.connection.execute(f"DELETE {gone}", [stale])
         kept = {name: number for name, number in known.numbers.items() if name in found}
-        copies = {name: copy for name, copy in known.copies.items() if name in found and name not in numbers}
         if changed:
-            folder = self._root.resolve() / row_type.table
-            copies |= self._upgrades.copies(self.connection, row_type, [folder / name for name in changed])
+            self._refuse_newer(row_type, _places(self._root.resolve() / row_type.table, changed))
         partial = known.partial & set(found) - set(numbers)
         n_losses = known.n_losses + bool(stale)
-        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), copies, partial, n_losses)
+        taken = _TableFiles(found, kept | numbers, known.next_number + len(changed), partial, n_losses)
         if changed:
             self._read_rows(row_type, taken, numbers)
         return taken
+
+    def _refuse_newer(self, row_type: type[Row], paths: Sequence[Path]) -> None:
+        """Raise LakeError for the first file that a newer program wrote."""
+        found = self.connection.execute(
+            "SELECT file_name, decode(value) FROM parquet_kv_metadata(?) WHERE decode(key) = ? ORDER BY 1",
+            [[str(path) for path in paths], VERSION_KEY],
+        )
+        for name, text in found.fetchall():
+            if version_number(text) > SCHEMA_VERSION:
+                raise unusable(Path(name), newer_fault(version_number(text), row_type))
 
     def _read_rows(self, row_type: type[Row], taken: _TableFiles, numbers: dict[str, int]) -> None:
         """Add the rows (of traces: the index, and which files lack a column) of the files with these numbers."""
         table = row_type.table
         self._hold_numbers(numbers)
-        paths = _quoted_list(taken.paths(self._root.resolve() / table, numbers))
+        places = _places(self._root.resolve() / table, numbers)
         held = "rows.* EXCLUDE (filename, file_row_number) REPLACE (coalesce(rows.sequence, 0) AS sequence)"
         if has_samples(row_type):
             key = row_type.id_column()
             held = f"{key}, created_at, coalesce(sequence, 0) AS sequence, hash({key}) AS _hash"
-            taken.partial |= self._partial_files(row_type, taken.paths(self._root.resolve() / table, numbers))
+            taken.partial |= self._partial_files(row_type, places)
         inserted = self.connection.execute(
             f"INSERT INTO raw_{table} BY NAME SELECT {held}, _file, file_row_number AS _row "
-            f"FROM (SELECT * FROM empty_{table} UNION ALL BY NAME SELECT * FROM read_parquet({paths}, "
+            f"FROM (SELECT * FROM empty_{table} UNION ALL BY NAME SELECT * FROM read_parquet({_quoted_list(places)}, "
             "union_by_name = true, filename = true, file_row_number = true)) AS rows "
             "JOIN new_files ON new_files._name = parse_filename(rows.filename)"
         )
@@ -426,6 +432,17 @@ def create_table(name: str, columns: Mapping[str, str]) -> str:
     """Statement that makes an empty table with columns of these types."""
     listed = ", ".join(f'"{column}" {sql_type}' for column, sql_type in columns.items())
     return f"CREATE TABLE {name} ({listed})"
+
+
+def _places(folder: Path, names: Iterable[str]) -> list[Path]:
+    """Paths of files of a folder, in the order of their names."""
+    return [folder / name for name in sorted(names)]
+
+
+def _remove_own(folder: Path, process_id: int) -> None:
+    """Remove a temporary folder, but not from a process that was forked by its owner."""
+    if os.getpid() == process_id:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _quoted_list(paths: list[Path]) -> str:

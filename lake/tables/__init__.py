@@ -1,1 +1,1 @@
-"""The tables: their rows as records, schemas, links between them, and upgrades of older lakes."""
+"""The tables: their rows as records, schemas, and links between them."""

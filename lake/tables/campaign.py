@@ -16,10 +16,12 @@ from fast.lake.tables.inference import CalibrationRow, EffectRow, GapFindingRow,
 from fast.lake.tables.material import MaterialRow
 from fast.lake.tables.requests import GraspRequestRow, read_placement
 from fast.lake.tables.row import Channel, Row, Status
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.space import PARAMETERS
 from fast.models.ids import canonical_json, content_id, id_in_lab
-from fast.models.objects.catalogue import RigidObject
-from fast.models.records import Design, FinRay, Placement, SimulatorVersion, Trace
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import Design, Placement, Trace
+from fast.models.simulation.version import SimulatorVersion
 
 
 class CampaignRow(Row):
@@ -32,7 +34,7 @@ class CampaignRow(Row):
 
 
 class DesignRow(Row):
-    """The parameters of a finger; ranges are those of its family (`models.records.FinRay` for a fin ray).
+    """The parameters of a finger; ranges are those of its family (`models.design.fin_ray.FinRay` for a fin ray).
 
     Every family has the three outer sizes. The other columns of the nine are those of fin rays, and of other families
     that have a parameter of the same name.

@@ -5,8 +5,10 @@ from collections.abc import Sequence
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EffectRow, ObjectRow, SimulatorVersionRow
 from fast.lake.tables.row import Row
-from fast.models.objects.catalogue import OBJECTS, RigidObject
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.objects.catalogue import OBJECTS
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import EffectValue
+from fast.models.simulation.version import SimulatorVersion
 
 
 def version_rows(version: SimulatorVersion) -> list[Row]:

@@ -1,16 +1,12 @@
 """The table of what was measured of the lots of printing material."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 from pydantic import Field
 
 from fast.lake.tables.row import Row
 from fast.models.ids import content_id
 from fast.models.material import QUANTITIES, MaterialLot, MaterialMeasurement
-
-if TYPE_CHECKING:
-    from fast.lake.store import Lake
 
 
 class MaterialRow(Row):
@@ -39,12 +35,6 @@ class MaterialRow(Row):
     def measurement(self) -> MaterialMeasurement:
         """The measurement of this row."""
         return MaterialMeasurement(**self.model_dump(include=set(MaterialMeasurement.model_fields) - {"sure"}))
-
-
-def read_lot_rows(lake: "Lake", lot: str | Sequence[str] | None = None) -> list[MaterialRow]:
-    """What is measured of a lot, of several, or of all of the lake, but for what was taken back."""
-    where = {} if lot is None else {"lot": lot}
-    return lake.records(MaterialRow, taken_back_by=None, **where)
 
 
 def lot_of_rows(rows: list[MaterialRow]) -> MaterialLot:

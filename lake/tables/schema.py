@@ -16,9 +16,10 @@ from pydantic import BaseModel
 
 from fast.lake.provenance import ProvenanceColumns
 from fast.lake.tables.campaign import Row
-from fast.lake.tables.migrations import VERSION_KEY, table_version
 from fast.models.units import unit_of
 
+VERSION_KEY = "fast.schema_version"  # of a file's metadata; one that says nothing holds version 1
+SCHEMA_VERSION = 1  # of the columns of every table; columns that may be empty came and come without a new one
 _SCALARS: dict[Any, pa.DataType] = {
     str: pa.string(),
     int: pa.int64(),
@@ -46,7 +47,7 @@ def schema_of(row_type: type[Row]) -> pa.Schema:
     fields = [_field(row_type, row_type.id_column())]
     fields += [_field(row_type, name) for name in own if name != row_type.id_column()]
     fields += [_field(ProvenanceColumns, name) for name in ProvenanceColumns.model_fields if name not in own]
-    metadata = {"fast.table": row_type.table, VERSION_KEY: str(table_version(row_type.table))}
+    metadata = {"fast.table": row_type.table, VERSION_KEY: str(SCHEMA_VERSION)}
     return pa.schema(fields, metadata=metadata)
 
 

@@ -4,14 +4,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from fast.models.design.fin_ray import FinRay
 from fast.models.errors import ConfigError, UsageError
 from fast.models.own_code import load_own
-from fast.models.records import Design, FinRay
+from fast.models.records import Design
 from fast.models.validation import closest, load_record
 
 # A family of a user's own needs no line here: configs name it as `module:Class`.
 FAMILIES: Mapping[str, str] = {
-    "fin-ray": "fast.models.records:FinRay",
+    "fin-ray": "fast.models.design.fin_ray:FinRay",
     "graded-fin-ray": "fast.models.design.graded:GradedFinRay",
     "free-form": "fast.models.design.free_form:FreeForm",
 }
@@ -53,7 +54,7 @@ def check_section(design: Design) -> None:
     """
     from shapely.geometry import Polygon
 
-    from fast.models.design.profile import BASE_HEIGHT_MM
+    from fast.models.design.fin_ray import BASE_HEIGHT_MM
 
     section = design.draw_section()
     what = f"the section of design {design.design_id} ({design.family})"

@@ -9,8 +9,8 @@ from shapely import affinity
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from fast.models.design.fin_ray import BASE_HEIGHT_MM
 from fast.models.design.glyphs import text_outline
-from fast.models.design.profile import BASE_HEIGHT_MM
 from fast.models.records import Design
 
 MARK_DEPTH_MM = 0.6

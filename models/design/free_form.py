@@ -14,7 +14,7 @@ from pydantic import Field
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from fast.models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM, MIN_EDGE_MM
+from fast.models.design.fin_ray import APEX_EXTRA_MM, BASE_HEIGHT_MM, MIN_EDGE_MM
 from fast.models.records import Design
 
 LENGTH_SCALE_MM = 2.0  # no void and no bridge between voids is thinner

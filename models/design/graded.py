@@ -5,8 +5,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from fast.models.design.profile import is_in_rib
-from fast.models.records import FinRay
+from fast.models.design.fin_ray import FinRay, is_in_rib
 
 
 class GradedFinRay(FinRay):

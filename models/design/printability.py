@@ -27,7 +27,7 @@ def broken_rules(design: Design, rules: PrintingRules) -> list[str]:
     """What is wrong with a design, one phrase for each rule it breaks; nothing when it can be printed.
 
     A cavity without room for the circle, such as the wedge between a steep rib and the tip, keeps its support or is
-    filled (`models.design.profile` fills what a printer cannot resolve): the finger is not the one that was meant.
+    filled (`models.design.fin_ray` fills what a printer cannot resolve): the finger is not the one that was meant.
 
     Example:
         >>> from fast.models.design.space import BEST_PUBLISHED
@@ -77,8 +77,8 @@ def _find_thin(design: Design, min_wall_mm: float) -> str:
 
 def estimate_mass_g(design: Design) -> float:
     """Mass of one printed finger with its base, without support."""
+    from fast.models.design.fin_ray import BASE_HEIGHT_MM
     from fast.models.design.finger import DENSITY_G_PER_MM3  # trimesh takes half a second to import
-    from fast.models.design.profile import BASE_HEIGHT_MM
 
     base_mm3 = design.length_mm * design.width_mm * BASE_HEIGHT_MM
     return DENSITY_G_PER_MM3 * (design.measure_section_mm2() * design.width_mm + base_mm3)

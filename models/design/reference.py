@@ -7,9 +7,10 @@ from collections.abc import Mapping
 
 from pydantic.fields import FieldInfo
 
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
-from fast.models.records import Design, FinRay
+from fast.models.records import Design
 from fast.models.validation import closest
 
 # By the name that `schedule.reference` gives. Nothing of it may change: measured forces refer to it.

@@ -5,9 +5,9 @@ from html import escape
 
 import numpy as np
 
+from fast.models.design.fin_ray import BASE_HEIGHT_MM
 from fast.models.design.finger import FingerBodies, finger_bodies
 from fast.models.design.printability import PrintingRules, broken_rules
-from fast.models.design.profile import BASE_HEIGHT_MM
 from fast.models.design.recipe import LINES_PER_WALL, Recipe
 from fast.models.design.reference import find_reference
 from fast.models.design.tray import (

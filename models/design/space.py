@@ -12,8 +12,9 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 from pydantic import Field
 
+from fast.models.design.fin_ray import FinRay
 from fast.models.errors import UsageError
-from fast.models.records import Design, FinRay, Record
+from fast.models.records import Design, Record
 from fast.models.units import unit_of
 from fast.models.validation import closest
 

@@ -1,77 +1,17 @@
 """The 36 test objects, fixed once: a table of data, from which shapes follow; and the way to own objects by number.
 
 The paper (Materials and Methods, Test objects) gives the classes, the 50 mm box and a few numbers: 14 is a tube, 24 and
-25 are cones, 30 to 35 have flat sides. The rest is this project's choice, drawn in docs/objects.png. Sizes are those
-of the sharp shape; `rounding_mm` then takes away edges and tips.
+25 are cones, 30 to 35 have flat sides. The rest is this project's choice. Sizes are those of the sharp shape;
+`rounding_mm` then takes away edges and tips.
 """
 
 import weakref
-from functools import cached_property
-from typing import Literal, Protocol
-
-import numpy as np
+from typing import Protocol
 
 from fast.models.errors import UsageError
-from fast.models.objects.primitives import bounds, is_round, moved, rotated
-from fast.models.objects.shapes import SHAPES
-from fast.models.records import Record
+from fast.models.objects.rigid import Orientation, RigidObject
 
 FIRST_OWN_ID = 1000  # numbers of own objects follow from their content, see `models.objects.own`
-Orientation = Literal["axis z", "axis x", "axis y", "turned 45 deg", "upside down"]
-
-_HALF = np.sqrt(0.5)
-_ROTATIONS: dict[str, np.ndarray] = {
-    "axis z": np.eye(3),
-    "axis x": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
-    "axis y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
-    "turned 45 deg": np.array([[_HALF, -_HALF, 0.0], [_HALF, _HALF, 0.0], [0.0, 0.0, 1.0]]),
-    "upside down": np.diag([1.0, -1.0, -1.0]),
-}
-
-
-class RigidObject(Record):
-    """A rigid object on its mount, in the object frame: footprint centred in x and y, resting on z = 0.
-
-    `mirror_x` / `mirror_y`: the shape is its own mirror image in the plane x = 0 / y = 0. `orientation`: where the
-    shape's own axis points, or how it is turned about z. `shape`: of an own object, as `models.objects.own` writes it;
-    None for the 36, whose class and parameters say it.
-    """
-
-    object_id: int
-    name: str
-    object_class: str
-    parameters: dict[str, float]
-    orientation: Orientation
-    mirror_x: bool
-    mirror_y: bool
-    shape: str | None = None
-
-    @property
-    def primitives(self) -> np.ndarray:
-        """The shape as rows (n_rows, N_COLUMNS) for `models.objects.distance`, in the object frame, mm."""
-        if self.shape is not None:
-            from fast.models.objects.own import shape_rows  # compiles; the 36 do without
-
-            return shape_rows(self.shape)
-        rows = rotated(SHAPES[self.object_class](self.parameters), _ROTATIONS[self.orientation])
-        low, high = bounds(rows)
-        return moved(rows, -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
-
-    @cached_property
-    def size_mm(self) -> tuple[float, float, float]:
-        """Footprint in x and y, and height: of the box round the object, in mm."""
-        low, high = bounds(self.primitives)
-        return float(high[0] - low[0]), float(high[1] - low[1]), float(high[2])
-
-    @property
-    def height_mm(self) -> float:
-        """Top of the object over its mount, in mm."""
-        return self.size_mm[2]
-
-    @cached_property
-    def is_round(self) -> bool:
-        """True for a body of revolution about its vertical axis, which looks the same after any turn about it."""
-        return is_round(self.primitives)
 
 
 class ObjectSource(Protocol):

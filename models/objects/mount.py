@@ -3,11 +3,11 @@
 import trimesh
 
 from fast.models.errors import UsageError
-from fast.models.objects.catalogue import RigidObject
-from fast.models.objects.own import mesh_of
+from fast.models.objects.rigid import RigidObject
+from fast.models.objects.shape_text import MeshShape, mesh_of_shape, read_shape
 from fast.models.objects.surface import object_mesh
 
-MOUNT_HEIGHT_MM = 33.0  # as in `hardware.cell.layout.BenchLayout`, from the sheet to the object's bottom
+MOUNT_HEIGHT_MM = 33.0  # as in `hardware.parts.layout.BenchLayout`, from the sheet to the object's bottom
 POST_DIAMETER_MM = 12.0  # fingers that close to 16 mm pass below the object
 FOOT_MM = (40.0, 40.0, 3.0)  # tips that hang 30 mm below the object stay above it
 _OVERLAP_MM = 1.0  # of the post and the object
@@ -38,6 +38,12 @@ def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -
 
 def unmounted_mesh(obj: RigidObject) -> trimesh.Trimesh:
     """Watertight mesh of an object alone, mm; z = 0 is its bottom."""
-    own = mesh_of(obj)
+    own = _own_mesh(obj)
     # What is no clean solid (bodies that overlap, say) is printed as the simulator sees it.
     return own if own is not None and own.is_volume else object_mesh(obj, _SPACING_MM)
+
+
+def _own_mesh(obj: RigidObject) -> trimesh.Trimesh | None:
+    """The mesh from which an own object was made; None where it was not made from one."""
+    read = None if obj.shape is None else read_shape(obj.shape)
+    return mesh_of_shape(read) if isinstance(read, MeshShape) else None

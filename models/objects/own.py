@@ -1,8 +1,4 @@
-"""Own objects: from parts or a closed mesh to a `RigidObject`, with a number that follows from its content.
-
-Its shape is kept as text, JSON of its parts or of a mesh that stands in the object frame (a binary STL, packed), so
-that a lake or a worker process has all of it after the file is gone.
-"""
+"""Own objects: from parts or a closed mesh to a `RigidObject`, with a number that follows from its content."""
 
 import base64
 import hashlib
@@ -10,48 +6,29 @@ import io
 import re
 import zlib
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 import trimesh
-from pydantic import TypeAdapter
 
 from fast.models.errors import ConfigError
 from fast.models.ids import canonical_json
 from fast.models.objects.bodies import check_one_piece, check_parts_touch
-from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject
+from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS
 from fast.models.objects.distance import distance
 from fast.models.objects.grid import SAME_MM, MeshGrid, looks_round, surface_points
 from fast.models.objects.parts import Part, Turn, turn_matrix
-from fast.models.objects.primitives import bounds, moved
+from fast.models.objects.primitives import bounds
+from fast.models.objects.rigid import RigidObject
+from fast.models.objects.shape_text import MeshShape, PartsShape, check_mesh, place_parts, read_shape, unpack_mesh
 from fast.models.objects.surface import surface_of
-from fast.models.records import Record
 
 OWN_CLASS = "own"
 LEAST_SIZE_MM, MOST_HEIGHT_MM = 3.0, 50.0
 MOST_WIDTH_MM = (64.0, 100.0)  # x: jaws that are 70 mm open pass; y: the fingers keep clear of the next place
-MOST_TRIANGLES = 200_000
-GRIDS_KEPT = 36  # up to 10 MB each
 _LAST_ID = 2**31 - 1
 MOST_LETTERS = 40
 _NAME = re.compile(f"[A-Za-z][A-Za-z0-9 _-]{{0,{MOST_LETTERS - 1}}}")
 _MIRRORS = (np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0]))
-
-
-class _MeshShape(Record):
-    """A mesh in the object frame: `stl` is base64 of a zlib stream of a binary STL in mm."""
-
-    kind: Literal["mesh"] = "mesh"
-    is_round: bool
-    stl: str
-
-
-class _PartsShape(Record):
-    """A union of parts, before it is stood on the mount."""
-
-    kind: Literal["parts"] = "parts"
-    parts: tuple[Part, ...]
 
 
 def object_of_parts(name: str, parts: Sequence[Part], source: str) -> RigidObject:
@@ -60,7 +37,7 @@ def object_of_parts(name: str, parts: Sequence[Part], source: str) -> RigidObjec
     Raises:
         ConfigError: the name or the size cannot be used, or parts do not touch.
     """
-    shape = _PartsShape(parts=tuple(parts))
+    shape = PartsShape(parts=tuple(parts))
     obj = _of_parts(name, shape, source)
     check_parts_touch([part.rows for part in shape.parts], source)
     return obj
@@ -80,7 +57,7 @@ def object_of_mesh(
         ConfigError: the mesh is not closed, has no volume, too many triangles or bodies that do not touch, or name or
             size cannot be used.
     """
-    stood = _stand(_checked(mesh, source), scale, turn_deg)
+    stood = _stand(check_mesh(mesh, source), scale, turn_deg)
     _check_size(np.ptp(stood.bounds, axis=0), source)  # before a grid is made for it
     check_one_piece(stood, source)
     return _of_placed_mesh(name, stood, trimesh.exchange.stl.export_stl(stood), source)
@@ -93,35 +70,15 @@ def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
         ConfigError: the text is no shape, or no object that the bench can hold.
     """
     try:
-        read = _read(shape)
-        if isinstance(read, _PartsShape):
+        read = read_shape(shape)
+        if isinstance(read, PartsShape):
             return _of_parts(name, read, source)
-        stl = _unpack(read)
+        stl = unpack_mesh(read)
         mesh = trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
     except (ValueError, zlib.error, RecursionError) as error:
         raise ConfigError(f"{source}: the shape of `{name}` cannot be read; export it again.") from error
-    _check_size(np.ptp(_checked(mesh, source).bounds, axis=0), source)
+    _check_size(np.ptp(check_mesh(mesh, source).bounds, axis=0), source)
     return _of_placed_mesh(name, mesh, stl, source)
-
-
-@lru_cache(maxsize=GRIDS_KEPT)
-def shape_rows(shape: str) -> np.ndarray:
-    """Rows of primitives, in the object frame, of the text of a shape; kept by each process, so never changed."""
-    read = _read(shape)
-    if isinstance(read, _PartsShape):
-        rows = _place_parts(read.parts)
-    else:
-        rows = MeshGrid.of(_mesh_of(read)).row(is_round=read.is_round)
-    rows.flags.writeable = False
-    return rows
-
-
-def mesh_of(obj: RigidObject) -> trimesh.Trimesh | None:
-    """The mesh, in the object frame, from which an own object was made; None where it was not made from one."""
-    if obj.shape is None:
-        return None
-    read = _read(obj.shape)
-    return _mesh_of(read) if isinstance(read, _MeshShape) else None
 
 
 def own_id(content: bytes) -> int:
@@ -130,9 +87,9 @@ def own_id(content: bytes) -> int:
     return FIRST_OWN_ID + number % (_LAST_ID - FIRST_OWN_ID)
 
 
-def _of_parts(name: str, shape: _PartsShape, source: str) -> RigidObject:
+def _of_parts(name: str, shape: PartsShape, source: str) -> RigidObject:
     _check_name(name, source)
-    rows = _place_parts(shape.parts)
+    rows = place_parts(shape.parts)
     points = np.asarray(surface_of(rows).vertices)
     has_mirrors = [bool(np.abs(distance(rows, points * signs)).max() <= SAME_MM) for signs in _MIRRORS]
     low, high = bounds(rows)
@@ -144,14 +101,14 @@ def _of_placed_mesh(name: str, mesh: trimesh.Trimesh, stl: bytes, source: str) -
     _check_name(name, source)  # before a grid is made for it
     mesh_grid, points = MeshGrid.of(mesh), surface_points(mesh)
     packed = base64.b64encode(zlib.compress(stl, 9)).decode()
-    shape = _MeshShape(is_round=looks_round(mesh_grid, points), stl=packed)
+    shape = MeshShape(is_round=looks_round(mesh_grid, points), stl=packed)
     has_mirrors = [mesh_grid.has_on_surface(points * signs) for signs in _MIRRORS]
     return _object(name, shape, stl, np.ptp(mesh.bounds, axis=0), has_mirrors, source)
 
 
 def _object(
     name: str,
-    shape: _MeshShape | _PartsShape,
+    shape: MeshShape | PartsShape,
     content: bytes,
     size_mm: np.ndarray,
     has_mirrors: Sequence[bool],
@@ -177,63 +134,6 @@ def _check_name(name: str, source: str) -> None:
             f"{source}: `{name}` cannot be the name of an own object; it begins with a letter, has at most "
             f"{MOST_LETTERS} letters, digits, spaces, `_` or `-`, and is none of the 36; set `name` in its .toml file."
         )
-
-
-def _place_parts(parts: Sequence[Part]) -> np.ndarray:
-    """Rows of the union of parts, footprint centred, on z = 0."""
-    rows = np.concatenate([part.rows for part in parts])
-    low, high = bounds(rows)
-    return moved(rows, -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
-
-
-def _read(shape: str) -> _MeshShape | _PartsShape:
-    found: _MeshShape | _PartsShape = TypeAdapter(_MeshShape | _PartsShape).validate_json(shape)
-    return found
-
-
-def _mesh_of(shape: _MeshShape) -> trimesh.Trimesh:
-    return trimesh.load_mesh(io.BytesIO(_unpack(shape)), file_type="stl")
-
-
-def _unpack(shape: _MeshShape) -> bytes:
-    """The binary STL of a shape.
-
-    Raises:
-        ValueError, zlib.error: it is none, or larger than any that is taken.
-    """
-    packed, most = zlib.decompressobj(), 84 + 50 * MOST_TRIANGLES
-    stl = packed.decompress(base64.b64decode(shape.stl, validate=True), most)
-    if not packed.eof:
-        raise ValueError("larger than any mesh that is taken, or cut off")
-    return stl
-
-
-def _checked(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
-    """The mesh, its triangles turned the same way."""
-    n_triangles = len(mesh.faces)
-    if n_triangles == 0:
-        raise ConfigError(f"{source}: it has no triangles; export the object as a mesh.")
-    if n_triangles > MOST_TRIANGLES:
-        raise ConfigError(
-            f"{source}: it has {n_triangles} triangles, at most {MOST_TRIANGLES} are taken; export it coarser."
-        )
-    if not np.isfinite(mesh.vertices).all():
-        raise ConfigError(f"{source}: a corner of it is not a finite number; export the mesh again.")
-    a, b, c = mesh.faces.T
-    turned = mesh.copy()
-    turned.update_faces((a != b) & (b != c) & (c != a))
-    _, n_faces = np.unique(turned.edges_sorted, axis=0, return_counts=True)
-    if n_open := int((n_faces % 2).sum()):
-        raise ConfigError(
-            f"{source}: the mesh is not watertight, {n_open} of its {len(n_faces)} edges do not join two triangles; "
-            "close it in the program that made it."
-        )
-    with np.errstate(invalid="ignore", divide="ignore"):  # a mesh without volume has no centre
-        if not turned.is_winding_consistent or turned.volume < 0.0:
-            turned.fix_normals()
-    if not abs(turned.volume) > 1e-9 * float(np.prod(np.maximum(np.ptp(turned.bounds, axis=0), 1e-9))):
-        raise ConfigError(f"{source}: the mesh has no volume; export a solid.")
-    return turned
 
 
 def _stand(mesh: trimesh.Trimesh, scale: float, turn_deg: Turn) -> trimesh.Trimesh:

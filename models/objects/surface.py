@@ -4,9 +4,9 @@ import numpy as np
 import trimesh
 from skimage.measure import marching_cubes
 
-from fast.models.objects.catalogue import RigidObject
 from fast.models.objects.distance import distance, distance_and_normal
 from fast.models.objects.primitives import bounds
+from fast.models.objects.rigid import RigidObject
 
 _PROJECTIONS = 3
 

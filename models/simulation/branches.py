@@ -22,21 +22,12 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from fast.models.errors import SimulationFailed
-from fast.models.objects.catalogue import RigidObject
-from fast.models.records import (
-    Branch,
-    BranchCause,
-    Branches,
-    Design,
-    GraspSetup,
-    GraspSimulation,
-    Placement,
-    SimulatorVersion,
-    Trace,
-)
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import Branch, BranchCause, Branches, Design, GraspSetup, GraspSimulation, Placement, Trace
 from fast.models.simulation.grasp import SNAP, simulate_grasp
 from fast.models.simulation.problem import find_numerics
 from fast.models.simulation.solver.stepping import StepLimits
+from fast.models.simulation.version import SimulatorVersion
 
 PLACEMENT_SD_MM = 0.2  # of an object on its mount, in x and in z
 REACH_SD = 2.0  # how far placements are tried on each axis: 95 % of them lie within

@@ -8,18 +8,9 @@ from typing import Self
 import numpy as np
 
 from fast.models.errors import UsageError
-from fast.models.objects.catalogue import RigidObject
 from fast.models.objects.primitives import bounds
-from fast.models.records import (
-    Design,
-    GraspContext,
-    GraspSetup,
-    GraspSimulation,
-    Placement,
-    SimulatorVersion,
-    Trace,
-    check_tier,
-)
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import Design, GraspContext, GraspSetup, GraspSimulation, Placement, Trace
 from fast.models.simulation.actuation import ClosingStall
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
 from fast.models.simulation.contact.law import ObjectObstacle, Obstacle
@@ -43,6 +34,7 @@ from fast.models.simulation.solver.stepping import (
     lift_step_mm,
     travel_to_touch,
 )
+from fast.models.simulation.version import SimulatorVersion, check_tier
 from fast.models.traces import peak_force_n, work_j
 from fast.models.traces.step_features import LIFT_MM
 

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 
 from fast.models.errors import SimulationFailed
-from fast.models.objects.catalogue import RigidObject
 from fast.models.objects.primitives import bounds, moved, rotated, turn_about_z
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, GraspSetup, Placement
 
 Side = Literal["right", "left"]

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta
+from fast.models.records import Design, GraspSetup, Theta
 from fast.models.simulation.actuation import Jaw
 from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
@@ -15,6 +15,7 @@ from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.model import FingerModel, finger_model
 from fast.models.simulation.solver.newton import NewtonSettings
 from fast.models.simulation.solver.stepping import REFERENCE_LIMITS, StepLimits
+from fast.models.simulation.version import SimulatorVersion
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from itertools import count
 
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.diagnostics import NO_OBJECT
+from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.hardware.grasp_bench import GraspBench
-from fast.hardware.safety.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.lake.leases import exclusive
 from fast.lake.maintenance import compact
 from fast.lake.provenance import Provenance
@@ -92,7 +92,7 @@ def measure_batch(
             compact(campaign.lake, row_type, _MERGED_BYTES)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
+    owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(mounted) as bench:
         bench.set_leave(gantry.require)
         every = campaign.config.execution.position_check_tools

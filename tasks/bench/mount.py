@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import Protocol
 
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.layout import N_SLOTS
 from fast.hardware.grasp_bench import GraspBench
+from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
@@ -90,7 +90,7 @@ def measure_asked(
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    owned = exclusive(campaign.lake, "gantry", "the gantry of this lake is in use")
+    owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(tools) as bench:
         bench.set_leave(gantry.require)
         for tool in tools:

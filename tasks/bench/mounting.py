@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from fast.hardware.cell.layout import N_SLOTS
+from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import UsageError

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 from pydantic import Field
 
-from fast.hardware.cell.layout import N_SLOTS
+from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow, CampaignRow, ProposalRow, ToolRow
 from fast.models.design.recipe import Recipe

@@ -7,7 +7,7 @@ each batch: `schedule.reference_tools`. On a gantry they hang in the slots above
 from collections.abc import Sequence
 from dataclasses import replace
 
-from fast.hardware.cell.layout import N_SLOTS
+from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, UsageError
 from fast.models.records import GraspRequest

@@ -15,7 +15,7 @@ from fast.models.calibration.inference.settings import WITH_EFFECTS, Calibration
 from fast.models.calibration.inference.summary import check_quality, find_theta, find_worst, summarise_theta
 from fast.models.calibration.means.problem import THETA
 from fast.models.ids import canonical_json, content_id
-from fast.models.records import SimulatorVersion
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.drift import find_drift, read_theta_history
 
 Progress = Callable[[str], None]

@@ -16,9 +16,10 @@ from fast.models.calibration.means.problem import MIN_DESIGNS, MIN_SIMULATIONS, 
 from fast.models.design.space import FIN_RAYS, to_unit
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
-from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta
+from fast.models.records import Design, GraspSetup, Theta
 from fast.models.scientist.surrogate.imputation import mean_over_objects
 from fast.models.simulation.effects.scaling import scales_with_modulus
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.validation import closest, load_record
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples

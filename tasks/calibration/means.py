@@ -19,8 +19,8 @@ from fast.models.calibration.means.checks import Score, emulate, is_held_out, sc
 from fast.models.calibration.means.problem import CalibrationProblem
 from fast.models.errors import UsageError
 from fast.models.ids import content_id
-from fast.models.records import SimulatorVersion
 from fast.models.scientist.surrogate.imputation import mean_over_objects
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.calibrate import CalibrationData, Progress, make_version
 from fast.tasks.calibration.mean_data import (
     MeasuredTools,

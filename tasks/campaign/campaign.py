@@ -1,6 +1,6 @@
 """One campaign: its config on its lake. What every task is given, and all it may know."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +10,9 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow
 from fast.models.design.space import DesignSpace
 from fast.models.ids import seed_from
-from fast.models.records import SimulatorVersion
+from fast.models.own_code import load_constraint
+from fast.models.records import Design
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.config import CampaignConfig, relative_to
 from fast.tasks.campaign.own_designs import OwnDesign, list_references, place_designs, read_designs
 from fast.tasks.campaign.state import CampaignState, derive_state
@@ -73,6 +75,12 @@ class Campaign:
     def space(self) -> DesignSpace:
         """The designs that the campaign may make."""
         return self.config.design.space
+
+    @property
+    def constraint(self) -> Callable[[Design], bool] | None:
+        """The constraint of one's own on designs, if the config names one."""
+        name = self.config.scientist.constraint
+        return None if name is None else load_constraint(name)
 
     @property
     def output(self) -> Path:

@@ -7,16 +7,17 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from fast.hardware.cell.diagnostics import DiagnosticPlan
-from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.parts.layout import BenchLayout
 from fast.models.design.printability import PrintingRules
 from fast.models.design.recipe import Recipe
 from fast.models.design.reference import make_reference
 from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.material import TABLE_3, MaterialLot
-from fast.models.records import GraspSetup, Record, check_tier
+from fast.models.records import GraspSetup, Record
 from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
+from fast.models.simulation.version import check_tier
 from fast.models.validation import load_record, parse_toml
 from fast.tasks.campaign.settings import (
     REMOVED_RULES,

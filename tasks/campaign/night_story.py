@@ -8,7 +8,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.gap.findings import Verdict
 from fast.models.ids import canonical_json, content_id
-from fast.models.records import Record, SimulatorVersion
+from fast.models.records import Record
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.simulator_versions import count_seconds, find_decision, find_newest_decision
 from fast.tasks.gap.findings import KIND as GAP_ENDED

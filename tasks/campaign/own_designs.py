@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.printability import PrintingRules, broken_rules
 from fast.models.design.reference import make_reference
 from fast.models.errors import ConfigError, UsageError
-from fast.models.records import Design, FinRay
+from fast.models.records import Design
 from fast.models.validation import load_record
 from fast.tasks.campaign.csv_file import CsvRow, read_rows
 from fast.tasks.campaign.settings import Schedule

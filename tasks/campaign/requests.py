@@ -1,4 +1,4 @@
-"""What people ask of a running campaign (`hardware.safety.safe_state.Verb`), kept in the lake."""
+"""What people ask of a running campaign (`hardware.parts.safe_state.Verb`), kept in the lake."""
 
 import shutil
 import uuid
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fast.hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
+from fast.hardware.parts.safe_state import EmergencyStopError, StopAskedError, Verb
 from fast.hardware.wire.log_files import FOLDER_NAME
 from fast.lake.leases import holder_of
 from fast.lake.query.engine import Mark
@@ -51,7 +51,7 @@ def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payloa
 
 def append_request(lake: Lake, campaign_id: str, verb: Verb, message: str) -> None:
     """Ask the process that runs the campaign now for something; a later run does not hear it."""
-    holder = holder_of(lake, lease_name(campaign_id))
+    holder = holder_of(lake.storage, lease_name(campaign_id))
     append_event(lake, campaign_id, verb, message, **({"run": holder.token} if holder else {}))
 
 

@@ -6,23 +6,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from fast.hardware.cell.layout import N_OBJECTS, N_SLOTS, BenchLayout
+from fast.hardware.parts.layout import N_OBJECTS, N_SLOTS, BenchLayout
 from fast.models.design.families import find_family
 from fast.models.design.printability import PrintingRules
 from fast.models.design.reference import REFERENCES
 from fast.models.design.space import FIN_RAYS, DesignSpace, LinearLimit
 from fast.models.own_code import OWN, is_own
-from fast.models.records import (
-    REMOVED_TIER,
-    TIERS,
-    EffectValue,
-    MeshSettings,
-    Record,
-    SimulatorVersion,
-    Theta,
-    Tier,
-)
+from fast.models.records import EffectValue, Record, Theta
 from fast.models.scientist.objectives import LESS_IS_BETTER, MEAN_PEAK, MEASURED, NAMES
+from fast.models.simulation.version import REMOVED_TIER, TIERS, MeshSettings, SimulatorVersion, Tier
 from fast.models.validation import closest
 from fast.tasks.simulation.engine import check_engine
 
@@ -123,7 +115,7 @@ class ObjectPlan(Record):
 
     def _pass(self, seed: int) -> list[int]:
         if self.order == "fixed":
-            from fast.hardware.cell.route import shortest_tour
+            from fast.hardware.parts.route import shortest_tour
 
             return list(shortest_tour(self.object_ids, self.stand_on(BenchLayout())))
         objects = list(self.object_ids)

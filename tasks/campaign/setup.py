@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
-from fast.hardware.cell.layout import N_SLOTS
+from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.virtual.world.file import World, load_world
 from fast.lake.tables.campaign import CampaignRow, ProposalRow, ToolRow
 from fast.lake.tables.catalogue_rows import object_rows

@@ -10,7 +10,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
 from fast.models.calibration.inference.settings import WITH_EFFECTS
 from fast.models.ids import canonical_json, content_id
-from fast.models.records import Design, SimulatorVersion
+from fast.models.records import Design
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import tuples
 from fast.tasks.scientist.observe import means_of_simulations, means_of_tools, older_simulations, proposed_designs

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from fast.hardware.cell.limits import BenchLimits
+from fast.hardware.parts.limits import BenchLimits
 
 USUAL_BUDGET = 24  # grasps, as usual and changed
 

@@ -31,8 +31,9 @@ from fast.models.gap.bank.sensor_effects import N_LEAD, read_lead
 from fast.models.gap.fit.theta import make_grid_bank
 from fast.models.gap.grasps import Cells
 from fast.models.ids import canonical_json, content_id
-from fast.models.records import Design, GraspSetup, Placement, SimulatorVersion, Theta, Trace, find_setup_id
+from fast.models.records import Design, GraspSetup, Placement, Theta, Trace, find_setup_id
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import N_STEPS, is_usable, step_means
 from fast.tasks.gap.trace_rows import read_traces
 from fast.tasks.simulation.plan import SimulationPlan

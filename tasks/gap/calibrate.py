@@ -22,7 +22,8 @@ from fast.models.gap.data import GapData
 from fast.models.gap.evidence.rehearsal import Rehearsal
 from fast.models.gap.findings import ParameterEstimate
 from fast.models.ids import canonical_json
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.calibrate import CalibrationData, Progress, calibrate_once, write_settings
 from fast.tasks.gap.bank import list_bank_ids
 from fast.tasks.gap.theta import count_training

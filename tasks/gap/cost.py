@@ -12,8 +12,9 @@ from fast.lake.tables.campaign import SimulatorVersionRow
 from fast.models.gap.bank.bank import CENTRE, BankPlan
 from fast.models.gap.local_bank import MOST_EFFECTS, MOST_RUNS
 from fast.models.ids import canonical_json
-from fast.models.records import Design, EffectValue, SimulatorVersion, Theta
+from fast.models.records import Design, EffectValue, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.simulation.plan import SimulationPlan, missing_objects
 
 _T = TypeVar("_T")

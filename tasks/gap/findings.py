@@ -10,8 +10,9 @@ from fast.lake.tables.campaign import EventRow, GapFindingRow
 from fast.lake.tables.row import Row
 from fast.models.gap.findings import Candidate, Decision, Findings, NextExperiment, RoundFindings, WhereFinding
 from fast.models.ids import canonical_json, content_id
-from fast.models.records import EffectValue, Record, SimulatorVersion
+from fast.models.records import EffectValue, Record
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.data import MeasuredGrasps
 from fast.tasks.gap.readings import is_answered
 from fast.tasks.gap.split import Split

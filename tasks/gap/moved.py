@@ -9,8 +9,9 @@ from fast.models.gap.ask.predict import Moved, Pair
 from fast.models.gap.ask.settings import Setting
 from fast.models.gap.bank.sensor_effects import N_LEAD, read_lead
 from fast.models.gap.grasps import Cells, Grasps, Target
-from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.records import EffectValue, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_cells, read_simulated_steps
 from fast.tasks.gap.calibrate import SearchInputs
 from fast.tasks.simulation.plan import SimulationPlan

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from fast.lake.query.lots import read_lot_rows
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, ToolRow
-from fast.lake.tables.material import MaterialRow, read_lot_rows
+from fast.lake.tables.material import MaterialRow
 from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import Reading
@@ -92,8 +93,8 @@ def read_readings(lake: Lake, campaign_id: str | None) -> tuple[Reading, ...]:
     """All readings of a campaign, or of the lake, in order; bar and walls as lot and tools have them, if known."""
     where = {"campaign_id": campaign_id} if campaign_id else {}
     payloads = [json.loads(row.payload_json) for row in lake.records(EventRow, kind=KIND, **where)]
-    kept = [payload for payload in payloads if "value" in payload]
-    ordered = sorted(kept, key=lambda payload: (payload["gap_id"], payload["kind"]))
+    told = [payload for payload in payloads if "value" in payload]
+    ordered = sorted(told, key=lambda payload: (payload["gap_id"], payload["kind"]))
     said = [Reading(kind=payload["kind"], value=payload["value"]) for payload in ordered]
     if _are_walls_known(lake, campaign_id):  # tools are simulated as measured: nothing is left to explain
         said = [*(reading for reading in said if reading.kind != WALLS), Reading(kind=WALLS, value=0.0)]

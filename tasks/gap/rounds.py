@@ -31,8 +31,9 @@ from fast.models.gap.local_bank import answer_locally
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.where.locate import Where, locate
 from fast.models.gap.where.residuals import Residuals
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import N_STEPS
 from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, note_bank, plan_bank, plan_cells, read_bank, read_simulated_steps
 from fast.tasks.gap.calibrate import CalibratedSimulator, SearchInputs, admit_simulator, calibrate_simulator
@@ -189,7 +190,7 @@ def keep_simulated_effects(version: SimulatorVersion) -> SimulatorVersion:
 
 
 def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
-    """Compare the simulators before and after all rounds, and what any machine would have learnt, on held-out grasps.
+    """Compare the simulators before and after all rounds on held-out grasps.
 
     Grasps that either simulator could not simulate are left out of it.
 
@@ -210,7 +211,7 @@ def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
         return add_scatter(label, draws_n, held_out, relative_sd, noise_sd_n)
 
     before, after = map(predict, (BEFORE, AFTER), simulators, steps_n)
-    return evaluate(held_out, before, after, rounds[0].residuals, seed)
+    return evaluate(held_out, before, after, seed)
 
 
 def judge(search: SearchInputs, rounds: Sequence[Round], present: SimulatorVersion) -> Verdict:

@@ -16,8 +16,8 @@ from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import UsageError
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.data import GapData
-from fast.models.records import SimulatorVersion
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.calibrate import CalibrationData, Progress, make_version
 from fast.tasks.gap.bank import list_plan_ids, plan_theta_grid, read_grid_bank
 from fast.tasks.gap.data import MeasuredGrasps, check_units

@@ -22,7 +22,6 @@ from fast.tasks.scientist.observe import (
     observe,
     proposed_designs,
 )
-from fast.tasks.scientist.propose import constraint_of
 
 _N_FITTED = (
     300  # simulated designs that the surrogate is fitted to: the best half and a random half, for seconds of CPU
@@ -98,7 +97,7 @@ def _draw_near(campaign: Campaign, surrogate: Surrogate, n: int, rng: np.random.
 
 
 def _keep_printable(campaign: Campaign, points: np.ndarray) -> np.ndarray:
-    return keep_allowed(points, campaign.config.proposal_rules, constraint_of(campaign), campaign.space)
+    return keep_allowed(points, campaign.config.proposal_rules, campaign.constraint, campaign.space)
 
 
 def _append_new(campaign: Campaign, stage: int, designs: list[Design], data: ObservationSet) -> None:

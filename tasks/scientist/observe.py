@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fast.models.records import Design, SimulatorVersion
+from fast.models.records import Design
 from fast.models.scientist.objectives import MEAN_PEAK, Outcome
 from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObjectValues, ObservationSet
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.again import is_owed
 from fast.tasks.bench.plan import find_missing_runs
 from fast.tasks.campaign.campaign import Campaign

@@ -10,11 +10,11 @@ from fast.lake.tables.campaign import BatchRow, DesignRow, ProposalRow
 from fast.models.design.printability import broken_rules
 from fast.models.errors import FastError, UsageError
 from fast.models.ids import content_id
-from fast.models.own_code import is_own, load_constraint
+from fast.models.own_code import is_own
 from fast.models.records import Design
 from fast.models.scientist.acquisition.front import Criterion
 from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
-from fast.models.scientist.propose import RANDOM, Constraint, propose
+from fast.models.scientist.propose import RANDOM, propose
 from fast.models.scientist.propose import Proposal as ProposedDesign
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -121,7 +121,7 @@ def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[
     Raises:
         UsageError: hardly any design keeps the rules.
     """
-    rules, constraint = campaign.config.proposal_rules, constraint_of(campaign)
+    rules, constraint = campaign.config.proposal_rules, campaign.constraint
     if n == 0 or (rules is None and constraint is None):
         return campaign.space.random_designs(n, rng)
     designs: list[Design] = []
@@ -196,7 +196,7 @@ def propose_tools(
                 [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
             ),
             printing=campaign.config.proposal_rules,
-            constraint=constraint_of(campaign),
+            constraint=campaign.constraint,
             n_best=min(scientist.best_predicted, n_tools),
             space=campaign.space,
             criteria=criteria,
@@ -224,17 +224,11 @@ def propose_simulation(
         acquisition=scientist.simulation_acquisition,
         taken=campaign.space.to_unit(simulated_designs(campaign, state)),
         printing=campaign.config.proposal_rules,
-        constraint=constraint_of(campaign),
+        constraint=campaign.constraint,
         space=campaign.space,
     )[0]
     choice = Choice(scientist.simulation_acquisition, seed, surrogate.data, len(pending), (fit_id,))
     append_simulation(campaign, batch, index, proposal, choice)
-
-
-def constraint_of(campaign: Campaign) -> Constraint | None:
-    """The constraint of one's own, if the config names one."""
-    name = campaign.config.scientist.constraint
-    return None if name is None else load_constraint(name)
 
 
 def pending_points(campaign: Campaign, state: CampaignState, fidelity: int) -> np.ndarray:

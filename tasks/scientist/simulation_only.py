@@ -15,7 +15,6 @@ from fast.tasks.scientist.propose import (
     Choice,
     append_simulation,
     append_tools,
-    constraint_of,
     pending_points,
     simulated_designs,
 )
@@ -43,7 +42,7 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
         acquisition=IMPROVEMENT,
         taken=campaign.space.to_unit(simulated_designs(campaign, state)),
         printing=campaign.config.proposal_rules,
-        constraint=constraint_of(campaign),
+        constraint=campaign.constraint,
         space=campaign.space,
     )[0]
     append_simulation(campaign, batch, index, proposal, Choice(IMPROVEMENT, seed, data, len(pending), (fit_id,)))

@@ -17,12 +17,14 @@ import numpy as np
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import canonical_json, content_id
-from fast.models.objects.catalogue import RigidObject, get_object
-from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, SimulatorVersion, check_tier
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement
 from fast.models.simulation.effects.catalogue import build_effects
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.placement import needs_full_width
+from fast.models.simulation.version import SimulatorVersion, check_tier
 from fast.tasks.simulation.pool import EngineWorker
 
 logger = logging.getLogger(__name__)

@@ -12,7 +12,8 @@ from fast.lake.tables.campaign import DesignRow, SimulatorVersionRow
 from fast.lake.tables.catalogue_rows import version_rows
 from fast.lake.tables.row import Row
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Design, GraspSetup, Placement, SimulatorVersion, find_setup_id
+from fast.models.records import Design, GraspSetup, Placement, find_setup_id
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.state import tuples
 from fast.tasks.simulation.attempt import GraspJob, answer, attempt_grasp
 from fast.tasks.simulation.pool import WorkerPool

@@ -12,8 +12,9 @@ import pytest
 from fast.lake.tables.campaign import DesignRow
 from fast.models.design.families import check_section, find_family, read_design
 from fast.models.errors import ConfigError, UsageError
-from fast.models.records import Design, MeshSettings
+from fast.models.records import Design
 from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.version import MeshSettings
 from fast.tasks.campaign.config import load_config
 from fast.tasks.scientist.propose import propose_guided
 from tests.docs.pages import DOCS, ROOT, blocks_of

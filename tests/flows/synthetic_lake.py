@@ -28,7 +28,8 @@ from fast.lake.tables.campaign import (
 from fast.lake.tables.requests import setup_columns
 from fast.models.design.space import random_designs, to_unit
 from fast.models.ids import content_id, seed_from, tool_label
-from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+from fast.models.records import Design, GraspSetup, Theta, Trace
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces import initial_force_n, peak_force_n, work_j
 
 SETUP = GraspSetup()

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from fast.hardware.cell.gantry import Gantry
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.wire.log_files import GANTRY, WireFiles, list_logs
 from fast.hardware.wire.serial import SerialTransport
 from tests.hardware.grbl.faulty_line import FaultyLine

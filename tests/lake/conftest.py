@@ -24,7 +24,8 @@ from fast.lake.tables.campaign import (
 from fast.lake.tables.requests import setup_columns
 from fast.models import traces as features
 from fast.models.design.space import BEST_PUBLISHED
-from fast.models.records import GraspSetup, SimulatorVersion, Trace
+from fast.models.records import GraspSetup, Trace
+from fast.models.simulation.version import SimulatorVersion
 
 START = datetime(2026, 3, 1, 8, tzinfo=UTC)
 

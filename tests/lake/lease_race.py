@@ -18,7 +18,7 @@ def race_for_lease(address: object, at_once: int) -> tuple[int, int]:
         own = Lake.open(address)
         barrier.wait()
         try:
-            with exclusive(own, "gantry", "busy"):
+            with exclusive(own.storage, "gantry", "busy"):
                 owns.append(True)
                 finished.wait(20)
         except FastError:

@@ -69,24 +69,24 @@ def event(name: str = "E1") -> EventRow:
 
 
 def test_a_second_owner_is_refused_with_who_where_and_since_when(lake):
-    with exclusive(lake, "gantry", "the gantry is in use") as lease:
-        assert is_held(lake, "gantry")
-        assert holder_of(lake, "gantry").token == lease.token
+    with exclusive(lake.storage, "gantry", "the gantry is in use") as lease:
+        assert is_held(lake.storage, "gantry")
+        assert holder_of(lake.storage, "gantry").token == lease.token
         with (
             pytest.raises(FastError, match=rf"in use \(process {os.getpid()} on .+, since 20.+ UTC\); wait for it or"),
-            exclusive(Lake.open(lake.root), "gantry", "the gantry is in use"),
+            exclusive(Lake.open(lake.root).storage, "gantry", "the gantry is in use"),
         ):
             pass
-        with exclusive(lake, "campaign-a", "busy"):
+        with exclusive(lake.storage, "campaign-a", "busy"):
             lease.require()
-    assert not is_held(lake, "gantry")
+    assert not is_held(lake.storage, "gantry")
     assert check(lake) == []
 
 
 def test_epochs_grow_and_old_ones_go(lake):
     tokens = set()
     for _ in range(3):
-        with exclusive(lake, "gantry", "busy") as lease:
+        with exclusive(lake.storage, "gantry", "busy") as lease:
             tokens.add(lease.token)
     assert len(tokens) == 3
     assert [path.name for path in (lake.root / "leases" / "gantry").iterdir()] == ["00000003.json"]
@@ -95,55 +95,59 @@ def test_epochs_grow_and_old_ones_go(lake):
 def test_a_killed_owner_of_this_machine_holds_nothing_at_once(lake, time_):
     code = (
         "import sys; from fast.lake.store import Lake; from fast.lake.leases import exclusive\n"
-        "with exclusive(Lake.open(sys.argv[1]), 'gantry', 'busy'):\n    print('held', flush=True); sys.stdin.read()"
+        "with exclusive(Lake.open(sys.argv[1]).storage, 'gantry', 'busy'):\n"
+        "    print('held', flush=True); sys.stdin.read()"
     )
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen([sys.executable, "-c", code, str(lake.root)], **pipes) as owner:
         assert owner.stdout.readline() == "held\n"
-        assert is_held(lake, "gantry")
+        assert is_held(lake.storage, "gantry")
         owner.kill()
         owner.wait()
-    assert not is_held(lake, "gantry")
-    with exclusive(lake, "gantry", "busy"):
+    assert not is_held(lake.storage, "gantry")
+    with exclusive(lake.storage, "gantry", "busy"):
         assert time_.now_s < 1001.0, "it did not wait"
 
 
 def test_a_process_with_the_number_of_a_dead_one_is_not_it(lake):
-    with exclusive(lake, "gantry", "busy"):
+    with exclusive(lake.storage, "gantry", "busy"):
         change(newest(lake), started="1")
-        assert not is_held(lake, "gantry")
+        assert not is_held(lake.storage, "gantry")
 
 
 def test_an_owner_on_another_machine_that_gives_signs_of_life_stays(lake, time_):
-    with exclusive(lake, "gantry", "busy"):
+    with exclusive(lake.storage, "gantry", "busy"):
         path = newest(lake)
         change(path, **ELSEWHERE)
         beats = iter(range(1, 100))
         time_.meanwhile = lambda: change(path, beat=next(beats))
-        with pytest.raises(FastError, match=r"busy \(process \d+ on bench-2"), exclusive(lake, "gantry", "busy"):
+        with (
+            pytest.raises(FastError, match=r"busy \(process \d+ on bench-2"),
+            exclusive(lake.storage, "gantry", "busy"),
+        ):
             pass
     assert time_.now_s < 1000.0 + leases.SILENT_S / 2
 
 
 @pytest.mark.parametrize("ends", ["dies", "gives it back"])
 def test_an_owner_on_another_machine_that_is_silent_is_followed(lake, time_, ends):
-    with exclusive(lake, "gantry", "busy") as first:
+    with exclusive(lake.storage, "gantry", "busy") as first:
         path = newest(lake)
         change(path, **ELSEWHERE)
         if ends == "gives it back":
             time_.meanwhile = lambda: change(path, is_released=True)
-        with exclusive(lake, "gantry", "busy") as second:
+        with exclusive(lake.storage, "gantry", "busy") as second:
             assert (time_.now_s >= 1000.0 + leases.SILENT_S) == (ends == "dies")
             assert newest(lake).name == "00000002.json"
             time_.now_s += leases.CHECKED_S + 0.1
             with pytest.raises(LostLeaseError, match="no longer owns the gantry .* taken over by process"):
                 first.require()
             second.require()
-    assert not is_held(lake, "gantry"), "who lost it does not give it back for the other"
+    assert not is_held(lake.storage, "gantry"), "who lost it does not give it back for the other"
 
 
 def test_an_owner_that_lost_it_writes_nothing_and_says_what_to_do(lake, time_):
-    with exclusive(lake, "campaign-quick", "busy"):
+    with exclusive(lake.storage, "campaign-quick", "busy"):
         lake.append([event()], PROVENANCE)
         take_over(lake, "campaign-quick")
         time_.now_s += leases.CHECKED_S + 0.1
@@ -159,7 +163,7 @@ def test_an_owner_that_lost_it_writes_nothing_and_says_what_to_do(lake, time_):
 
 
 def test_an_owner_that_slept_renews_before_it_goes_on_or_stops(lake, time_):
-    with exclusive(lake, "gantry", "busy") as lease:
+    with exclusive(lake.storage, "gantry", "busy") as lease:
         time_.now_s += 3600.0
         before = newest(lake).read_text()
         lease.require()
@@ -174,7 +178,7 @@ def test_a_lease_that_cannot_be_renewed_is_lost_in_time(lake, time_, monkeypatch
     def refuse(storage: FolderStorage, name: str, text: str) -> bool:
         raise LakeError("The file server does not answer.")
 
-    with exclusive(lake, "gantry", "busy") as lease:
+    with exclusive(lake.storage, "gantry", "busy") as lease:
         monkeypatch.setattr(FolderStorage, "overwrite", refuse)
         time_.now_s += leases.RENEWED_S - 1
         lease.require()
@@ -193,7 +197,7 @@ def test_beats_come_by_themselves(lake, monkeypatch):
         beaten.set()
 
     monkeypatch.setattr(Lease, "_renew", watched)
-    with exclusive(lake, "gantry", "busy"):
+    with exclusive(lake.storage, "gantry", "busy"):
         assert beaten.wait(10)
         assert json.loads(newest(lake).read_text())["beat"] >= 1
 
@@ -203,8 +207,8 @@ def test_a_lease_that_says_nothing_is_somebodys_until_it_was_silent(lake, time_,
     folder = lake.root / "leases" / "gantry"
     folder.mkdir(parents=True)
     (folder / "00000004.json").write_text(text)
-    assert is_held(lake, "gantry")
-    with exclusive(lake, "gantry", "busy"):
+    assert is_held(lake.storage, "gantry")
+    with exclusive(lake.storage, "gantry", "busy"):
         assert newest(lake).name == "00000005.json"
         assert time_.now_s >= 1000.0 + leases.SILENT_S
 
@@ -217,11 +221,11 @@ def test_whoever_comes_late_to_an_epoch_that_is_gone_does_not_own(lake, monkeypa
     """It looked, slept, and made the epoch that two others had made, given back and cleared away meanwhile."""
     look = leases._newest
     seen = iter([look(lake.storage, "gantry")])
-    with exclusive(lake, "gantry", "busy"):
+    with exclusive(lake.storage, "gantry", "busy"):
         pass
-    with exclusive(lake, "gantry", "busy"):
+    with exclusive(lake.storage, "gantry", "busy"):
         monkeypatch.setattr(leases, "_newest", lambda *where: next(seen, None) or look(*where))
-        with pytest.raises(FastError, match="busy"), exclusive(lake, "gantry", "busy"):
+        with pytest.raises(FastError, match="busy"), exclusive(lake.storage, "gantry", "busy"):
             pass
     assert [path.name for path in (lake.root / "leases" / "gantry").iterdir()] == ["00000002.json"]
 
@@ -231,6 +235,6 @@ def test_a_lake_that_cannot_be_written_lends_nothing_and_still_tells(lake, monke
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "mkdir", refuse)
-    assert not is_held(lake, "gantry")
-    with pytest.raises(UsageError, match="cannot be written"), exclusive(lake, "gantry", "busy"):
+    assert not is_held(lake.storage, "gantry")
+    with pytest.raises(UsageError, match="cannot be written"), exclusive(lake.storage, "gantry", "busy"):
         pass

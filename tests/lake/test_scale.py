@@ -9,9 +9,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from fast.flows.benchmarks import lake as benchmark
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.made_up_lake import N_SAMPLES, fill, rows
 from fast.lake.maintenance import _groups, check, compact
 from fast.lake.provenance import Provenance
 from fast.lake.query.sql import run_sql
@@ -19,6 +16,9 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, TraceRow
 from fast.lake.tables.schema import schema_of
 from fast.models.errors import LakeError, UsageError
+from tests.studies.benchmarks import lake as benchmark
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.made_up_lake import N_SAMPLES, fill, rows
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 N_GRASPS = 512
@@ -182,7 +182,7 @@ def test_a_row_is_rewritten_a_few_times_however_many_batches_are_merged():
     files, written = {"b0": (0, 5 * unit, 0)}, 0
     for number in range(1, 200):
         files[f"b{number}"] = (number, 5 * unit, number)
-        for group in list(_groups(files, target, set())):
+        for group in list(_groups(files, target)):
             size = sum(files.pop(name)[1] for name in group)
             assert size <= target
             files[f"m{number}"] = (number, size, 10_000 + number)

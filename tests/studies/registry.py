@@ -1,6 +1,13 @@
 """The studies by name. Their worker processes need one of them, so nothing but the runner imports this file."""
 
-from fast.flows.benchmarks.base import Benchmark, benchmark
+from tests.studies.benchmarks.accuracy import measure_accuracy
+from tests.studies.benchmarks.base import Benchmark, benchmark
+from tests.studies.benchmarks.bench import measure_bench
+from tests.studies.benchmarks.calibration import measure_calibration
+from tests.studies.benchmarks.grasp import measure_grasp
+from tests.studies.benchmarks.lake import measure_lake
+from tests.studies.benchmarks.overhead import measure_overhead
+from tests.studies.benchmarks.scientist import measure_scientist
 from tests.studies.calibration.peers import measure_calibration_peers
 from tests.studies.calibration.ranks import measure_calibration_ranks
 from tests.studies.calibration.traces import measure_calibration_traces
@@ -14,13 +21,14 @@ from tests.studies.gap.independent import measure_gap_independent
 from tests.studies.gap.intervals import measure_gap_intervals
 from tests.studies.gap.sealed import measure_gap_sealed
 from tests.studies.gap.truth import measure_gap_truth
+from tests.studies.landscapes.compare import measure_landscapes
+from tests.studies.landscapes.make_bank import measure_landscape_bank
 from tests.studies.platform.day import measure_day
 from tests.studies.platform.environments import measure_environments
 from tests.studies.platform.feature_pairs import measure_feature_pairs
 from tests.studies.platform.paper_schedule import measure_paper_schedule
 from tests.studies.scientist.lab_bounds import measure_lab_bounds
 from tests.studies.scientist.lab_world import measure_lab_world
-from tests.studies.scientist.landscape_bank import measure_landscape_bank
 from tests.studies.scientist.object_models import measure_object_models
 from tests.studies.scientist.peers import measure_scientist_peers
 from tests.studies.scientist.prior import measure_prior
@@ -35,8 +43,16 @@ from tests.studies.traces.identification import measure_identification
 from tests.studies.traces.told_slips import measure_told_slips
 
 _KEPT = ("designs", "objects", "results", "limit_minutes")
+_SIMULATED = (*_KEPT, "workers", "tiers")
 
 STUDIES: dict[str, Benchmark] = {
+    "grasp": benchmark(measure_grasp, *_SIMULATED),
+    "accuracy": benchmark(measure_accuracy, *_SIMULATED, "figure"),
+    "scientist": benchmark(measure_scientist),
+    "calibration": benchmark(measure_calibration, "n_sim", "n_real", "workers"),
+    "bench": benchmark(measure_bench, "designs", "objects"),
+    "lake": benchmark(measure_lake, "grasps"),
+    "overhead": benchmark(measure_overhead),
     "robustness": benchmark(measure_robustness, *_KEPT, "workers"),
     "branches": benchmark(measure_branches, "designs", "objects"),
     "material-law": benchmark(measure_material_law, "designs", "objects"),
@@ -58,6 +74,7 @@ STUDIES: dict[str, Benchmark] = {
     "prior": benchmark(measure_prior),
     "object-models": benchmark(measure_object_models, "results", "worlds"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
+    "landscapes": benchmark(measure_landscapes, "n", "results", "workers", "figure"),
     "landscape-bank": benchmark(measure_landscape_bank, "results", "limit_minutes"),
     "lab-bounds": benchmark(measure_lab_bounds),
     "traces": benchmark(measure_traces, "designs", "objects", "figure"),

@@ -1,22 +1,21 @@
-"""The runner of studies: it shares commands, options and refusals with `fast bench`."""
+"""The runner of studies: its commands, options and refusals."""
 
 import subprocess
 import sys
 
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.flows.cli.main import run
 from tests.flows.cli.cli_lakes import ROOT
-from tests.studies.__main__ import StudyChosen, app
+from tests.studies.__main__ import Chosen, app
+from tests.studies.benchmarks.base import Options
 from tests.studies.registry import STUDIES
 
 
 def test_every_study_says_what_it_measures_and_has_options_of_the_command_line() -> None:
     assert all(study.about for study in STUDIES.values())
     asked = {option for study in STUDIES.values() for option in study.options}
-    assert asked == set(vars(StudyChosen()))
-    assert asked < set(vars(Options()))
+    assert asked == set(vars(Chosen())) == set(vars(Options())) - {"tell"}
 
 
 @pytest.mark.parametrize(
@@ -24,8 +23,13 @@ def test_every_study_says_what_it_measures_and_has_options_of_the_command_line()
     [
         (["kills", "--worlds", "3"], "`kills` has no option --worlds"),
         (["host-kills", "--n", "0"], "--n is 0, at least 1 is needed"),
-        (["gap-sealt"], "there is no benchmark `gap-sealt`; did you mean `gap-sealed`?"),
-        (["kills", "--grasps", "3"], "See `python -m tests.studies --help`"),
+        (["gap-sealt"], "there is no study `gap-sealt`; did you mean `gap-sealed`?"),
+        (["kills", "--grips", "3"], "See `python -m tests.studies --help`"),
+        (["grasp", "--objects", "1,x"], "--objects `1,x` is no list of object ids"),
+        (["grasp", "--objects", "36"], "object 36 does not exist"),
+        (["grasp", "--tiers", "productoin"], "there is no tier `productoin`; did you mean `production`?"),
+        (["grasp", "--designs", "0"], "--designs is 0, at least 1 is needed"),
+        (["lake", "--grasps", "many"], "--grasps `many` is no list of numbers of grasps"),
     ],
 )
 def test_wrong_use_is_refused(capsys: pytest.CaptureFixture[str], words: list[str], sentence: str) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from fast.flows.challenge.hidden.parts import find_ribs, tool_draws
 from fast.hardware.virtual.world.hidden import DirectionalDilation
-from fast.models.design.profile import cavity_share, take_fin_ray
+from fast.models.design.fin_ray import cavity_share, take_fin_ray
 from fast.models.records import Design, GraspSetup
 from fast.models.simulation.effects.base import Effect
 

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from fast.flows.challenge.hidden.parts import list_sizes_mm, tool_draws, with_rounder_edges
-from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.rigid import RigidObject
 from fast.models.simulation.effects.base import Effect
 
 

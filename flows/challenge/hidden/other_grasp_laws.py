@@ -7,8 +7,8 @@ from shapely.geometry import MultiPolygon, Polygon
 from shapely.ops import unary_union
 
 from fast.flows.challenge.hidden.parts import find_ribs, list_sizes_mm, with_rounder_edges
-from fast.models.design.profile import cavity_share, is_in_rib, rib_centres, take_fin_ray
-from fast.models.objects.catalogue import RigidObject
+from fast.models.design.fin_ray import cavity_share, is_in_rib, rib_centres, take_fin_ray
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design
 from fast.models.simulation.effects.base import Effect
 

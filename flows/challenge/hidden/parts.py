@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from fast.models.design.profile import BASE_HEIGHT_MM, rib_centres
-from fast.models.objects.catalogue import RigidObject
-from fast.models.records import FinRay
+from fast.models.design.fin_ray import BASE_HEIGHT_MM, FinRay, rib_centres
+from fast.models.objects.rigid import RigidObject
 
 LEAST_RADIUS_MM = 0.5  # contact points cannot resolve a sharper edge
 _RIB_REACH_MM = 2.0  # beside a rib, what goes with it

@@ -21,17 +21,9 @@ from fast.models.design.space import numbered_design
 from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
 from fast.models.ids import content_id, seed_from
 from fast.models.objects.catalogue import get_object
-from fast.models.records import (
-    GraspSetup,
-    GraspSimulation,
-    MeshSettings,
-    Placement,
-    Record,
-    SimulatorVersion,
-    Theta,
-    Trace,
-)
+from fast.models.records import GraspSetup, GraspSimulation, Placement, Record, Theta, Trace
 from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.solver_code import source_id
 from fast.models.validation import closest
 
@@ -42,7 +34,7 @@ CONTACT_N_PER_MM3 = (4.8, 3.2)  # normal, tangential
 PLACEMENT_SD_MM = 0.2
 TOOL_MODULUS_SD = 0.04
 DEADLINE_S = 300.0
-_MODEL_SOURCES = ("design/profile.py", "objects", "simulation")
+_MODEL_SOURCES = ("design/fin_ray.py", "objects", "simulation")
 
 
 class TrueGrasp(Record):

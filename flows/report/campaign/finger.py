@@ -14,10 +14,10 @@ from fast.flows.report.folder import Folder
 from fast.flows.report.html import Markup, columns, number, paragraph, picture, section, table, text
 from fast.flows.report.mesh_picture import Body, render
 from fast.flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
+from fast.models.design.fin_ray import APEX_EXTRA_MM, BASE_HEIGHT_MM, FinRay
 from fast.models.design.finger import finger_bodies
-from fast.models.design.profile import APEX_EXTRA_MM, BASE_HEIGHT_MM
 from fast.models.design.space import BEST_PUBLISHED, DesignSpace
-from fast.models.records import Design, FinRay
+from fast.models.records import Design
 from fast.models.units import spell_name
 
 PICTURE_PX = 1100

@@ -17,7 +17,8 @@ from fast.flows.report.html import Markup, columns, number, paragraph, section, 
 from fast.flows.report.style import BEST, BRANCH_LINE, FIRST, SIMULATED, WIDTH_IN, new_axes
 from fast.lake.tables.campaign import GraspRow
 from fast.models.errors import UsageError
-from fast.models.objects.catalogue import RigidObject, get_object
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup
 
 DENSE_PAIRS = 400

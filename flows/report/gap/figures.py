@@ -27,11 +27,11 @@ _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
 
 
 def draw_errors(evaluation: Evaluation) -> Figure:
-    """Bars of the held-out error: before, after, what peers without a name reach, and the floor as a line."""
+    """Bars of the held-out error, before and after, and the floor as a line."""
     labels = [p.label for p in evaluation.predictions]
     values = [evaluation.of(label).rmse_n for label in labels]
     figure, axes = new_axes(WIDTH_IN, 0.9 + 0.42 * len(labels), grid="x")
-    colours = [SIM_BEFORE if x == BEFORE else SIM_AFTER if x == AFTER else FAINT for x in labels]
+    colours = [SIM_BEFORE if label == BEFORE else SIM_AFTER for label in labels]
     places = np.arange(len(labels))
     axes.barh(places, values, height=0.62, color=colours)
     for place, value in enumerate(values):

@@ -271,14 +271,14 @@ def _visible_sizes(content: GapPage) -> Markup:
 
 
 def write_show(content: GapPage, folder: Folder) -> Markup:
-    """Errors beside peers and floor, held-out traces, classes of objects, and all metrics."""
+    """Errors beside the floor, held-out traces, classes of objects, and all metrics."""
     evaluation = content.evaluation
     if evaluation is None:
         return section("show", "Before and after", paragraph(OLD))
     errors = folder.figure("gap_errors", draw_errors(evaluation), "Held-out errors")
     note = paragraph(
-        "Designs and objects that were put aside before the search. Gaussian process and black box learn the same "
-        "residual without a name for it. The floor is what repeats scatter, or what a finer mesh changes.", "note",
+        "Designs and objects that were put aside before the search. The floor is what repeats scatter, or what a finer "
+        "mesh changes.", "note",
     )  # fmt: skip
     classes = folder.figure("gap_classes", draw_classes(evaluation), "Held-out error by class of object")
     panels = [_trace(evaluation, rows, place, folder) for place, rows in enumerate(choose_cells(evaluation))]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fast.hardware.arm.settings import ArmSettings, Point
-from fast.hardware.cell.layout import N_OBJECTS, N_SLOTS, BenchLayout
+from fast.hardware.parts.layout import N_OBJECTS, N_SLOTS, BenchLayout
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.arm.urscript import Move, Output, Register, Statement, Stop, read_program
 from fast.hardware.virtual.world.file import World

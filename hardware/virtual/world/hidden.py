@@ -14,7 +14,7 @@ from shapely.geometry import MultiPolygon, Polygon
 from shapely.ops import unary_union
 
 from fast.models.errors import ConfigError
-from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, EffectValue, Trace
 from fast.models.simulation.effects.base import Effect
 from fast.models.units import force_n_from_kg

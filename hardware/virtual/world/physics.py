@@ -19,20 +19,11 @@ from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.hidden import TIMED, build_hidden
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import content_id, seed_from
-from fast.models.records import (
-    Design,
-    EffectValue,
-    GraspSetup,
-    GraspSimulation,
-    MeshSettings,
-    Placement,
-    Record,
-    SimulatorVersion,
-    Theta,
-)
+from fast.models.records import Design, EffectValue, GraspSetup, GraspSimulation, Placement, Record, Theta
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 if TYPE_CHECKING:
-    from fast.models.objects.catalogue import RigidObject
+    from fast.models.objects.rigid import RigidObject
     from fast.models.simulation.effects.base import Effect
     from fast.models.simulation.output.recording import Recorder
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from fast.hardware.cell.layout import N_SLOTS, BenchLayout
+from fast.hardware.parts.layout import N_SLOTS, BenchLayout
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.hidden import find_lag

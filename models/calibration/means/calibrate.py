@@ -22,13 +22,8 @@ def calibrate(
     With `method = "auto"` the factorised algorithm is tried first and kept where its draws have converged. Else small
     problems get full joint NUTS; large ones are sampled again, longer, if only their sample sizes fall short. What has
     not converged then is not replaced: the quality gate (`summary.check_quality`) says so, and nothing is built on it.
-    What was tried in vain, and rows left out, are among `warnings`.
-
-    Example:
-        >>> from fast.models.calibration.means.synthetic import make_up_problem
-        >>> settings = CalibrationSettings(method="joint", chains=2, draws=50, tune=50, workers=1)
-        >>> calibrate(make_up_problem(30, 10, seed=0), settings).of("friction").shape
-        (2, 50)
+    What was tried in vain, and rows left out, are among `warnings`. `result.of("friction")` has the draws (chains x
+    draws) of a parameter.
     """
     problem, repeats = drop_repeats(problem)
     if settings.method == "auto":

@@ -13,19 +13,11 @@ import numpy as np
 
 from fast.models.calibration.traces.response_surface import LEAST_AMPLITUDE
 from fast.models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
+from fast.models.design.fin_ray import FinRay
 from fast.models.gap.grasps import Grasps, Target
-from fast.models.records import (
-    ContactSettings,
-    Design,
-    EffectValue,
-    FinRay,
-    GraspSetup,
-    MeshSettings,
-    Record,
-    SimulatorVersion,
-    Theta,
-)
+from fast.models.records import Design, EffectValue, GraspSetup, Record, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import ContactSettings, MeshSettings, SimulatorVersion
 
 CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
 

@@ -1,4 +1,4 @@
-"""The evaluation: before, after, floor and peers on the held-out grasps, in one go, and how much of the gap is closed.
+"""The evaluation: before, after and floor on the held-out grasps, in one go, and how much of the gap is closed.
 
 Closed is counted of what is above the noise floor, with an interval over designs and objects.
 """
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.models.gap.evaluation.baselines import predict_baselines
 from fast.models.gap.evaluation.held_out import (
     BLOCKS,
     HeldOut,
@@ -18,7 +17,6 @@ from fast.models.gap.evaluation.held_out import (
 )
 from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.findings import Gap
-from fast.models.gap.where.residuals import Residuals
 from fast.models.objects.catalogue import get_object
 
 BEFORE, AFTER = "theta recalibrated", "with the named effect"
@@ -30,7 +28,7 @@ _LEAST_GAP = 1.02  # before over floor: less than that above it is no gap to clo
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The last word on a gap. `predictions`: before, after, and peers; `metrics`: of each, over every block."""
+    """The last word on a gap. `predictions`: before and after; `metrics`: of each, over every block."""
 
     held_out: HeldOut
     gap: Gap
@@ -44,12 +42,9 @@ class Evaluation:
         return next(m for m in self.metrics if m.label == label and m.block == block)
 
 
-def evaluate(
-    held_out: HeldOut, before: Prediction, after: Prediction, residuals: Residuals | None = None, seed: int = 0
-) -> Evaluation:
-    """Compare `after` with `before`, the floor and, if the residuals to learn from are given, the peers."""
-    peers = () if residuals is None else predict_baselines(residuals, held_out, before.steps_n, seed)
-    predictions = (before, after, *peers)
+def evaluate(held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0) -> Evaluation:
+    """Compare `after` with `before` and the floor."""
+    predictions = (before, after)
     names = {number: get_object(number).object_class for number in held_out.objects}
     by_class = {p.label: compute_class_errors(held_out, p, names) for p in predictions}
     return Evaluation(

@@ -13,9 +13,9 @@ from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from fast.models.objects.catalogue import RigidObject
 from fast.models.objects.distance import distance, distance_and_normal
 from fast.models.objects.primitives import mirrored
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Placement
 from fast.models.simulation.body.assembly import ElasticBody, block_map
 from fast.models.simulation.contact import kernel as contact_kernel

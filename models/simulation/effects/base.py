@@ -11,7 +11,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from shapely.geometry import Polygon
 
-from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Theta, Trace
 
 USUAL_LIFT_MM_PER_S = 5.0  # of which a disagreement of clocks is told in millimetres

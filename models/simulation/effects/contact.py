@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fast.models.objects.catalogue import RigidObject
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
 from fast.models.simulation.effects.base import (
     USUAL_LIFT_MM_PER_S,

@@ -7,7 +7,7 @@ import shapely
 from shapely import affinity
 from shapely.geometry import Polygon, box
 
-from fast.models.design.profile import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
+from fast.models.design.fin_ray import BASE_HEIGHT_MM, cavity_share, rib_centres, take_fin_ray
 from fast.models.records import Design
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.spec import FINGER, EffectSpec, Measurement, amplitude

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fast.models.design.profile import is_in_rib, take_fin_ray
+from fast.models.design.fin_ray import is_in_rib, take_fin_ray
 from fast.models.records import Design, GraspContext, GraspSetup, Theta
 from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Number, Readings, approach, with_modulus
 from fast.models.simulation.effects.spec import MATERIAL, MEMORY, Drift, EffectSpec, Measurement, amplitude, shape

@@ -1,7 +1,8 @@
 """When results of one simulator version are those of another: forces are in proportion to Young's modulus."""
 
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 
 
 def scales_with_modulus(version: SimulatorVersion) -> bool:

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 from shapely.geometry import Polygon
 
-from fast.models.records import Design, MeshSettings
+from fast.models.records import Design
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.mesh.extrude import extrude
 from fast.models.simulation.mesh.planar import PlanarMesh
 from fast.models.simulation.mesh.section import planar_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.version import MeshSettings
 
 TETWILD_TIME_LIMIT_S = 60.0
 IN_SECTION = [0, 2]  # x and z of a node of the solid

@@ -10,7 +10,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, SimulationRow, SimulatorVersionRow
 from fast.models.calibration.inference.lot_priors import make_lot_priors
 from fast.models.calibration.inference.settings import ThetaPriors
-from fast.models.records import SimulatorVersion, Theta
+from fast.models.records import Theta
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.drift import read_theta_history
 from fast.tasks.campaign.config import read_lot
 from fast.tasks.simulation import plan as work

@@ -9,7 +9,8 @@ from fast.lake.tables.catalogue_rows import version_rows
 from fast.models.calibration.inference.lot_priors import make_lot_priors
 from fast.models.calibration.inference.settings import read_settings
 from fast.models.gap.fit import posterior
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.config import read_lot
 from fast.tasks.simulation import plan as work
 from tests.flows.cli.cli_lakes import ROOT, Fast

@@ -20,7 +20,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow
 from fast.lake.tables.catalogue_rows import version_rows
 from fast.models.gap.findings import Decision, Verdict
-from fast.models.records import SimulatorVersion, Theta
+from fast.models.records import Theta
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.findings import find_newest_run, write_run
 from tests.flows.campaign.made_up_search import write_made_up_run
 

@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 
-from fast.flows.benchmarks.fingerprints import fingerprint
-from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
 from fast.flows.campaign import gap_step
 from fast.flows.campaign.forecast import Forecast
 from fast.flows.campaign.gap_step import close_gap
@@ -40,6 +38,8 @@ from fast.tasks.campaign.settings import GapSettings
 from fast.tasks.gap.readings import write_reading
 from tests.flows.campaign.made_up_search import ask_person, search_made_up
 from tests.flows.campaign.test_campaign import ROOT
+from tests.studies.benchmarks.fingerprints import fingerprint
+from tests.studies.benchmarks.made_up_batch import Batch, measure_missing
 
 SILENT = ProgressReporter(lambda _: None, lambda _: None)
 
@@ -157,9 +157,9 @@ def test_people_who_watch_a_campaign_see_how_far_its_search_is(campaign: Campaig
     made[0].reporter = with_run_page(ProgressReporter(said.append, said.append))
     assert close_gap(*_in_order(made))
     assert said.count(f"searching {campaign.campaign_id}") == 2
-    with exclusive(campaign.lake, lease_name(campaign.campaign_id), "busy"):
+    with exclusive(campaign.lake.storage, lease_name(campaign.campaign_id), "busy"):
         assert describe_state(campaign.lake, campaign.campaign_id, False) == "running"
-        with exclusive(campaign.lake, GAP_LEASE, "busy"):
+        with exclusive(campaign.lake.storage, GAP_LEASE, "busy"):
             assert describe_state(campaign.lake, campaign.campaign_id, False) == "running, searches for a gap"
 
 

@@ -12,7 +12,7 @@ from fast.flows.progress import ProgressReporter
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, ProposalRow, SimulationRow
 from fast.models.gap.findings import Decision, Verdict
-from fast.models.records import SimulatorVersion
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.night_story import describe_nights, end_night, read_nights
 from fast.tasks.campaign.settings import NightSettings

@@ -25,5 +25,8 @@ def test_a_batch_that_nobody_confirmed_is_not_measured(place):
 
 def test_a_campaign_that_runs_is_left_alone(place):
     config, lake = place
-    with exclusive(Lake.open(lake), "campaign-quick", "busy"), pytest.raises(FastError, match="quick is being run"):
+    with (
+        exclusive(Lake.open(lake).storage, "campaign-quick", "busy"),
+        pytest.raises(FastError, match="quick is being run"),
+    ):
         simulate_missing(config, lake)

@@ -27,10 +27,10 @@ from fast.flows.challenge.hidden.truth import (
     truth_code,
 )
 from fast.flows.challenge.hidden.worlds import UNLISTED
-from fast.models.design.profile import planar_profile, rib_centres
+from fast.models.design.fin_ray import FinRay, planar_profile, rib_centres
 from fast.models.design.space import numbered_design
 from fast.models.objects.catalogue import get_object
-from fast.models.records import FinRay, Theta
+from fast.models.records import Theta
 from tests.studies.gap.truth import LAWS, OTHER_LAWS, Panel, draw_set
 
 THETA = Theta(young_modulus_mpa=9.2, friction=0.62, poisson_ratio=0.43)

@@ -67,7 +67,7 @@ def test_print_sheet_and_confirm(fast, tmp_path):
 @pytest.mark.parametrize("verb", ["pause", "stop", "abort"])
 def test_requests_reach_a_running_campaign(fast, tmp_path, verb):
     root = proposed_lake(tmp_path)
-    with exclusive(Lake.open(root), "campaign-quick", "busy"):
+    with exclusive(Lake.open(root).storage, "campaign-quick", "busy"):
         assert fast("campaign", "status", "--lake", root, "--json").json["state"] == "running"
         answer = fast("campaign", verb, "--lake", root, "--json")
     assert answer.json == {"campaign": "quick", "asked": verb}
@@ -189,11 +189,6 @@ def test_gantry_grasps(fast):
     (row,) = fast("gantry", "grasp", "--object", "2", "--slot", "1", "--world", WORLD, "--json").json
     assert (row["status"], row["object_id"]) == ("ok", 2)
     assert row["peak_force_n"] > 1
-
-
-def test_bench_lists_what_there_is(fast):
-    names = {row["name"] for row in fast("bench", "list", "--json").json}
-    assert {"grasp", "scientist", "lake", "bench"} <= names
 
 
 def test_doctor_passes_here_and_names_the_fix_elsewhere(fast, tmp_path, monkeypatch):

@@ -14,10 +14,11 @@ from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.objects.distance import distance
-from fast.models.records import EffectValue, GraspSetup, MeshSettings, Placement, SimulatorVersion
+from fast.models.records import EffectValue, GraspSetup, Placement
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.output.export_calculix import contact_sides
 from fast.models.simulation.placement import place
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 SPHERE = get_object(1)
 SHORT = GraspSetup(closed_gap_mm=34)  # 3 mm of overlap

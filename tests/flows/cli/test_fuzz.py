@@ -35,10 +35,8 @@ WORK = (
     "fast.hardware.virtual.arm.server.ArmServer.start",
     "fast.flows.report.labs.write_labs_report",
     "fast.models.simulation.grasp.simulate_grasp",
-    "fast.flows.scientist.landscape_study.run_planned",
     "fast.flows.scientist.campaign_runs.run_campaigns",
     "fast.flows.gap.search.run_gap",
-    "fast.flows.benchmarks.study._Part.run",
     "fast.flows.gap.example.open_example",
     "fast.flows.calibration.calibrate.run_calibration",
     "fast.flows.report.campaign.page.write_report",
@@ -47,7 +45,6 @@ WORK = (
     "fast.flows.viewer.campaign.follow",
     "fast.flows.cli.doctor._computer",
     "fast.flows.cli.doctor._bench",
-    "fast.flows.benchmarks.base.circumstances",
 )
 HOSTILE = (
     "", " ", "-1", "0", "1", "nan", "inf", "1e400", "9" * 5000, "true", "x", "none.toml", ".", "/", "/proc/x", "a\0b",

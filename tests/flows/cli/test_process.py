@@ -19,15 +19,14 @@ FAST = ["-m", "fast.flows.cli.main"]
 HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow", "rerun", "numpy", "pydantic")
 MODELLING = ("torch", "prefect", "pymc", "botorch", "matplotlib", "scipy", "numba", "rerun")
 COMMANDS = [
-    "ask", "bench list", "bench run", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run",
-    "campaign status", "campaign stop", "challenge grade", "challenge make", "challenge start", "compare", "doctor",
-    "features", "gap", "gap answer", "gap next", "gap plan",
+    "ask", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run", "campaign status",
+    "campaign stop", "challenge grade", "challenge make", "challenge start", "compare", "doctor", "features",
     "gantry diagnose", "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
-    "gantry replay", "gantry tare", "gantry tool", "init", "lake check", "lake compact", "lake export", "lake import",
-    "lake labs", "lake lineage", "lake publish", "lake stats", "objects add", "objects check", "objects draw",
-    "objects list", "objects print", "print confirm", "print measured", "print mounted", "print sheet",
-    "report", "serve", "simulate", "sql", "tell", "view", "virtual arm",
-    "virtual start",
+    "gantry replay", "gantry tare", "gantry tool", "gap", "gap answer", "gap next", "gap plan", "init", "lake check",
+    "lake compact", "lake export", "lake import", "lake labs", "lake lineage", "lake publish", "lake stats",
+    "objects add", "objects check", "objects draw", "objects list", "objects print", "print confirm",
+    "print measured", "print mounted", "print sheet", "report", "serve", "simulate", "sql", "tell", "view",
+    "virtual arm", "virtual start",
 ]  # fmt: skip
 
 
@@ -78,7 +77,7 @@ import fast.flows.campaign.flow
 from fast.flows.cli.main import run
 from fast.models.scientist.propose import NO_PENDING, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate
-from fast.flows.benchmarks.scientist import made_up_data
+from tests.studies.benchmarks.scientist import made_up_data
 assert run(["sql", "SELECT 1", "--lake", sys.argv[1]]) == 0
 assert len(propose(fit_surrogate(made_up_data(5, 5)), 1, 2, NO_PENDING, np.random.default_rng(0))) == 2
 print("torch" in sys.modules)

@@ -94,8 +94,8 @@ def test_a_campaign_waits_for_its_print(there, capsys, tmp_path):
     waiting, fast = f"{ADDRESS}-waiting", Fast(capsys)
     proposed_lake(tmp_path, waiting)
     assert fast("campaign", "status", "--lake", waiting, "--json").json["campaign"] == "quick"
-    with exclusive(Lake.open(waiting), "campaign-quick", "busy"):
-        assert is_held(Lake.open(waiting), "campaign-quick")
+    with exclusive(Lake.open(waiting).storage, "campaign-quick", "busy"):
+        assert is_held(Lake.open(waiting).storage, "campaign-quick")
         assert fast("campaign", "pause", "--lake", waiting).status == 0
     answer = fast("print", "confirm", "quick/B01", "--operator", "A. Person", "--lake", waiting)
     assert answer.status == 0, answer.err

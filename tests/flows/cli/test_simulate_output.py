@@ -19,9 +19,10 @@ from fast.flows.report.grasp_frames import GraspFrames, five_instants
 from fast.flows.viewer.simulation import LONGEST_ARROW_MM, choose_arrow_mm_per_n
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Branch, Branches, GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
+from fast.models.records import Branch, Branches, GraspSetup, GraspSimulation, Placement
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.output.recording import SIDES, GraspRecording
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 SPHERE, CUBE = get_object(1), get_object(30)
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=10))

@@ -11,7 +11,7 @@ from fast.flows.campaign.process import hear_interrupts
 from fast.flows.cli.virtual import read_fault
 from fast.flows.progress import ProgressReporter
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.safety.safe_state import EmergencyStopError, Verb
+from fast.hardware.parts.safe_state import EmergencyStopError, Verb
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import pytest
 
@@ -11,16 +12,16 @@ from fast.flows.gap.folder import write_folder
 from fast.flows.gap.search import GapOrder, run_gap
 from fast.flows.progress import ProgressReporter
 from fast.flows.simulation.progress import n_missing
-from fast.lake.handoff.packed import write_packed
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow, DesignRow, GraspRow, SimulationRow, TraceRow
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import UsageError
 from fast.models.gap.fit import posterior
 from fast.models.gap.grasps import Cells
-from fast.models.records import EffectValue, GraspSetup, SimulatorVersion
+from fast.models.records import EffectValue, GraspSetup
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_bank
-from tests.studies.gap.example import REPEATS, collect_example, measure_example, round_rows
+from tests.studies.gap.example import REPEATS, collect_example, measure_example, round_rows, write_example
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import gap_lake, plan_rows
 
@@ -40,6 +41,23 @@ def test_the_file_that_is_shipped_has_the_bank(tmp_path: Path) -> None:
     assert n_missing(lake, plan_bank(SimulatorVersion(), Cells.full(designs, objects, GraspSetup()))) == 0
 
 
+def test_a_lake_comes_back_from_its_file_and_a_broken_copy_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lake = gap_lake(tmp_path / "full", has_bank=False)
+    lake.append([CampaignRow(campaign_id=example.CAMPAIGN, name="demo", config_toml=IMPORTED_CONFIG)], PROVENANCE)
+    rows = round_rows([*lake.records(GraspRow), *lake.records(TraceRow), *lake.records(CampaignRow)])
+    write_example(tmp_path / "example.zip", rows)
+    same, folder = open_example(tmp_path / "out", tmp_path / "example.zip")
+    assert same.ids(GraspRow) == lake.ids(GraspRow)
+    grasp_id = min(same.ids(TraceRow))
+    assert same.trace(grasp_id).force_n == pytest.approx(lake.trace(grasp_id).force_n, abs=6e-4)
+    (tmp_path / "cut.zip").write_bytes((tmp_path / "example.zip").read_bytes()[:2000])
+    with pytest.raises(BadZipFile):
+        open_example(tmp_path / "cut", tmp_path / "cut.zip")
+    assert not (tmp_path / "cut" / "lake").exists()
+
+
 @pytest.mark.study
 def test_a_finished_search_is_repeated_from_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def simulate(lake: Any, plans: Any, *_: Any) -> None:
@@ -57,8 +75,8 @@ def test_a_finished_search_is_repeated_from_its_file(tmp_path: Path, monkeypatch
     lake.append(round_rows(collect_example(full, "demo")), PROVENANCE)
     monkeypatch.setattr(search, "simulate_missing", simulate)
     found = run_gap(lake, ORDER, SILENT).run
-    file = tmp_path / "example.npz"
-    write_packed(file, collect_example(lake, "demo"))
+    file = tmp_path / "example.zip"
+    write_example(file, collect_example(lake, "demo"))
     monkeypatch.setattr(search, "simulate_missing", refuse)
     small, folder = open_example(tmp_path / "out", file)
     again = run_gap(small, ORDER, SILENT)

@@ -21,13 +21,13 @@ from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
 from fast.models.calibration.inference.summary import summarise_theta
 from fast.models.calibration.means.predict import Mixture
 from fast.models.calibration.means.problem import THETA
-from fast.models.calibration.means.synthetic import make_up_problem
 from fast.models.errors import UsageError
 from fast.tasks.calibration.calibrate import infer
 from fast.tasks.calibration.means import gather
 from tests.flows.cli.cli_lakes import Fast
 from tests.flows.synthetic_lake import Campaign, build
 from tests.models.calibration.calibration_draws import made_up_result
+from tests.synthetic.calibration import make_up_problem
 from tests.tasks.calibration.calibration_lake import SETTINGS, calibration_lake, measured_rows, simulated_rows
 from tests.tasks.calibration.calibration_lake import made_up_result as draws_of_lake
 

@@ -7,7 +7,6 @@ from itertools import count
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.fingerprints import fingerprint
 from fast.flows.campaign.status import read_status
 from fast.flows.scientist import campaign_runs as campaigns
 from fast.flows.scientist.campaign_runs import PlannedCampaign, StrategyRun, run_campaigns, toml_of
@@ -25,6 +24,7 @@ from fast.tasks.scientist.fit import fitted_before
 from fast.tasks.scientist.observe import observe
 from fast.tasks.scientist.simulation_only import as_target
 from tests.flows.cli.cli_lakes import Fast, write_config
+from tests.studies.benchmarks.fingerprints import fingerprint
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
 CONFIG = CampaignConfig.model_validate(
@@ -231,7 +231,7 @@ def test_table_and_picture_are_of_last_batches_and_best_tools():
     assert [label.get_text() for label in right.get_yticklabels()] == ["simulation only", "random", REFERENCE]
 
 
-def test_the_command_compares_campaigns_and_refuses_what_is_of_landscapes(capsys, tmp_path, monkeypatch):
+def test_the_command_compares_campaigns_and_knows_its_strategies(capsys, tmp_path, monkeypatch):
     fast, config = Fast(capsys), write_config(tmp_path)
     compared: list[tuple[str, int]] = []
 
@@ -250,5 +250,5 @@ def test_the_command_compares_campaigns_and_refuses_what_is_of_landscapes(capsys
         "simulation_cpu_s": 1.0,
     }  # fmt: skip
     assert picture.stat().st_size > 10_000
-    assert "--rounds says nothing about CONFIG" in fast.refused("compare", config, "--rounds", "3")
-    assert "--lakes says nothing about landscapes" in fast.refused("compare", "--lakes", tmp_path)
+    said = fast.refused("compare", config, "--strategies", "randon")
+    assert "There is no strategy `randon`; did you mean `random`?" in said

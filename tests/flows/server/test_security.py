@@ -15,8 +15,8 @@ from fast.flows.server.server import ANY_PORT, ask_server, state_folder
 from fast.flows.server.server_process import add_outputs
 from fast.flows.server.worker_process import POOL
 from fast.hardware.bench import BenchSettings, open_real_bench
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import ScaledClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.bench import VirtualBench
 from fast.hardware.virtual.world.file import World
 from fast.lake.leases import exclusive
@@ -155,5 +155,9 @@ def test_a_second_client_of_a_bench_is_refused_and_the_first_goes_on(tmp_path):
 def test_the_bench_of_a_lake_has_one_owner(tmp_path):
     lake = Lake.open(tmp_path / "lake", create=True)
     busy = "the gantry of this lake is in use"
-    with exclusive(lake, "gantry", busy), pytest.raises(FastError, match=busy), exclusive(lake, "gantry", busy):
+    with (
+        exclusive(lake.storage, "gantry", busy),
+        pytest.raises(FastError, match=busy),
+        exclusive(lake.storage, "gantry", busy),
+    ):
         pass

@@ -21,10 +21,10 @@ from fast.flows.server.lab import LabPlan, open_lab
 from fast.flows.server.server import ANY_PORT, server
 from fast.flows.viewer.page import open_page
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.click import tags
 from fast.hardware.click.codec import parse_address
 from fast.hardware.clock import ScaledClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.arm.controller import VirtualArm
 from fast.hardware.virtual.arm.server import ArmServer
 from fast.hardware.virtual.bench import VirtualBench
@@ -63,7 +63,7 @@ PAGES: dict[str, Callable[[Path], AbstractContextManager[str]]] = {
 }
 # Where the product listens, or has it done: each is opened in this file, or by the doctor for a moment.
 PLACES = {
-    "flows/server/server.py", "flows/server/server_process.py", "flows/server/surroundings.py", "flows/viewer/page.py",
+    "flows/server/surroundings.py", "flows/server/server.py", "flows/server/server_process.py", "flows/viewer/page.py",
     "hardware/virtual/arm/server.py", "hardware/virtual/modbus_server.py",
 }  # fmt: skip
 

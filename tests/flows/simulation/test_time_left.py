@@ -9,7 +9,8 @@ from fast.flows.simulation import progress
 from fast.flows.simulation.progress import simulate_missing
 from fast.lake.store import Lake
 from fast.models.design.space import numbered_design
-from fast.models.records import GraspSetup, MeshSettings, SimulatorVersion
+from fast.models.records import GraspSetup
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.tasks.simulation.plan import PointDone, SimulationPlan
 
 QUICK, SLOW = SimulatorVersion(), SimulatorVersion(mesh=MeshSettings(refine=1))

@@ -13,14 +13,15 @@ from fast.flows.viewer.campaign import choose_full_force_n, choose_tools, find_o
 from fast.flows.viewer.design import find_edges, write_design_recording
 from fast.flows.viewer.grasp import Clock, write_grasp_recording
 from fast.flows.viewer.scene import build_fingers, move_fingers
-from fast.hardware.cell.layout import BenchLayout
+from fast.hardware.parts.layout import BenchLayout
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, GraspRow
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
-from fast.models.records import GraspSetup, MeshSettings, SimulatorVersion, Trace
+from fast.models.records import GraspSetup, Trace
 from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from tests.flows.synthetic_lake import Campaign, build
 
 

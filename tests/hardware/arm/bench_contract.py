@@ -11,10 +11,11 @@ import pytest
 
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
-from fast.hardware.safety.safe_state import StopAskedError, Verb
+from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.hardware.tools.mounted import MountedTool
+from fast.models.design.fin_ray import FinRay
 from fast.models.errors import FastError, UsageError
-from fast.models.records import BENCH_FAULT, FinRay, GraspSetup
+from fast.models.records import BENCH_FAULT, GraspSetup
 from fast.models.traces import peak_force_n
 
 DESIGN = FinRay(

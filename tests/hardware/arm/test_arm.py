@@ -15,7 +15,7 @@ from fast.hardware.arm.bench import ArmBench, open_arm_bench
 from fast.hardware.arm.link import ArmLink
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import Bench, open_virtual_bench
-from fast.hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
+from fast.hardware.parts.safe_state import EmergencyStopError, StopAskedError, Verb
 from fast.hardware.virtual.arm.controller import VirtualArm
 from fast.hardware.virtual.arm.server import ArmServer
 from fast.hardware.virtual.arm.urscript import Move, Output, Register, Stop, read_program

@@ -7,7 +7,7 @@ import pytest
 
 from fast.hardware.bench import open_virtual_bench
 from fast.hardware.cell.cycle_time import plan_time
-from fast.hardware.cell.limits import BenchLimits
+from fast.hardware.parts.limits import BenchLimits
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.models.design.space import BEST_PUBLISHED

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from fast.hardware.bench import BenchSettings, MountedTool, open_real_bench, open_virtual_bench, open_virtual_servers
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import VirtualClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.world.file import Scatter, Sensor, World
 from fast.hardware.virtual.world.physics import PhysicsCache, build_request
+from fast.models.design.fin_ray import FinRay
 from fast.models.errors import DeviceError, InterlockError, LakeError, SimulationFailed, UsageError
-from fast.models.records import FinRay, GraspSetup, GraspSimulation, Trace
+from fast.models.records import GraspSetup, GraspSimulation, Trace
 from fast.models.traces import peak_force_n
 
 DESIGN = FinRay(

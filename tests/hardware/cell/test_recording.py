@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.cell.force_sensor import Baseline, ForceReading
 from fast.hardware.cell.recorder import GraspRecorder
+from fast.hardware.parts.force_sensor import Baseline, ForceReading
 from fast.models.units import force_n_from_kg
 from tests.hardware.safety.scenario_bench import SETUP, TOOLS, WORLD, is_pulling, physics, when
 

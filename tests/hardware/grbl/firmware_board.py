@@ -13,10 +13,10 @@ import threading
 import time
 from pathlib import Path
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.grbl.profile import GrblProfile
 from fast.hardware.grbl.session import GrblSession
 from fast.hardware.grbl.workspace import WORKSPACE_SIZE_MM
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.wire.serial import SerialTransport
 from tests.hardware.grbl.faulty_line import FaultyLine, call_after
 

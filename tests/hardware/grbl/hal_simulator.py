@@ -27,9 +27,9 @@ import time
 import tty
 from pathlib import Path
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.grbl.profile import HAL_BUILD, GrblProfile
 from fast.hardware.grbl.session import GrblSession
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.wire.serial import SerialTransport
 from tests.hardware.grbl.faulty_line import FaultyLine, call_after
 from tests.hardware.grbl.firmware_board import BoardClock

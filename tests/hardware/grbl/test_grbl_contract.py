@@ -13,10 +13,10 @@ import time
 
 import pytest
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.clock import RealClock, ScaledClock
 from fast.hardware.grbl.errors import GrblAlarmError, GrblReplyError, MoveAbortedError
 from fast.hardware.grbl.profile import HAL_BUILD, GrblProfile
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.wire.serial import SerialTransport
 from fast.models.errors import InterlockError
@@ -193,10 +193,11 @@ def test_a_soft_limit_keeps_the_position(gantry, driver):
 
 
 def test_a_reset_in_motion_costs_the_position(gantry, driver, clock):
-    driver.start_jog((-60.0, 0.0, 0.0), 20)
-    clock.sleep(1)
+    driver.start_jog((-60.0, 0.0, 0.0), 3)  # long enough for a machine that is slow
+    wait_until_moving(gantry, clock)
+    epoch = driver.session.link.epoch
     driver.session.reset("testing")
-    assert driver.session.link.alarm_before == 3
+    assert driver.session.link.alarm_since(epoch) == 3
     assert not gantry.is_position_known
     with pytest.raises(InterlockError, match="home first"):
         gantry.move_to(*START_MM)

@@ -175,7 +175,7 @@ def test_reset_in_motion_is_alarm_3(homed):
     homed.driver.start_jog((-500.0, 0.0, 0.0), 100)
     homed.clock.sleep(1)
     homed.driver.session.reset("testing")
-    assert homed.driver.session.link.alarm_before == 3
+    assert homed.driver.session.link.alarm_since(0) == 3
     assert not homed.driver.is_position_known
 
 

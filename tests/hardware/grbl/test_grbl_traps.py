@@ -4,7 +4,6 @@ import time
 
 import pytest
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.clock import ScaledClock, VirtualClock
 from fast.hardware.grbl.driver import GrblDriver
 from fast.hardware.grbl.errors import (
@@ -16,6 +15,7 @@ from fast.hardware.grbl.errors import (
 )
 from fast.hardware.grbl.messages import Alarm, ErrorReply, Feedback, Ok, RealTime
 from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.wire.serial import SerialTransport
 from fast.models.errors import DeviceError, InterlockError

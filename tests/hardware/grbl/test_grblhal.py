@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.grbl.errors import ControllerResetError, GrblAlarmError, LostAlarmError, ProfileMismatchError
 from fast.hardware.grbl.profile import HAL_BUILD, LAB_SETTINGS, GrblProfile
 from fast.hardware.grbl.session import GrblSession
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.wire.serial import SerialTransport
 from fast.models.errors import InterlockError
 from tests.hardware.grbl.firmware_board import BoardClock

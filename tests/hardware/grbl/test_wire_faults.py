@@ -2,9 +2,9 @@
 
 import pytest
 
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.clock import VirtualClock
 from fast.hardware.grbl.stand_still import STOPPED
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.virtual.memory_wires import MemoryTransport
 from tests.hardware.grbl.faulty_line import FaultyLine, HandsOnVirtual, call_after

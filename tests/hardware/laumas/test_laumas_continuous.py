@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from fast.hardware.bench import BenchSettings
-from fast.hardware.cell.force_sensor import ForceSensor, SensorFaultError
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import RealClock, ScaledClock
 from fast.hardware.laumas.codec import Scale
 from fast.hardware.laumas.continuous import ContinuousTransmitter
@@ -21,6 +19,8 @@ from fast.hardware.laumas.strings import (
     least_baud_rate,
     parse_line,
 )
+from fast.hardware.parts.force_sensor import ForceSensor, SensorFaultError
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.laumas import StringServerThread, VirtualLaumas
 from fast.hardware.virtual.world.file import Sensor, World
 from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState

@@ -5,7 +5,8 @@ import numpy as np
 from fast.hardware.bench import open_virtual_bench
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import Sensor, World
-from fast.models.records import FinRay, GraspSetup, GraspSimulation, Trace
+from fast.models.design.fin_ray import FinRay
+from fast.models.records import GraspSetup, GraspSimulation, Trace
 
 DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,

@@ -3,11 +3,11 @@
 import pytest
 
 from fast.hardware.bench import MountedTool, open_virtual_bench
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.click import tags
 from fast.hardware.click.codec import parse_address
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import VirtualClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.bench import VirtualBench
 from fast.hardware.virtual.memory_wires import memory_link
 from fast.hardware.virtual.world.file import World
@@ -58,6 +58,6 @@ def test_opening_a_bench_takes_all_of_them_back(monkeypatch):
 
     start = VirtualBench.start
     monkeypatch.setattr(VirtualBench, "start", lambda bench, *ports: start_as_a_dead_host_left_it(bench))
-    monkeypatch.setattr("fast.hardware.cell.pneumatics.Pneumatics.is_gripping", lambda self: False)
+    monkeypatch.setattr("fast.hardware.parts.pneumatics.Pneumatics.is_gripping", lambda self: False)
     with open_virtual_bench(World(), TOOLS, wires="memory") as bench:
         assert not any(bench.plc.read_bit(request) for request in tags.REQUESTS)

@@ -5,7 +5,7 @@ from dataclasses import fields
 
 import pytest
 
-from fast.hardware.safety.safe_state import (
+from fast.hardware.parts.safe_state import (
     COMMANDS,
     MEANINGS,
     BenchCondition,

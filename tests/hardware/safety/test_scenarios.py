@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from fast.hardware.cell.force_sensor import OverloadError, SensorFaultError
 from fast.hardware.click.driver import LadderError
 from fast.hardware.grbl.errors import (
     GrblAlarmError,
@@ -19,7 +18,8 @@ from fast.hardware.grbl.errors import (
     SilentControllerError,
     WrongPlaceError,
 )
-from fast.hardware.safety.safe_state import EmergencyStopError, FreezeError
+from fast.hardware.parts.force_sensor import OverloadError, SensorFaultError
+from fast.hardware.parts.safe_state import EmergencyStopError, FreezeError
 from fast.hardware.safety.watches import LowAirError
 from fast.hardware.virtual.faults import FAULTS
 from fast.hardware.wire.serial import LinkLostError

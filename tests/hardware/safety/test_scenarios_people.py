@@ -5,7 +5,7 @@ import datetime
 import numpy as np
 import pytest
 
-from fast.hardware.safety.safe_state import EmergencyStopError, SafeAction, StopAskedError, Verb
+from fast.hardware.parts.safe_state import EmergencyStopError, SafeAction, StopAskedError, Verb
 from fast.models.errors import DeviceError, InterlockError, LakeError
 from tests.hardware.safety.scenario_bench import (
     REST_Z_MM,

@@ -5,10 +5,10 @@ import subprocess
 
 import pytest
 
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.click import tags
 from fast.hardware.click.codec import parse_address
 from fast.hardware.clock import VirtualClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.click import VirtualClick
 from fast.hardware.virtual.laumas import VirtualLaumas
 from fast.hardware.virtual.world.file import World

@@ -4,13 +4,13 @@ import random
 
 import pytest
 
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.click import tags
 from fast.hardware.click.codec import parse_address
 from fast.hardware.click.driver import ClickPlc, LadderError
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.codec import Status
 from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.click import VirtualClick
 from fast.hardware.virtual.laumas import VirtualLaumas
 from fast.hardware.virtual.world.file import World

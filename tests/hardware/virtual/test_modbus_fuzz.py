@@ -13,11 +13,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.click import tags
 from fast.hardware.click.codec import parse_address
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.codec import N_MEASURED, Scale, decode_measured, decode_scale
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.click import VirtualClick
 from fast.hardware.virtual.laumas import VirtualLaumas
 from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS, answer_pdu

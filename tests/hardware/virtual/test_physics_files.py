@@ -10,9 +10,10 @@ from fast.hardware.virtual.world import physics_cache as physics_files
 from fast.hardware.virtual.world.file import Scatter, World, WorldMesh
 from fast.hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, build_request
 from fast.hardware.virtual.world.physics_cache import PhysicsFiles
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.graded import GradedFinRay
 from fast.models.errors import SimulationFailed
-from fast.models.records import Design, EffectValue, FinRay, GraspSetup, GraspSimulation, Theta, Trace
+from fast.models.records import Design, EffectValue, GraspSetup, GraspSimulation, Theta, Trace
 
 DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,

@@ -1,11 +1,11 @@
 import pytest
 
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc, LadderError
 from fast.hardware.clock import ScaledClock, VirtualClock
 from fast.hardware.laumas.codec import Scale
 from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.click import VirtualClick
@@ -16,8 +16,8 @@ from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState
 from fast.hardware.wire.modbus import rtu_link, tcp_link
 from fast.hardware.wire.serial import LinkLostError
+from fast.models.design.fin_ray import FinRay
 from fast.models.errors import DeviceError, InterlockError, UsageError
-from fast.models.records import FinRay
 from fast.models.units import force_n_from_kg
 
 DESIGN = FinRay(

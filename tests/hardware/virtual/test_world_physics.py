@@ -14,9 +14,10 @@ from fast.hardware.virtual.world.physics import (
     grasp_curve,
     tool_modulus_factor,
 )
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import SimulationFailed
-from fast.models.records import EffectValue, FinRay, GraspSetup, GraspSimulation, Placement, Trace
+from fast.models.records import EffectValue, GraspSetup, GraspSimulation, Placement, Trace
 
 DESIGN = FinRay(
     length_mm=30, width_mm=30, height_mm=110, tip_length_mm=25, front_thickness_mm=2.5, back_thickness_mm=2.5,

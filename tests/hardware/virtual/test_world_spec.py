@@ -6,9 +6,10 @@ from shapely.geometry import Polygon, box
 
 from fast.hardware.virtual.world.file import World, load_world
 from fast.hardware.virtual.world.hidden import HIDDEN_LAWS, build_hidden
+from fast.models.design.fin_ray import FinRay
 from fast.models.errors import ConfigError
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.records import EffectValue, FinRay, Trace
+from fast.models.records import EffectValue, Trace
 
 EXAMPLE = """
 seed = 7

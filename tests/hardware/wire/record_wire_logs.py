@@ -12,11 +12,11 @@ import threading
 from pathlib import Path
 
 from fast.hardware.bench import open_virtual_servers
-from fast.hardware.cell.gantry import Gantry
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import ScaledClock
 from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.virtual.world.file import World
 from fast.hardware.wire.log_files import GANTRY, LOAD_CELL, PLC, WireFiles, list_logs, read_header
 from fast.hardware.wire.modbus import rtu_link, tcp_link

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.fingerprints import fingerprint
 from fast.hardware.bench import MountedTool, open_virtual_bench
-from fast.hardware.cell.layout import BenchLayout
 from fast.hardware.clock import VirtualClock
+from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.bench import VirtualBench
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.virtual.memory_wires import MemoryTransport, memory_link
@@ -15,6 +14,7 @@ from fast.hardware.wire.serial import LinkLostError
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import DeviceError
 from fast.models.records import GraspSetup
+from tests.studies.benchmarks.fingerprints import fingerprint
 
 TOOLS = {3: MountedTool("a/B01T3", BEST_PUBLISHED)}
 NOISY = World(seed=5, sensor=Sensor(noise_sd_n=0.12))

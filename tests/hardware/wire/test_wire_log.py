@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.safety.safe_state import StopAskedError, Verb
+from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.hardware.wire import log_files as wire_files
 from fast.hardware.wire.log import WireEntry, WireLog
 from fast.hardware.wire.log_files import WireFiles, list_logs, read_log, read_session

@@ -30,7 +30,8 @@ from fast.models import traces as features
 from fast.models.design.space import random_designs
 from fast.models.ids import canonical_json
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.records import Design, GraspSetup, SimulatorVersion, Trace
+from fast.models.records import Design, GraspSetup, Trace
+from fast.models.simulation.version import SimulatorVersion
 
 OBJECT_IDS = (2, 6, 18, 20, 24, 28, 30, 32)
 N_BATCHES, N_SLOTS, N_REPEATS = 3, 4, 2

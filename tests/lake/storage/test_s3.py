@@ -422,7 +422,7 @@ def test_an_object_that_goes_while_it_is_read_is_not_there(monkeypatch):
 def test_of_many_that_take_a_lease_at_once_one_owns_and_who_lost_it_writes_no_row(lake, make_grasp, monkeypatch):
     assert race_for_lease(lake.address, 6) == (1, 5)
     monkeypatch.setattr(leases, "CHECKED_S", 0.0)
-    with exclusive(lake, "gantry", "busy"):
+    with exclusive(lake.storage, "gantry", "busy"):
         epoch = max(int(Path(name).name.partition("-")[0]) for name in lake.storage.small_files("leases/gantry"))
         assert lake.storage.claim("leases/gantry", f"{epoch + 1:08d}", "{}") is not None  # by another host
         with pytest.raises(LostLeaseError, match=r"no longer owns the gantry of s3://.*was taken over"):

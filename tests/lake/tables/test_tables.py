@@ -21,7 +21,8 @@ from fast.lake.tables.campaign import (
 from fast.lake.tables.catalogue_rows import missing_version_rows, version_rows
 from fast.models.design.space import PARAMETERS
 from fast.models.errors import ConfigError
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
+from fast.models.simulation.version import SimulatorVersion
 
 REFERENCE = (Path(__file__).parents[3] / "docs" / "reference" / "tables.md").read_text(encoding="utf-8")
 SLIP = SimulatorVersion(

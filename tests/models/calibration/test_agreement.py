@@ -11,7 +11,7 @@ from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.factorised import calibrate_factorised
 from fast.models.calibration.means.joint import calibrate_joint
 from fast.models.calibration.means.problem import THETA
-from fast.models.calibration.means.synthetic import make_up_problem
+from tests.synthetic.calibration import make_up_problem
 
 SETTINGS = CalibrationSettings(chains=4, draws=500, tune=250, target_accept=0.8, workers=1)
 NAMES = (*THETA, "sd_e_n", "noise_sd_n", "sd_h")

@@ -13,8 +13,8 @@ from fast.models.calibration.means import calibrate as choice
 from fast.models.calibration.means.calibrate import calibrate
 from fast.models.calibration.means.parameters import Parameters
 from fast.models.calibration.means.problem import THETA, Standardised, drop_repeats
-from fast.models.calibration.means.synthetic import make_up_problem
 from fast.models.errors import UsageError
+from tests.synthetic.calibration import make_up_problem
 
 SETTINGS = CalibrationSettings(chains=2, draws=1000, tune=50)
 PROBLEM = make_up_problem(40, 10, seed=0)

@@ -12,8 +12,8 @@ from fast.models.calibration.means import emulator, psi_density
 from fast.models.calibration.means.parameters import Parameters
 from fast.models.calibration.means.problem import Standardised
 from fast.models.calibration.means.psi_density import Measurements
-from fast.models.calibration.means.synthetic import make_up_problem
 from fast.models.gaussian_process.matern import matern52
+from tests.synthetic.calibration import make_up_problem
 
 
 @dataclass(frozen=True)

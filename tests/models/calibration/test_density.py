@@ -8,7 +8,7 @@ from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.joint import JointDensity
 from fast.models.calibration.means.parameters import Parameters
 from fast.models.calibration.means.problem import Standardised, unit_theta
-from fast.models.calibration.means.synthetic import make_up_problem
+from tests.synthetic.calibration import make_up_problem
 
 CASES = [(scales, rho) for scales in (False, True) for rho in ("fixed", "free")]
 

@@ -17,7 +17,7 @@ from fast.models.calibration.means.reweight import (
     compute_exact_log_density,
     thin,
 )
-from fast.models.calibration.means.synthetic import make_up_problem
+from tests.synthetic.calibration import make_up_problem
 
 PROBLEM = make_up_problem(40, 8, seed=3, scales_with_modulus=True)
 SHORT = CalibrationSettings(chains=2, draws=50, tune=50, target_accept=0.8, workers=1)

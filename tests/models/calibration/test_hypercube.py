@@ -5,9 +5,9 @@ from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.checks import emulate, is_held_out, score
 from fast.models.calibration.means.hypercube import HypercubePlan, draw_hypercube
 from fast.models.calibration.means.problem import THETA_LOWER, THETA_UPPER
-from fast.models.calibration.means.synthetic import Truth, make_up_problem
 from fast.models.calibration.means.trend import FRICTION_OFFSET
 from fast.models.design.space import PARAMETERS, RIB_COUNT_COLUMN, to_unit
+from tests.synthetic.calibration import Truth, make_up_problem
 from tests.tasks.calibration.calibration_lake import made_up_result
 
 

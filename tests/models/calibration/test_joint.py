@@ -9,8 +9,8 @@ from scipy import stats
 from fast.models.calibration.inference.optimise import climb, find_laplace_covariance
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.joint import calibrate_joint
-from fast.models.calibration.means.synthetic import make_up_problem
 from fast.models.errors import FastError
+from tests.synthetic.calibration import make_up_problem
 
 SETTINGS = CalibrationSettings(chains=2, tune=80, draws=80, target_accept=0.8, workers=1)
 

@@ -14,9 +14,9 @@ from fast.models.calibration.means.predict import (
     thinned,
 )
 from fast.models.calibration.means.problem import Standardised, unit_theta
-from fast.models.calibration.means.synthetic import make_up_problem
 from fast.models.gaussian_process.matern import matern52
 from tests.models.calibration.calibration_draws import made_up_result
+from tests.synthetic.calibration import make_up_problem
 
 
 class Joint:

@@ -13,8 +13,8 @@ from fast.models.calibration.means.parameters import Parameters
 from fast.models.calibration.means.problem import Standardised
 from fast.models.calibration.means.psi_density import Measurements
 from fast.models.calibration.means.ridge import RidgeDensity, find_profile, find_share_taken_off, temper_ridge
-from fast.models.calibration.means.synthetic import make_up_problem
 from fast.models.calibration.means.theta_surrogate import Box, build_surrogate
+from tests.synthetic.calibration import make_up_problem
 
 
 @cache

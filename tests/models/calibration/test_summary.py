@@ -14,8 +14,8 @@ from fast.models.calibration.inference.summary import (
 from fast.models.calibration.means.checks import check_calibration, measure_emulator_relevance, measure_relevance
 from fast.models.calibration.means.predict import condition_models, predict_measured, score_mixture
 from fast.models.calibration.means.problem import THETA, Standardised
-from fast.models.calibration.means.synthetic import make_up_problem
 from tests.models.calibration.calibration_draws import made_up_result
+from tests.synthetic.calibration import make_up_problem
 
 THETA_BEFORE = np.array([11.5, 0.56, 0.45])
 

@@ -9,8 +9,8 @@ from fast.models.calibration.means.emulator import Emulator, factorise
 from fast.models.calibration.means.parameters import Parameters
 from fast.models.calibration.means.problem import Standardised
 from fast.models.calibration.means.psi_density import Measurements
-from fast.models.calibration.means.synthetic import make_up_problem
 from fast.models.calibration.means.theta_surrogate import MAX_ERROR, Box, ThetaSurrogate, build_surrogate
+from tests.synthetic.calibration import make_up_problem
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["E an input", "E a emulator"])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fast.models.calibration.means.problem import Standardised, unit_theta, unit_theta_slopes
-from fast.models.calibration.means.synthetic import make_up_problem
 from fast.models.calibration.means.trend import FRICTION_OFFSET, ForceTrend
+from tests.synthetic.calibration import make_up_problem
 
 RNG = np.random.default_rng(0)
 X, FRICTION, POISSON = RNG.random((200, 9)), RNG.uniform(0.02, 2.0, 200), RNG.uniform(0.2, 0.5, 200)

@@ -8,7 +8,7 @@ import pytest
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.joint import calibrate_joint
 from fast.models.calibration.means.problem import THETA
-from fast.models.calibration.means.synthetic import Truth, make_up_problem
+from tests.synthetic.calibration import Truth, make_up_problem
 
 SETTINGS = CalibrationSettings(chains=2, tune=80, draws=80, target_accept=0.8, workers=1)
 

@@ -4,9 +4,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fast.models.design.fin_ray import BASE_HEIGHT_MM, MIN_CAVITY_AREA_MM2, MIN_EDGE_MM, planar_profile
 from fast.models.design.finger import MARK_DEPTH_MM, MARK_MARGIN_MM, finger_bodies
 from fast.models.design.glyphs import text_outline
-from fast.models.design.profile import BASE_HEIGHT_MM, MIN_CAVITY_AREA_MM2, MIN_EDGE_MM, planar_profile
 from fast.models.design.space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER, from_unit
 from fast.models.errors import UsageError
 

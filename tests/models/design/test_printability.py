@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
+from fast.models.design.fin_ray import BASE_HEIGHT_MM
 from fast.models.design.finger import finger_bodies
 from fast.models.design.printability import PrintingRules, broken_rules, printable
-from fast.models.design.profile import BASE_HEIGHT_MM, cavities
 from fast.models.design.space import BEST_PUBLISHED, random_designs, to_unit
 from fast.models.records import Design
 
@@ -16,7 +16,7 @@ DENSE = BEST_PUBLISHED.model_copy(update={"rib_count": 10, "rib_angle_deg": 40.0
 
 def narrowest_mm(design: Design) -> float:
     """Diameter of the largest circle in the narrowest cavity, by another algorithm."""
-    return 2 * min(shapely.maximum_inscribed_circle(void, tolerance=1e-3).length for void in cavities(design))
+    return 2 * min(shapely.maximum_inscribed_circle(void, tolerance=1e-3).length for void in design.list_voids())
 
 
 def test_narrow_gaps_between_ribs_are_named():

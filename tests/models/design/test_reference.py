@@ -2,11 +2,11 @@
 
 import pytest
 
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.free_form import FreeForm
 from fast.models.design.graded import GradedFinRay
 from fast.models.design.reference import REFERENCES, find_reference, make_reference
 from fast.models.errors import UsageError
-from fast.models.records import FinRay
 
 
 @pytest.mark.parametrize("family", [FinRay, GradedFinRay])

@@ -29,8 +29,9 @@ from fast.models.gap.local_bank import (
     has_left,
     move_bank,
 )
-from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.records import EffectValue, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 from tests.synthetic.gap import GapTruth, made_up_gap, made_up_steps, with_bank
 
 THETA = np.array([9.23456, 0.61341, 0.43219])

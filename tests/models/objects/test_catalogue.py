@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from fast.models.errors import UsageError
-from fast.models.objects.catalogue import OBJECTS, RigidObject, get_object
+from fast.models.objects.catalogue import OBJECTS, get_object
 from fast.models.objects.distance import distance
 from fast.models.objects.primitives import bounds, rotated, turn_about_z
+from fast.models.objects.rigid import RigidObject
 from fast.models.objects.surface import object_mesh
 
 IDS = [obj.name for obj in OBJECTS]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from fast.models.objects import primitives as p
-from fast.models.objects.catalogue import OBJECTS, RigidObject
+from fast.models.objects.catalogue import OBJECTS
 from fast.models.objects.distance import distance, distance_and_normal
+from fast.models.objects.rigid import RigidObject
 
 IDS = [obj.name for obj in OBJECTS]
 

@@ -9,13 +9,15 @@ import trimesh
 
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import ConfigError
-from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, RigidObject, get_object
+from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object
 from fast.models.objects.distance import distance
 from fast.models.objects.mount import printable_mesh
 from fast.models.objects.own import object_of_mesh, object_of_parts
 from fast.models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
-from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import GraspSetup
 from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.version import SimulatorVersion
 
 SPHERE = trimesh.creation.icosphere(4, 24.0)
 

@@ -9,19 +9,11 @@ import pytest
 from fast.models.design.space import BEST_PUBLISHED, numbered_design
 from fast.models.errors import SimulationFailed
 from fast.models.objects.catalogue import get_object
-from fast.models.records import (
-    Branches,
-    Design,
-    GraspSetup,
-    GraspSimulation,
-    Placement,
-    SimulatorVersion,
-    Theta,
-    Trace,
-)
+from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement, Theta, Trace
 from fast.models.simulation import branches
 from fast.models.simulation.branches import LEAST_JUMP, PLACEMENT_SD_MM, find_branches, lasting_difference
 from fast.models.simulation.grasp import SNAP, Numerics, simulate_grasp
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces import peak_force_n, work_j
 
 TUBE, CONE = get_object(14), get_object(24)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from fast.models.design.space import BEST_PUBLISHED
-from fast.models.records import MeshSettings
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.contact.friction import return_mapping
 from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, PointSpacing
@@ -13,6 +12,7 @@ from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.model import to_object_frame
 from fast.models.simulation.solver.stepping import TOUCH_MM, travel_to_touch
+from fast.models.simulation.version import MeshSettings
 
 NORMAL = np.array([0.0, 0.6, 0.8])
 

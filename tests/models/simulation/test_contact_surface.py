@@ -5,7 +5,7 @@ import pytest
 
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import MeshSettings, Placement
+from fast.models.records import Placement
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.contact.law import (
     NO_STOP,
@@ -19,6 +19,7 @@ from fast.models.simulation.contact.law import (
 from fast.models.simulation.contact.points import contact_points
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.model import to_object_frame
+from fast.models.simulation.version import MeshSettings
 
 LAW = ContactLaw()
 SPHERE, SPIRAL, TURNED_DIAMOND, JACK, DIABOLO, CUBE = 1, 13, 18, 23, 26, 30

@@ -5,14 +5,16 @@ import pytest
 
 from fast.models.design.space import BEST_PUBLISHED, numbered_design, random_designs
 from fast.models.errors import SimulationFailed, UsageError
-from fast.models.objects.catalogue import RigidObject, get_object
-from fast.models.records import Design, GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import Design, GraspSetup, GraspSimulation, Placement, Theta
 from fast.models.simulation.contact.law import ContactLaw
 from fast.models.simulation.effects.contact import StaticKineticFriction
 from fast.models.simulation.effects.geometry import WallThicknessOffset
 from fast.models.simulation.grasp import RIM, Numerics, simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.solver.stepping import LOCATED, StepLimits
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.traces.step_features import step_means
 
 SPHERE, CUBE, CONE, SPIRAL, TRIANGLE = (get_object(i) for i in (1, 30, 24, 13, 21))

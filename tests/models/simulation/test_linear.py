@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from fast.models.design.space import BEST_PUBLISHED
-from fast.models.records import MeshSettings
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.solver.cholesky import BlockCholesky, BlockPattern, block_pattern
+from fast.models.simulation.version import MeshSettings
 
 
 def random_pairs(n: int, n_pairs: int, seed: int) -> np.ndarray:

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import box
 
-from fast.models.design.profile import planar_profile
+from fast.models.design.fin_ray import planar_profile
 from fast.models.design.space import BEST_PUBLISHED, PARAMETERS, from_unit, random_designs
 from fast.models.errors import MeshingFailed
-from fast.models.records import Design, MeshSettings
+from fast.models.records import Design
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.partition import partition
@@ -17,6 +17,7 @@ from fast.models.simulation.mesh.planar import PlanarMesh
 from fast.models.simulation.mesh.section import planar_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.mesh.tetwild import tetrahedralise, tetwild_mesh
+from fast.models.simulation.version import MeshSettings
 
 DESIGNS = st.lists(st.floats(0, 1), min_size=len(PARAMETERS), max_size=len(PARAMETERS)).map(
     lambda point: from_unit(np.array([point]))[0]

@@ -7,7 +7,7 @@ import pytest
 
 from fast.models.design.space import BEST_PUBLISHED, numbered_design
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, MeshSettings
+from fast.models.records import GraspSetup
 from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.contact.law import ContactLaw, PointSpacing
 from fast.models.simulation.grasp import Numerics, simulate_grasp
@@ -15,6 +15,7 @@ from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.model import FingerModel, finger_model
 from fast.models.simulation.solver.broyden import SecantMemory
 from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
+from fast.models.simulation.version import MeshSettings
 
 # What is compared holds for every finger and lift.
 ONE_RIB, COARSE, SHORT_LIFT = numbered_design(1), MeshSettings(edge_mm=12), GraspSetup(max_lift_mm=10)

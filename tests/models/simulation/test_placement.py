@@ -5,14 +5,16 @@ import pytest
 
 from fast.models.design.space import BEST_PUBLISHED, numbered_design
 from fast.models.errors import SimulationFailed, UsageError
-from fast.models.objects.catalogue import RigidObject, get_object
-from fast.models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion
+from fast.models.objects.catalogue import get_object
+from fast.models.objects.rigid import RigidObject
+from fast.models.records import GraspSetup, GraspSimulation, Placement
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.model import roll
 from fast.models.simulation.output.recording import GraspRecording, Snapshot
 from fast.models.simulation.output.twist import rotation_between, tip_twist_deg, twist_about_z_deg
 from fast.models.simulation.placement import check_reach, describe_placement, find_symmetry, needs_full_width
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 SPHERE, CYLINDER_X, SPIRAL, TRIANGLE, CONE, CUBE, TURNED_CUBE = (get_object(i) for i in (1, 7, 13, 21, 24, 30, 32))
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=12))

@@ -6,12 +6,13 @@ import trimesh
 
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
+from fast.models.records import GraspSimulation, Placement, Theta
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.output.pressure import patch_pressure
 from fast.models.simulation.output.recording import GraspRecording
 from fast.models.simulation.output.surface import section_of, section_outline, skin_of
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 SPHERE = get_object(1)
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=10), theta=Theta(young_modulus_mpa=23.0))

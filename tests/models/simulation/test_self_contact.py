@@ -7,11 +7,11 @@ import pytest
 import shapely
 from shapely.geometry import LineString, Polygon
 
-from fast.models.design.profile import planar_profile
+from fast.models.design.fin_ray import planar_profile
 from fast.models.design.space import from_unit, numbered_design, random_unit
 from fast.models.errors import SimulationFailed
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, GraspSimulation, MeshSettings, Placement, SimulatorVersion, Theta
+from fast.models.records import GraspSetup, GraspSimulation, Placement, Theta
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
 from fast.models.simulation.contact.law import ContactLaw, ObjectObstacle
@@ -28,6 +28,7 @@ from fast.models.simulation.solver import stepping
 from fast.models.simulation.solver.cholesky import BlockCholesky
 from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
 from fast.models.simulation.solver.stepping import Path, Step, StepLimits, Stepper
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from tests.models.simulation.dead_load import DeadLoad
 from tests.models.simulation.verification.bricks import brick, face_load
 from tests.models.simulation.verification.energy import elastic_energy

@@ -11,14 +11,14 @@ from functools import partial
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables, timed
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
 from fast.models.calibration.means.predict import Mixture
 from fast.models.calibration.means.problem import THETA, CalibrationProblem
-from fast.models.calibration.means.synthetic import Truth, discrepancy_n, force_n, make_up_problem
 from fast.models.errors import MissingDependencyError
 from fast.models.records import Record
+from tests.studies.benchmarks.base import Options, Rows, Tables, timed
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
+from tests.synthetic.calibration import Truth, discrepancy_n, force_n, make_up_problem
 
 N_PROBLEMS = 10
 N_SIM, N_REAL = 120, 25

@@ -3,7 +3,7 @@
 Three kinds of small worlds. In a *model* world parameters come from the prior and outputs from the Gaussian processes:
 the rank of the true parameter among posterior draws is uniform if and only if density and sampler are right (Talts et
 al. 2018; the log density as a further quantity after Modrak et al. 2023). In a *forces* world
-outputs come from closed-form grasp forces with a discrepancy (`models.calibration.means.synthetic`), as in practice,
+outputs come from closed-form grasp forces with a discrepancy (`tests.synthetic.calibration`), as in practice,
 in a *factor* world from forces proportional to Young's modulus: there it counts how often the 90 % interval holds the
 truth. A parameter of which the data say little keeps its prior, whose interval misses every truth near its ends and no
 other. So that the count does not hinge on what was drawn, true thetas of 100 worlds are a Latin hypercube of the prior.
@@ -20,12 +20,12 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.stats import binom, chisquare, kstest, qmc
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.models.blas import one_blas_thread
 from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
 from fast.models.calibration.means.problem import THETA
 from fast.models.records import Record
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 
 N_WORLDS = 100
 N_SIM, N_REAL = 80, 25
@@ -109,7 +109,7 @@ def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
     from fast.models.calibration.means.joint import JointDensity, sample_joint
     from fast.models.calibration.means.parameters import Parameters
     from fast.models.calibration.means.problem import Standardised
-    from fast.models.calibration.means.synthetic import Truth, make_up_problem
+    from tests.synthetic.calibration import Truth, make_up_problem
 
     settings = SETTINGS.model_copy(update={"seed": world})
     theta, rng = _true_theta(kind, settings.priors, world)

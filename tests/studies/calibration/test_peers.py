@@ -3,8 +3,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.models.errors import MissingDependencyError
+from tests.studies.benchmarks.base import Options
 from tests.studies.calibration import peers as peers
 
 

@@ -6,8 +6,8 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.models.calibration.means.problem import THETA
+from tests.studies.benchmarks.base import Options
 from tests.studies.calibration import ranks as calibration_ranks
 from tests.studies.calibration.ranks import N_BINS, N_RANKED, WorldOutcome, measure_calibration_ranks, sampler
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.outcomes import RecordFile
 from fast.hardware.virtual.world.physics_cache import physics_id
 from fast.models.calibration.traces.theta_grid import ThetaGrid
 from fast.models.records import Theta
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.outcomes import RecordFile
 from tests.studies.calibration.trace_bank import BankTrace, bank_jobs, fill_bank
 from tests.studies.calibration.traces import TRUTHS, measure_calibration_traces
 from tests.synthetic.gap import made_up_trace

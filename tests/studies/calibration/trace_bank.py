@@ -8,8 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.hardware.virtual.world.file import Scatter, World
 from fast.hardware.virtual.world.physics import build_request, simulate_request
 from fast.hardware.virtual.world.physics_cache import physics_id
@@ -18,11 +16,14 @@ from fast.models.design.space import numbered_design
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import content_id
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, GraspSimulation, Record, SimulatorVersion, Theta, Trace
+from fast.models.records import GraspSetup, GraspSimulation, Record, Theta, Trace
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.placement import needs_full_width
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.simulation.pool import WorkerPool
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 
 SETUP = GraspSetup()
 DEADLINE_S = 300.0

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables
 from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.problem import THETA
@@ -26,6 +25,7 @@ from fast.models.gap.grasps import Grasps, of_one_setup
 from fast.models.records import GraspContext, Theta, Trace
 from fast.models.traces.step_features import FEATURES, N_STEPS, PEAK, features_of_steps, step_means
 from fast.models.traces.step_noise import SensorNoise
+from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.calibration.trace_bank import SETUP, Bank, BankJob, bank_jobs, fill_bank
 
 N_DESIGNS, OBJECTS = 10, (1, 6, 14, 25, 28, 30, 32, 34)

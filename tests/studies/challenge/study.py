@@ -13,12 +13,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.flows.challenge.answers import LIFT_MM
 from fast.flows.challenge.grade import grade_answers, make_tables
 from fast.flows.challenge.make import make_challenge
 from fast.flows.challenge.manifest import Manifest
 from fast.flows.challenge.world_folder import GivenWorld, read_world
+from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.challenge.entrants import learned
 from tests.studies.challenge.entrants.common import Fitted, Line, Opinion, draw_lines
 from tests.studies.challenge.entrants.evidence import Evidence

@@ -19,7 +19,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fast.flows.benchmarks.base import Options, Tables
 from fast.lake.handoff.export_folder import export_handoff
 from fast.lake.maintenance import check
 from fast.lake.store import Lake
@@ -28,6 +27,7 @@ from fast.lake.tables.schema import has_samples, schema_of
 from fast.models.errors import FastError, UsageError
 from fast.models.scientist.surrogate import fit as surrogate_fit
 from fast.models.scientist.surrogate.likelihood import log_posterior
+from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.crash.phases import HANDOFF, PHASES, Phase
 
 N_KILLS = 12  # of each phase

@@ -10,8 +10,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from fast.flows.benchmarks.fingerprints import Label
-from fast.flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch
 from fast.hardware.virtual.world.file import World
 from fast.lake.maintenance import check
 from fast.lake.store import Lake
@@ -20,6 +18,8 @@ from fast.models.records import BENCH_FAULT
 from fast.models.traces import peak_force_n
 from fast.tasks.bench.plan import order_cells
 from fast.tasks.campaign.campaign import Campaign
+from tests.studies.benchmarks.fingerprints import Label
+from tests.studies.benchmarks.made_up_batch import CAMPAIGN_ID, Batch
 from tests.studies.crash.labels import SparseTraceError, label_problem, read_fingerprint
 
 Grasp = dict[str, Any]

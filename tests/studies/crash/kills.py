@@ -2,7 +2,7 @@
 
 Every life of the batch is a process of its own that does what `fast campaign run` does with a confirmed batch: the
 whole bench with its devices and drivers, grasps to the lake. The killer only knows when a life began. The grasps are
-made up, and their force says what was really gripped (`flows.benchmarks.fingerprints`).
+made up, and their force says what was really gripped (`tests.studies.benchmarks.fingerprints`).
 """
 
 import math
@@ -19,15 +19,15 @@ from pathlib import Path
 from threading import Event
 from typing import Protocol
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.fingerprints import fingerprint_world
-from fast.flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, lockstep_bench, measure_missing
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.virtual.world.file import World
 from fast.models.errors import FastError
 from fast.tasks.bench.measure import OpenBench
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.state import ProposedTool
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.fingerprints import fingerprint_world
+from tests.studies.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, lockstep_bench, measure_missing
 from tests.studies.crash.kill_judge import Found, Told, judge
 from tests.studies.crash.outside_bench import OutsideDevices, open_outside_bench
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from fast.flows.benchmarks.fingerprints import (
+from fast.hardware.virtual.world.file import World
+from fast.models.records import Trace
+from tests.studies.benchmarks.fingerprints import (
     BASE_N,
     LEAST_DIFFERENCE,
     OBJECT_N,
@@ -12,8 +14,6 @@ from fast.flows.benchmarks.fingerprints import (
     repeat_factor,
     slot_of,
 )
-from fast.hardware.virtual.world.file import World
-from fast.models.records import Trace
 
 MARGIN_MM = 1.0  # at each end of a plateau: on a busy machine the lift is told late
 FEWEST_SAMPLES = 3

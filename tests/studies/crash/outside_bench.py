@@ -9,13 +9,13 @@ from dataclasses import asdict
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from fast.flows.benchmarks.fingerprints import fingerprint
-from fast.flows.benchmarks.made_up_batch import Batch, rack_of
 from fast.hardware.bench import Bench, BenchSettings, open_real_bench, open_virtual_servers
 from fast.hardware.clock import ScaledClock
 from fast.hardware.virtual.world.file import World
 from fast.models.errors import DeviceError, InterlockError
 from fast.tasks.campaign.state import ProposedTool
+from tests.studies.benchmarks.fingerprints import fingerprint
+from tests.studies.benchmarks.made_up_batch import Batch, rack_of
 
 SPEED_UP = 5.0  # faster, and a pause of a busy machine looks like a fault
 START_S = 60.0

@@ -11,9 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fast.flows.benchmarks.fingerprints import fingerprint_world
-from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
-from fast.flows.benchmarks.made_up_campaign import made_up_attempt
 from fast.flows.report import folder as report_folder
 from fast.flows.report.campaign import page as report_page
 from fast.flows.report.campaign.simulation import write_moments
@@ -35,6 +32,9 @@ from fast.tasks.scientist.fit import fit
 from fast.tasks.scientist.observe import closed_batches, observe, observed_rows
 from fast.tasks.scientist.propose import propose_initial, propose_tools
 from fast.tasks.simulation import simulate as simulating
+from tests.studies.benchmarks.fingerprints import fingerprint_world
+from tests.studies.benchmarks.made_up_batch import Batch, measure_missing
+from tests.studies.benchmarks.made_up_campaign import made_up_attempt
 
 NAME = "study"
 BATCH = Batch(n_tools=4, object_ids=(3, 14, 29), n_repeats=1)
@@ -99,7 +99,7 @@ def _campaign(folder: Path) -> Campaign:
 def _start(folder: Path) -> None:
     campaign = _campaign(folder)
     register(campaign, _TOML)
-    with exclusive(campaign.lake, lease_name(NAME), "busy") as lease:
+    with exclusive(campaign.lake.storage, lease_name(NAME), "busy") as lease:
         append_event(campaign.lake, NAME, STARTED, "started or continued", run=lease.token)
         propose_initial(campaign)
         if not campaign.state().is_confirmed(1):

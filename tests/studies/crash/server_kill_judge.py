@@ -6,13 +6,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from fast.flows.benchmarks.made_up_campaign import N_SIMULATIONS, N_TOOLS, OBJECTS, labels_of, world_of
 from fast.flows.server.crashed_runs import ACTIVE
 from fast.lake.maintenance import check
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ProposalRow, Row, SimulationRow
 from fast.models.errors import LakeError
 from fast.models.records import BENCH_FAULT
+from tests.studies.benchmarks.made_up_campaign import N_SIMULATIONS, N_TOOLS, OBJECTS, labels_of, world_of
 from tests.studies.crash.labels import SparseTraceError, label_problem
 
 N_SIMULATED = (N_SIMULATIONS + N_TOOLS) * len(OBJECTS)

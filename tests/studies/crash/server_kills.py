@@ -1,7 +1,7 @@
 """Flow process, worker and server of a lab killed at random moments of campaigns, which go on by themselves.
 
 The lab is that of `fast serve`: the Prefect server, a worker, and the loop that starts again what died. The campaigns
-are made up (`flows.benchmarks.made_up_campaign`), so that a kill costs process starts and little else.
+are made up (`tests.studies.benchmarks.made_up_campaign`), so that a kill costs process starts and little else.
 """
 
 import random
@@ -17,9 +17,6 @@ from typing import Any
 
 import psutil
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.made_up_campaign import write_files
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.server.crashed_runs import CONTINUED
 from fast.flows.server.lab import CHECKOUT, Lab, LabPlan, open_lab
 from fast.flows.server.server import ask_server
@@ -27,6 +24,9 @@ from fast.lake.leases import exclusive, is_held
 from fast.lake.store import Lake
 from fast.models.errors import FastError
 from fast.models.records import Record
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.made_up_campaign import write_files
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.crash.server_kill_judge import Progress, judge_campaign, judge_server
 
 N_KILLS = 100
@@ -102,7 +102,7 @@ class _Study:
         found += judge_server(lambda path, body: ask_again(self._lab, path, body))
         found += [f"kill {kill.number}: {kill.problem}" for kill in self.kills if kill.problem]
         locks = ["gantry", *(f"campaign-{name}" for name in names)]
-        return found + [f"the lock {lock} is stuck" for lock in locks if is_held(self._lake, lock)]
+        return found + [f"the lock {lock} is stuck" for lock in locks if is_held(self._lake.storage, lock)]
 
     def _names(self) -> list[str]:
         """Campaigns that were begun in this lake."""
@@ -149,11 +149,11 @@ class _Study:
     def _is_second_refused(self) -> bool | None:
         """Whether the campaign, run now, refuses another owner; None when it is not run at this moment."""
         lock = f"campaign-{self._name}"
-        if not self._pids()["flow"] or not is_held(self._lake, lock):
+        if not self._pids()["flow"] or not is_held(self._lake.storage, lock):
             return None
         try:
-            with exclusive(self._lake, lock, "busy"):
-                return not is_held(self._lake, lock)  # it ended just now
+            with exclusive(self._lake.storage, lock, "busy"):
+                return not is_held(self._lake.storage, lock)  # it ended just now
         except FastError:
             return True
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow
 from fast.models.design.space import BEST_PUBLISHED
+from tests.studies.benchmarks.base import Options
 from tests.studies.crash import aimed
 from tests.studies.crash.phases import Phase
 

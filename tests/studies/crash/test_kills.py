@@ -8,12 +8,12 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from fast.flows.benchmarks.fingerprints import PLATEAUS_MM, fingerprint_world
-from fast.flows.benchmarks.made_up_batch import Batch, lockstep_bench, measure_missing
 from fast.lake.tables.campaign import GraspRow, TraceRow
 from fast.models.errors import InterlockError
 from fast.models.records import BENCH_FAULT, Trace
 from fast.tasks.campaign.campaign import Campaign
+from tests.studies.benchmarks.fingerprints import PLATEAUS_MM, fingerprint_world
+from tests.studies.benchmarks.made_up_batch import Batch, lockstep_bench, measure_missing
 from tests.studies.crash.kill_judge import Told, judge
 from tests.studies.crash.kills import batch_of_about, kill_and_continue, kill_often, kill_outside
 from tests.studies.crash.labels import SparseTraceError, label_problem, read_fingerprint

@@ -2,10 +2,10 @@
 
 import pytest
 
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.made_up_campaign import config_of, labels_of, write_files
 from fast.lake.store import Lake
 from fast.tasks.campaign.config import load_config
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.made_up_campaign import config_of, labels_of, write_files
 from tests.studies.crash.server_kill_judge import judge_campaign, judge_server
 from tests.studies.crash.server_kills import TARGETS, Kill, measure_server_kills, summary
 

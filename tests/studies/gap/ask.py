@@ -15,8 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.challenge.keys import hash_key
 from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import believe, merge_forms
@@ -31,6 +29,8 @@ from fast.models.gap.naming.name import name_effect
 from fast.models.records import Record
 from fast.tasks.gap.ask import estimate_costs
 from fast.tasks.gap.ask_settings import USUAL_BUDGET
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, draw_key
 from tests.synthetic.rehearsal import USUAL
 

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.challenge.hidden.panel_file import PANEL, read_small
 from fast.flows.challenge.hidden.panels import Panels
 from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.models.design.space import numbered_design
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.grasps import Cells
-from fast.models.records import GraspSetup, Record, SimulatorVersion
+from fast.models.records import GraspSetup, Record
+from fast.models.simulation.version import SimulatorVersion
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code
 from tests.studies.gap.judgement import Judged
 from tests.studies.gap.tables import gap_tables

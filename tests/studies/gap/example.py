@@ -15,6 +15,9 @@ from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from zipfile import ZIP_DEFLATED, ZipFile
+
+import numpy as np
 
 from fast.flows.challenge.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
 from fast.flows.challenge.hidden.panel_file import read_cells
@@ -23,7 +26,7 @@ from fast.flows.gap.example import CAMPAIGN, FILE
 from fast.flows.gap.folder import write_folder
 from fast.flows.gap.search import GapOrder, run_gap
 from fast.flows.progress import ProgressReporter
-from fast.lake.handoff.packed import read_packed, write_packed
+from fast.lake.maintenance import compact_all
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (
@@ -46,13 +49,15 @@ from fast.lake.tables.requests import setup_columns
 from fast.lake.tables.row import Row
 from fast.models.design.space import numbered_design
 from fast.models.gap.grasps import Cells
-from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.records import GraspSetup
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import list_plan_ids, plan_bank
 from fast.tasks.gap.findings import STARTED
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
 LAW, SEED, REPEATS = "force_limited_closing", 41, 3
 CAREFUL = Nuisance(tool_sd=0.015, cell_sd=0.01, noise_sd_n=0.06)  # prints and placements of a lab that measures them
+_DECIMALS = {"time_s": 3, "lift_mm": 3, "force_n": 3}
 _BEGAN = datetime(2026, 1, 5, 8, 0, tzinfo=UTC)
 _CONFIG = f"""# Made-up measurements: there is no schedule to run.
 kind = "{IMPORTED}"
@@ -102,11 +107,27 @@ def read_bank_rows(source: Lake) -> list[Row]:
 
 
 def round_rows(rows: Sequence[Row]) -> list[Row]:
-    """Rows as the file keeps them: the search is made on the very numbers that it is repeated on."""
+    """Rows with samples of whole steps, which pack to half the size; the search is made on the very same numbers."""
+    return [_rounded(row) if isinstance(row, TraceRow | SimTraceRow) else row for row in rows]
+
+
+def _rounded(row: TraceRow | SimTraceRow) -> Row:
+    samples = {name: np.round(getattr(row, name), decimals) for name, decimals in _DECIMALS.items()}
+    return row.model_copy(update=samples)
+
+
+def write_example(path: Path, rows: Sequence[Row]) -> None:
+    """Write a lake of these rows as one file."""
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "rows.npz"
-        write_packed(path, rows)
-        return read_packed(path)
+        root = Path(folder) / "lake"
+        lake = Lake.open(root, create=True)
+        lake.append(rows, current_provenance(seed=SEED))
+        compact_all(lake)
+        lake.close()
+        parts = [part for part in sorted(root.rglob("*")) if part.is_file() and ".state" not in part.parts]
+        with ZipFile(path, "w", ZIP_DEFLATED) as archive:
+            for part in parts:
+                archive.write(part, part.relative_to(root))
 
 
 def collect_example(lake: Lake, campaign_id: str = CAMPAIGN) -> list[Row]:
@@ -172,7 +193,7 @@ def main() -> None:
     lake.append(round_rows([*measure_example(), *bank]), current_provenance(seed=SEED))
     outcome = run_gap(lake, GapOrder(CAMPAIGN), ProgressReporter(tell, tell))
     tell(f"{outcome.sentence}; page {write_folder(lake, outcome)}")
-    write_packed(words.out, collect_example(lake))
+    write_example(words.out, collect_example(lake))
     tell(f"{words.out}: {words.out.stat().st_size / 1e6:.2f} MB")
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from fast.flows.benchmarks.base import Options, Tables
 from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.challenge.hidden.panels import Panels
 from fast.flows.challenge.hidden.true_sets import TrueSet
 from fast.flows.challenge.hidden.worlds import Group, Worlds
 from fast.models.gap.bank.bank import Bank
 from fast.models.records import Trace
+from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.gap.development import PUBLIC_SEED, measure_worlds
 
 DATA = Path(__file__).parents[2] / "data"

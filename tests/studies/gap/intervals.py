@@ -12,8 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.challenge.grade import clopper_pearson
 from fast.flows.challenge.hidden.lab import Variants
 from fast.flows.challenge.hidden.lab_laws import LabLaw, Moment, lift_on
@@ -31,6 +29,8 @@ from fast.models.ids import seed_from
 from fast.models.records import EffectValue, Record, Theta, Trace
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import measure_held_out_n, naming_code
 from tests.studies.gap.development import open_panels
 from tests.studies.gap.local_banks import LocalBanks

@@ -9,7 +9,8 @@ from fast.lake.store import Lake
 from fast.models.gap.bank.bank import BankPlan
 from fast.models.gap.data import GapData
 from fast.models.gap.local_bank import answer_locally
-from fast.models.records import EffectValue, SimulatorVersion
+from fast.models.records import EffectValue
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_bank, read_bank
 from fast.tasks.simulation.plan import simulate_plan
 

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.challenge.hidden.worlds import MODULI_MPA, Group, WorldKey, Worlds
 from fast.flows.challenge.keys import hash_key
 from fast.models.design.space import numbered_design
@@ -25,6 +23,8 @@ from fast.models.gap.evidence.rehearsal import Rehearsal
 from fast.models.gap.grasps import Grasps, of_one_setup
 from fast.models.records import GraspContext, Record
 from fast.models.traces.step_noise import SensorNoise
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import Answer, answer, measure_twin, naming_code
 from tests.studies.gap.development import open_panels, rehearse_worlds
 from tests.studies.gap.judgement import Judged

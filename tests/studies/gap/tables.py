@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Rows, Tables
 from fast.flows.challenge.grade import clopper_pearson
 from fast.models.gap.findings import UNKNOWN
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from tests.studies.benchmarks.base import Rows, Tables
 from tests.studies.gap.judgement import Judged
 
 _SURE = 0.9

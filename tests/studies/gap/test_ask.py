@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.models.errors import UsageError
+from tests.studies.benchmarks.base import Options
 from tests.studies.gap import ask
 from tests.studies.gap.ask import Asking, measure_asking, say
 from tests.studies.gap.ask_worlds import MEMBERS, Bench, draw_key

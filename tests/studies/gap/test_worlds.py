@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.flows.challenge.hidden.lab_laws import LAB_LAWS
 from fast.flows.challenge.hidden.other_lab_laws import OTHER_LAB_LAWS
 from fast.flows.challenge.hidden.panel_file import read_small, write_small
@@ -23,6 +22,7 @@ from fast.models.gap.data import GapData
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from tests.studies.benchmarks.base import Options
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import measure_gap, with_known_fields
 from tests.studies.gap.independent import read_independent

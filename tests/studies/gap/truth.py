@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.challenge.hidden.panel_file import write_small
 from fast.flows.challenge.hidden.panels import Panels
 from fast.flows.challenge.hidden.true_sets import CHANNELS, LOWER, RAISED, WIDER, TrueSet
@@ -21,11 +19,14 @@ from fast.models.errors import SimulationFailed, UsageError
 from fast.models.gap.grasps import Cells
 from fast.models.ids import seed_from
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, Record, SimulatorVersion, Trace
+from fast.models.records import GraspSetup, Record, Trace
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import is_usable
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.simulation.plan import simulate_plan
 from fast.tasks.simulation.pool import WorkerPool
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 
 FRICTIONS, RATIOS = (0.38, 0.95), (0.32, 0.47)  # of true thetas: the bulk of the priors, not the bank's centre
 N_BASES = 4

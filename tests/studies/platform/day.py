@@ -19,11 +19,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fast.flows.benchmarks.base import Options, Tables
 from fast.flows.server.access import Api, own_login
 from fast.flows.server.lab import CHECKOUT
 from fast.flows.server.server import ask_server, find_server
 from fast.models.errors import FastError
+from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.platform.browser import Browser, open_browser
 from tests.studies.platform.inbox import open_inbox
 from tests.studies.platform.sockets import family, is_loopback, listening

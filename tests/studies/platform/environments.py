@@ -18,13 +18,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.server.lab import CHECKOUT
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
 from fast.models.errors import UsageError
 from fast.models.records import Record
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.platform.environment_list import ENVIRONMENTS, GROUPS, OURS, Environment
 
 NAME = "tiny"

@@ -18,10 +18,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.server.lab import CHECKOUT
 from fast.models.records import Record
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.platform.feature_list import NAME, OFF, REFUSED, levels, plain_case, write_case, write_prior
 from tests.studies.platform.pairwise import Case, Pair, all_pairs, cover_pairs, pairs_of
 

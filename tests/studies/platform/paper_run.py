@@ -15,15 +15,15 @@ from unittest import mock
 
 import psutil
 
-from fast.flows.benchmarks.made_up_campaign import made_up_attempt, use_made_up_physics
-from fast.flows.benchmarks.outcomes import RecordFile
-from fast.flows.benchmarks.overhead import server_of_study, spent_so_far
 from fast.flows.cli.common import say
 from fast.flows.progress import Bar, ProgressReporter
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import FitRow, GraspRow, Row, SimulationRow
 from fast.models.records import Record
+from tests.studies.benchmarks.made_up_campaign import made_up_attempt, run_made_up_campaign
+from tests.studies.benchmarks.outcomes import RecordFile
+from tests.studies.benchmarks.overhead import server_of_study, spent_so_far
 
 SAMPLE_EVERY_S = 5.0
 _COUNTED: tuple[type[Row], ...] = (GraspRow, SimulationRow, FitRow)
@@ -127,14 +127,10 @@ def _count_rows(root: Path) -> dict[type[Row], int]:
 
 def run(config: Path, root: Path, samples: Path, part: int) -> None:
     """Run or continue the campaign to its end, in this process."""
-    from fast.flows.campaign.launch import run_campaign
-    from fast.tasks.simulation import simulate as simulating
-
     append: Callable[..., Any] = Lake.append
     # The server comes first: made-up physics imports Prefect, which then takes its settings for good.
     with RecordFile(samples) as file, server_of_study(Lake.open(root, create=True)):
-        use_made_up_physics()
-        simulating.attempt_grasp = partial(made_up_attempt, wall_s=0.0)
+        attempt = partial(made_up_attempt, wall_s=0.0)
         sampler = Sampler(root, part, file)
 
         def counted(lake: Lake, rows: Sequence[Row], provenance: Provenance) -> None:
@@ -144,7 +140,7 @@ def run(config: Path, root: Path, samples: Path, part: int) -> None:
         sampler.start()
         reporter = ProgressReporter(sampler.hear_line, sampler.hear_line, sampler.hear)
         with mock.patch.object(Lake, "append", counted):
-            run_campaign(config, root, auto_print=True, reporter=reporter)
+            run_made_up_campaign(config, root, auto_print=True, reporter=reporter, attempt=attempt)
         sampler.write(is_end=True)
 
 

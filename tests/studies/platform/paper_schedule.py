@@ -18,13 +18,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import read_records
 from fast.flows.server.lab import CHECKOUT
 from fast.lake.maintenance import check
 from fast.lake.store import Lake
 from fast.models.errors import FastError
 from fast.tasks.campaign.config import CampaignConfig, load_config
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import read_records
 from tests.studies.platform.paper_run import Sample
 
 NAME = "paper"

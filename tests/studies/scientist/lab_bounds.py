@@ -18,15 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.hardware.virtual.world.file import Scatter, World, load_world
 from fast.hardware.virtual.world.physics import build_request, simulate_watched
+from fast.models.design.fin_ray import FinRay
 from fast.models.design.space import PARAMETERS, from_unit, snap, to_unit
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.records import Design, EffectValue, FinRay, GraspSetup
+from fast.models.records import Design, EffectValue, GraspSetup
 from fast.models.simulation.effects.catalogue import build_effects
 from fast.models.simulation.output.recording import Snapshot
 from fast.tasks.campaign.config import load_config
+from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.scientist.lab_world import ROOT, SEARCH_OBJECTS, on_bounds
 
 STALL = "force_limited_closing"

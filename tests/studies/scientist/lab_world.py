@@ -13,8 +13,6 @@ from typing import Literal
 import numpy as np
 from scipy.stats import spearmanr
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.flows.progress import RateEstimate, describe_time_left
 from fast.hardware.virtual.world.file import Scatter, World, load_world
 from fast.hardware.virtual.world.physics import PhysicsRequest, build_request, simulate_request
@@ -23,9 +21,12 @@ from fast.models.design.space import BEST_PUBLISHED, N_RIB_LEVELS, PARAMETERS, f
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import content_id
 from fast.models.objects.catalogue import OBJECTS, get_object
-from fast.models.records import Design, GraspSetup, GraspSimulation, Record, SimulatorVersion
+from fast.models.records import Design, GraspSetup, GraspSimulation, Record
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.config import load_config
 from fast.tasks.simulation.pool import WorkerPool
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 
 ROOT = Path(__file__).parents[3]
 N_DESIGNS = 12

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import Outcome, read_records
 from fast.models.design.space import numbered_design, to_unit
 from fast.models.scientist.acquisition.candidates import Spacing
 from fast.models.scientist.acquisition.front import Criterion, select_by_hypervolume
@@ -20,6 +18,8 @@ from fast.models.scientist.surrogate.imputation import mean_over_objects
 from fast.models.scientist.surrogate.observations import REAL, ObjectValues, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.models.traces.quality import mean_of_tools
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import Outcome, read_records
 
 FORCES = Path(__file__).resolve().parents[3] / "docs" / "benchmarks" / "object-forces.json"
 SIZES, SHARES, SEED = (10, 20, 40, 80), (0.1, 0.33), 20261124

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables, timed
-from fast.flows.benchmarks.scientist import N_PENDING, SIZES, cost_of_scientist, made_up_data
 from fast.models.scientist.surrogate.observations import ObservationSet
+from tests.studies.benchmarks.base import Options, Rows, Tables, timed
+from tests.studies.benchmarks.scientist import N_PENDING, SIZES, cost_of_scientist, made_up_data
 
 BOTORCH_LIMIT_S = 120.0  # CPU time after which BoTorch's fit is stopped
 _CANDIDATES, _RESTARTS, _RAW_SAMPLES, _ITERATIONS = 1000, 4, 64, 50

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.scientist.landscape import Landscape, landscape_of
-from fast.flows.scientist.landscape_bank import LandscapeBank
 from fast.models.design.space import random_unit
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior
 from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, ObservationSet
 from fast.models.traces.quality import mean_of_tools
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.landscapes.bank import LandscapeBank
+from tests.studies.landscapes.landscape import Landscape, landscape_of
 
 BANK = Path(__file__).resolve().parents[3] / "docs" / "benchmarks" / "landscapes.json"
 N_PRIOR, N_UNSEEN, SEED = 40, 400, 20261123

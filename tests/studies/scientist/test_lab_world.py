@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.models.design.space import BEST_PUBLISHED, LOWER, UPPER, to_unit
 from fast.models.records import Design
+from tests.studies.benchmarks.base import Options
 from tests.studies.scientist.lab_world import (
     LabGrasp,
     best_of,

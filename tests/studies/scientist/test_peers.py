@@ -1,7 +1,7 @@
 """The cost of the scientist beside BoTorch, on few data."""
 
-from fast.flows.benchmarks import scientist
-from fast.flows.benchmarks.base import Options
+from tests.studies.benchmarks import scientist
+from tests.studies.benchmarks.base import Options
 from tests.studies.scientist import peers
 
 

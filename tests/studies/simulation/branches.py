@@ -1,12 +1,13 @@
 """How many cells have two branches, and what the search for them costs: the grasps of the accuracy benchmark."""
 
-from fast.flows.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS
-from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.models.design.space import numbered_design
 from fast.models.objects.catalogue import OBJECTS, get_object
-from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.records import GraspSetup
 from fast.models.simulation.branches import find_branches
 from fast.models.simulation.grasp import SNAP, simulate_grasp
+from fast.models.simulation.version import SimulatorVersion
+from tests.studies.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS
+from tests.studies.benchmarks.base import Options, Rows, Tables
 
 
 def measure_branches(options: Options) -> Tables:

@@ -6,10 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.flows.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS, QUANTITIES
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.study import DEADLINE_S
-from fast.flows.benchmarks.summary import Key, describe_errors
 from fast.models.design.space import numbered_design
 from fast.models.errors import SimulationFailed
 from fast.models.objects.catalogue import OBJECTS, get_object
@@ -17,6 +13,10 @@ from fast.models.records import GraspSimulation, Trace
 from fast.models.simulation.body.elasticity import MaterialLaw
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.problem import Numerics
+from tests.studies.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN, N_DESIGNS, QUANTITIES
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.study import DEADLINE_S
+from tests.studies.benchmarks.summary import Key, describe_errors
 
 LAWS: tuple[MaterialLaw, MaterialLaw] = ("neo_hookean", "st_venant_kirchhoff")
 STEP_MM = 0.25  # of the lift at which two traces are compared

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fast.flows.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN
-from fast.flows.benchmarks.base import Options, Tables
-from fast.flows.benchmarks.study import DEADLINE_S
 from fast.models.design.space import numbered_design
 from fast.models.errors import SimulationFailed
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspSimulation, Placement
 from fast.models.simulation.grasp import simulate_grasp
+from tests.studies.benchmarks.accuracy import ACCURACY_OBJECTS, FIRST_DESIGN
+from tests.studies.benchmarks.base import Options, Tables
+from tests.studies.benchmarks.study import DEADLINE_S
 from tests.studies.simulation.material_law import rms_difference_n
 
 N_DESIGNS = 2

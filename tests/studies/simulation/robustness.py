@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.outcomes import Outcome
-from fast.flows.benchmarks.study import cases_of, run_study
-from fast.flows.benchmarks.summary import failures_by_reason, spread
 from fast.models.objects.catalogue import OBJECTS
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.outcomes import Outcome
+from tests.studies.benchmarks.study import cases_of, run_study
+from tests.studies.benchmarks.summary import failures_by_reason, spread
 
 TIER = "production"
 N_DESIGNS = 300

@@ -16,8 +16,6 @@ from typing import Any
 
 import psutil
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
-from fast.flows.benchmarks.made_up_campaign import made_up_attempt
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulationRow
 from fast.models.design.space import numbered_design
@@ -26,6 +24,8 @@ from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.simulation import simulate as simulating
 from fast.tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
 from fast.tasks.simulation.engine import LOCAL, Engine, open_engine
+from tests.studies.benchmarks.base import Options, Rows, Tables
+from tests.studies.benchmarks.made_up_campaign import made_up_attempt
 from tests.studies.simulation.dask_cluster import cluster
 
 N_WORKERS = 2

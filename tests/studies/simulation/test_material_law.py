@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.models.errors import SimulationFailed
 from fast.models.records import GraspSimulation, Trace
 from fast.models.simulation.body.elasticity import lame_constants
+from tests.studies.benchmarks.base import Options
 from tests.studies.simulation import material_law
 
 

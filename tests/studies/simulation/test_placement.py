@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.models.errors import SimulationFailed
 from fast.models.records import GraspSimulation, Placement, Trace
+from tests.studies.benchmarks.base import Options
 from tests.studies.simulation import placement as study
 
 

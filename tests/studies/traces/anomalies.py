@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import OBJECTS
 from fast.models.traces.anomalies import TURNED
+from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.traces.world_grasps import (
     N_TOOLS,
     WorldGrasp,

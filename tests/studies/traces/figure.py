@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fast.flows.benchmarks.base import Options, Rows, Tables
 from fast.flows.report.style import BEST, FIRST, MUTED, SIMULATED, new_figure
 from fast.models.design.space import BEST_PUBLISHED, numbered_design
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, Trace
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.traces.batch import features_of
+from tests.studies.benchmarks.base import Options, Rows, Tables
 
 N_DESIGNS = 10  # a batch, as in the paper
 STIFFNESS_OBJECT = 1  # sphere

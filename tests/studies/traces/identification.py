@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Rows, Tables, timed
 from fast.models.design.space import PARAMETERS, numbered_design
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import OBJECTS, get_object
+from tests.studies.benchmarks.base import Options, Rows, Tables, timed
 from tests.studies.traces.world_grasps import N_REPEATS, N_TOOLS, bench_world, measure_world, solve_world
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _complete_tools(grasps: Iterable[Any], n_objects: int) -> set[int]:
 def _accuracy(beliefs: "Beliefs", object_id: np.ndarray, tool: np.ndarray) -> Rows:
     """Top-1 and top-3 of objects, classes, orientations and sides; chance is that of the most frequent answer."""
     from fast.models.traces.identification.classifier import truth_of
-    from fast.models.traces.identification.evaluate import top_share
+    from tests.studies.traces.recognition import top_share
 
     rows: Rows = []
     for name, truth in truth_of(object_id).items():
@@ -77,8 +77,9 @@ def _classifiers(
     inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray, names: tuple[str, ...], options: Options
 ) -> Rows:
     """Other classifiers and other inputs, in the same folds."""
-    from fast.models.traces.identification.evaluate import beliefs_of_unseen, fit_trees, top_share
+    from fast.models.traces.identification.evaluate import beliefs_of_unseen, fit_trees
     from fast.models.traces.names import FEATURES
+    from tests.studies.traces.recognition import top_share
 
     in_lift = np.array([not name.startswith("closing_") or name in FEATURES for name in names])
     is_feature = np.array([name in FEATURES for name in names])
@@ -128,7 +129,8 @@ def _fitted(model: Any, inputs: np.ndarray, object_id: np.ndarray) -> Callable[[
 
 def _tools_learnt(inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray) -> Rows:
     """Top-1 and top-3 of one grasp against the number of tools that the classifier learnt from."""
-    from fast.models.traces.identification.evaluate import beliefs_from_tools, folds_of, top_share
+    from fast.models.traces.identification.evaluate import folds_of
+    from tests.studies.traces.recognition import beliefs_from_tools, top_share
 
     most = min(len(np.unique(tool[learnt])) for learnt, _ in folds_of(tool))
     rows: Rows = []
@@ -141,7 +143,7 @@ def _tools_learnt(inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray) -
 
 
 def _grasps_seen(beliefs: "Beliefs", object_id: np.ndarray, tool: np.ndarray) -> Rows:
-    from fast.models.traces.identification.evaluate import by_grasps_seen
+    from tests.studies.traces.recognition import by_grasps_seen
 
     n_tools = len(np.unique(tool))
     sizes = [size for size in GRASPS_SEEN if size[0] <= n_tools]
@@ -150,7 +152,7 @@ def _grasps_seen(beliefs: "Beliefs", object_id: np.ndarray, tool: np.ndarray) ->
 
 def _confused(beliefs: "Beliefs", object_id: np.ndarray) -> Rows:
     """The pairs of objects that are most often taken for one another."""
-    from fast.models.traces.identification.evaluate import confusion
+    from tests.studies.traces.recognition import confusion
 
     counts = confusion(beliefs, object_id)
     both = np.triu(counts + counts.T, 1)
@@ -226,7 +228,7 @@ def _standardised(values: np.ndarray) -> np.ndarray:
 def _draw(path: Path, beliefs: "Beliefs", object_id: np.ndarray) -> None:
     """Confusion matrix in shares of the true object, objects in the order of the catalogue."""
     from fast.flows.report.style import figure_style, new_figure
-    from fast.models.traces.identification.evaluate import confusion
+    from tests.studies.traces.recognition import confusion
 
     counts = confusion(beliefs, object_id)
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.base import Options
 from fast.hardware.virtual.world.physics_cache import physics_id
-from fast.models.records import SimulatorVersion
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.flags import KINDS
+from tests.studies.benchmarks.base import Options
 from tests.studies.traces.anomalies import FIRST_TOOL, WORLDS, measure_anomalies
 from tests.studies.traces.identification import measure_identification
 from tests.studies.traces.world_grasps import SIMULATED, WorldGrasp, bench_world, measure_world
@@ -51,7 +51,7 @@ def test_a_measured_grasp_is_the_solved_one_with_noise_and_scatter() -> None:
 
 def test_identification_by_tools_that_were_not_learnt_from(results, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("fast.models.traces.identification.classifier.N_TREES", 30)
-    monkeypatch.setattr("fast.models.traces.identification.evaluate.N_DRAWS", 5)
+    monkeypatch.setattr("tests.studies.traces.recognition.N_DRAWS", 5)
     figure = tmp_path / "confusion.png"
     tables = measure_identification(Options(designs=N_TOOLS, objects=OBJECTS, results=results, figure=figure))
     assert tables["data"][0]["traces"] == N_TOOLS * len(OBJECTS) * 3

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options, Tables
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import OBJECTS
 from fast.models.question import Kind, Question
@@ -17,6 +16,7 @@ from fast.models.traces import flags, peak_force_n
 from fast.models.traces.anomalies import TURNED
 from fast.models.traces.questions import UNITS_N, Told, find_questions
 from fast.models.traces.trace_questions import ToldTrace, find_trace_questions
+from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.traces.anomalies import FIRST_TOOL, wilson
 from tests.studies.traces.planted import PLANTS
 from tests.studies.traces.told_facts import measure_facts

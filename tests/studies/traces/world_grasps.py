@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from fast.flows.benchmarks.base import Options
-from fast.flows.benchmarks.outcomes import RecordFile, read_records
 from fast.hardware.cell.cell import CLOSED_SETTLE_S, closing_s
 from fast.hardware.cell.separation import WINDOW_MM
 from fast.hardware.virtual.world.file import World, load_world
@@ -28,10 +26,13 @@ from fast.hardware.virtual.world.physics_cache import physics_id
 from fast.models.design.space import numbered_design
 from fast.models.errors import ConfigError, SimulationFailed
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.records import GraspSetup, GraspSimulation, Record, SimulatorVersion, Trace
+from fast.models.records import GraspSetup, GraspSimulation, Record, Trace
 from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces import peak_force_n, work_j
 from fast.models.traces.batch import TraceFeatures, features_of_samples
+from tests.studies.benchmarks.base import Options
+from tests.studies.benchmarks.outcomes import RecordFile, read_records
 
 SETUP = GraspSetup()
 N_TOOLS = 24

@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from fast.flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, measure_missing
 from fast.hardware.virtual.world.file import World
 from fast.lake.tables.campaign import EventRow, GraspRow
 from fast.models.traces.flags import Anomaly
 from fast.tasks.bench import again
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.scientist.observe import closed_batches
+from tests.studies.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, measure_missing
 
 BATCH = Batch(2, (3, 8), 2)
 WRONG = ("study/B01T1", 8)

@@ -4,7 +4,6 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.diagnostics import DiagnosticPlan, DiagnosticRun
 from fast.hardware.virtual.world.file import World
@@ -17,6 +16,7 @@ from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.scientist.observe import unfinished_tools
 from fast.tasks.scientist.propose import propose_initial
+from tests.studies.benchmarks.made_up_batch import Batch, measure_missing
 from tests.tasks.campaign.test_state import append_grasp
 
 CELLS = [(object_id, repeat) for object_id in (4, 7, 9) for repeat in range(2)]

@@ -4,12 +4,12 @@ import json
 
 import pytest
 
-from fast.flows.benchmarks.fingerprints import fingerprint_world
-from fast.flows.benchmarks.made_up_batch import Batch, lockstep_bench, measure_missing
 from fast.lake import leases
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
 from fast.models.errors import LostLeaseError
+from tests.studies.benchmarks.fingerprints import fingerprint_world
+from tests.studies.benchmarks.made_up_batch import Batch, lockstep_bench, measure_missing
 
 BATCH = Batch(n_tools=2, object_ids=(3, 29), n_repeats=2)
 WORLD = fingerprint_world(BATCH.labels)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.virtual.world.file import World
 from fast.lake.maintenance import check
@@ -20,6 +19,7 @@ from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import ProposedTool
 from fast.tasks.scientist.propose import propose_initial
+from tests.studies.benchmarks.made_up_batch import Batch, measure_missing
 
 LIFT_MM = np.linspace(0, 10, 11)
 FIRST_CELLS = [(4, 0), (4, 1), (7, 0)]

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from fast.flows.benchmarks.fingerprints import fingerprint
-from fast.flows.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, measure_missing, rack_of
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.safety.lost_steps import LostStepsError
+from fast.hardware.cell.lost_steps import LostStepsError
 from fast.hardware.virtual.world.file import World
 from fast.lake.tables.campaign import EventRow, GraspRow
 from fast.tasks.bench.measure import CHECKED, LOST_STEPS
+from tests.studies.benchmarks.fingerprints import fingerprint
+from tests.studies.benchmarks.made_up_batch import CAMPAIGN_ID, Batch, measure_missing, rack_of
 
 BATCH = Batch(2, (3, 8), 1)
 LABELS = [(tool, object_id) for tool, object_id, _ in BATCH.labels]

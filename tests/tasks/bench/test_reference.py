@@ -2,7 +2,6 @@
 
 import pytest
 
-from fast.flows.benchmarks.made_up_batch import Batch, measure_missing
 from fast.hardware.cell.diagnostics import DiagnosticPlan, ReferenceTool
 from fast.hardware.virtual.world.file import World
 from fast.lake.maintenance import check
@@ -13,6 +12,7 @@ from fast.tasks.bench.reference_grasps import ReferenceGrasps
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.state import ProposedTool
+from tests.studies.benchmarks.made_up_batch import Batch, measure_missing
 
 BATCH = Batch(3, (3, 8), 1)
 REFERENCE = ReferenceTool(slot=9, design=BEST_PUBLISHED)

@@ -13,9 +13,10 @@ from fast.lake.tables.row import Row
 from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.hypercube import HypercubePlan, draw_hypercube
-from fast.models.calibration.means.synthetic import force_n
 from fast.models.design.space import numbered_design, to_unit
-from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta
+from fast.models.records import Design, GraspSetup, Theta
+from fast.models.simulation.version import SimulatorVersion
+from tests.synthetic.calibration import force_n
 
 TRUTH = Theta(young_modulus_mpa=9.0, friction=0.6, poisson_ratio=0.4)
 OBJECTS = (2, 14, 24)

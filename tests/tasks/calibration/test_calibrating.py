@@ -19,7 +19,8 @@ from fast.lake.tables.catalogue_rows import missing_version_rows
 from fast.lake.tables.requests import setup_columns
 from fast.models.errors import UsageError
 from fast.models.gap.grasps import Cells
-from fast.models.records import EffectValue, GraspSetup, SimulatorVersion
+from fast.models.records import EffectValue, GraspSetup
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.calibrate import calibrate_once, infer
 from fast.tasks.calibration.mean_data import find_base_version, make_problem, read_measured_tools, read_simulated_points
 from fast.tasks.calibration.means import gather, regather

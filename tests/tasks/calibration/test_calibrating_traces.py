@@ -23,7 +23,8 @@ from fast.models.calibration.means.problem import THETA
 from fast.models.errors import UsageError
 from fast.models.gap.fit import posterior, theta
 from fast.models.gap.fit.theta import MODULUS_SHIFT, calibrate_theta
-from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.records import EffectValue, Theta
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.calibrate import calibrate_once, infer
 from fast.tasks.calibration.drift import read_theta_history
 from fast.tasks.calibration.means import regather

@@ -23,7 +23,8 @@ from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.design.space import numbered_design
 from fast.models.gap.fit.posterior import PosteriorDensity
 from fast.models.gap.grasps import Cells
-from fast.models.records import Design, GraspSetup, SimulatorVersion, Theta, Trace
+from fast.models.records import Design, GraspSetup, Theta, Trace
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_theta_grid
 from tests.synthetic.gap import made_up_trace
 

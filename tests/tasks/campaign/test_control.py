@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fast.hardware.safety.safe_state import EmergencyStopError, StopAskedError, Verb
+from fast.hardware.parts.safe_state import EmergencyStopError, StopAskedError, Verb
 from fast.lake.leases import exclusive, is_held
 from fast.lake.store import Lake
 from fast.models.errors import FastError, LakeError
@@ -85,7 +85,7 @@ def test_a_request_means_the_run_that_it_was_made_for(campaign):
 
 
 def test_a_request_names_the_run_that_holds_the_campaign(campaign):
-    with exclusive(campaign.lake, "campaign-small", "busy") as lease:
+    with exclusive(campaign.lake.storage, "campaign-small", "busy") as lease:
         append_request(campaign.lake, "small", Verb.STOP, "")  # it comes before the start is written
         append_event(campaign.lake, "small", "started", "", run=lease.token)
         assert requested_verb(campaign.lake, "small") is Verb.STOP
@@ -108,22 +108,23 @@ def test_lock_refuses_a_second_owner_and_frees_itself_when_the_owner_is_killed(c
     code = (
         "import sys, time; from pathlib import Path; from fast.lake.store import Lake\n"
         "from fast.lake.leases import exclusive\n"
-        "with exclusive(Lake.open(Path(sys.argv[1])), 'gantry', 'busy'):\n    print('held', flush=True); time.sleep(60)"
+        "with exclusive(Lake.open(Path(sys.argv[1])).storage, 'gantry', 'busy'):\n"
+        "    print('held', flush=True); time.sleep(60)"
     )
     owner = subprocess.Popen([sys.executable, "-c", code, str(campaign.lake.root)], stdout=subprocess.PIPE, text=True)
     with owner:
         assert owner.stdout is not None
         assert owner.stdout.readline() == "held\n"
-        assert is_held(campaign.lake, "gantry")
+        assert is_held(campaign.lake.storage, "gantry")
         with (
             pytest.raises(FastError, match=f"busy \\(process {owner.pid} on .+, since 20.+ UTC\\); wait for it"),
-            exclusive(campaign.lake, "gantry", "busy"),
+            exclusive(campaign.lake.storage, "gantry", "busy"),
         ):
             pass
         owner.kill()
-    with exclusive(campaign.lake, "gantry", "busy"):
-        assert is_held(campaign.lake, "gantry")
-    assert not is_held(campaign.lake, "gantry")
+    with exclusive(campaign.lake.storage, "gantry", "busy"):
+        assert is_held(campaign.lake.storage, "gantry")
+    assert not is_held(campaign.lake.storage, "gantry")
 
 
 def test_pool_works_on_after_a_worker_died():
@@ -184,7 +185,7 @@ def test_a_persons_stop_is_a_normal_end(campaign, verb):
 
 
 def test_a_disk_that_is_nearly_full_is_named_before_the_next_grasp(campaign, monkeypatch):
-    with exclusive(campaign.lake, "gantry", "busy"):
+    with exclusive(campaign.lake.storage, "gantry", "busy"):
         require_room(campaign.lake)
         monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=12e6))
         with pytest.raises(LakeError, match="has 12 MB left, limit 100 MB; the bench stopped before the next grasp"):

@@ -10,7 +10,8 @@ from fast.lake.maintenance import compact
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, GraspRow, ProposalRow, SimulationRow, TraceRow
 from fast.models.design.space import numbered_design
-from fast.models.records import BENCH_FAULT, SimulatorVersion, Theta
+from fast.models.records import BENCH_FAULT, Theta
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.state import derive_state
 from fast.tasks.scientist.propose import propose_initial

@@ -9,8 +9,9 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
 from fast.lake.tables.catalogue_rows import version_rows
 from fast.models.calibration.inference.settings import WITH_EFFECTS
-from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.records import EffectValue, Theta
 from fast.models.scientist.surrogate.version_map import LEAST_SHARED
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.settings import Schedule, SimulatorSettings

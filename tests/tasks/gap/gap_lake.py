@@ -18,17 +18,9 @@ from fast.lake.tables.row import Row
 from fast.models.design.space import numbered_design, to_unit
 from fast.models.gap.bank.bank import NUMERICAL
 from fast.models.gap.grasps import Cells
-from fast.models.records import (
-    Design,
-    EffectValue,
-    GraspContext,
-    GraspRequest,
-    GraspSetup,
-    SimulatorVersion,
-    Theta,
-    Trace,
-)
+from fast.models.records import Design, EffectValue, GraspContext, GraspRequest, GraspSetup, Theta, Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.simulation.plan import SimulationPlan
 from tests.synthetic.gap import made_up_trace

@@ -16,8 +16,9 @@ from fast.models.gap.bank.bank import NUMERICAL, WIDE, list_versions
 from fast.models.gap.grasps import Cells
 from fast.models.gap.local_bank import MOST_EFFECTS, MOST_RUNS
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Design, SimulatorVersion
+from fast.models.records import Design
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_bank
 from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
 from fast.tasks.gap.data import read_grasps, split_measurements

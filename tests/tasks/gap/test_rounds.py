@@ -9,7 +9,8 @@ import pytest
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.gap.evaluation.evaluate import Change
 from fast.models.gap.findings import Decision, Verdict
-from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.records import EffectValue, Theta
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap import rounds
 from fast.tasks.gap.calibrate import CalibratedSimulator
 from fast.tasks.gap.rounds import Round, Settled, run_round

@@ -10,7 +10,8 @@ import pytest
 from fast.models.design.space import BEST_PUBLISHED, random_designs
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
+from fast.models.records import Design, GraspSetup
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp
 from fast.tasks.simulation.pool import Worker, WorkerPool
 

@@ -19,7 +19,8 @@ ASK = """
 import os, sys
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.records import GraspSetup
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.simulation.attempt import GraspJob
 from fast.tasks.simulation.engine import open_engine
 from tests.tasks.traces.made_up_grasps import made_up

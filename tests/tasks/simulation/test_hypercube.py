@@ -7,7 +7,8 @@ import pytest
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, SimTraceRow, SimulationRow, SimulatorVersionRow
 from fast.models.calibration.means.hypercube import HypercubePlan, draw_hypercube
-from fast.models.records import GraspSetup, SimulatorVersion
+from fast.models.records import GraspSetup
+from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.simulation import plan as work
 from fast.tasks.simulation.plan import SimulationPlan, missing_objects, simulate_plan
 from tests.tasks.simulation.test_simulating import NO_EQUILIBRIUM, result

@@ -3,11 +3,12 @@ import pytest
 
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import EffectValue, GraspSetup, MeshSettings, SimulatorVersion, Theta
+from fast.models.records import EffectValue, GraspSetup, Theta
 from fast.models.simulation.actuation import ClosingStall, Jaw
 from fast.models.simulation.effects.actuation import BaseCompliance
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.solver.stepping import Step
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 SHORT_LIFT = GraspSetup(max_lift_mm=4)
 COARSE = MeshSettings(edge_mm=12)  # jaws and springs are the same on every mesh

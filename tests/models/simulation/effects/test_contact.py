@@ -7,7 +7,7 @@ from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import OBJECTS, get_object
 from fast.models.objects.distance import distance
 from fast.models.objects.primitives import bounds
-from fast.models.records import GraspSetup, MeshSettings, Placement, SimulatorVersion, Theta
+from fast.models.records import GraspSetup, Placement, Theta
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, ObjectObstacle, PointSpacing
 from fast.models.simulation.effects.contact import (
@@ -19,6 +19,7 @@ from fast.models.simulation.effects.contact import (
 )
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 CUBE, CONE = get_object(30), get_object(24)
 TAU, MU, DEPTH_MM = 0.02, 0.5, 0.1

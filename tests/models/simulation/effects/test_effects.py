@@ -8,15 +8,7 @@ import pytest
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import ConfigError, UsageError
 from fast.models.objects.catalogue import get_object
-from fast.models.records import (
-    EffectValue,
-    GraspContext,
-    GraspSetup,
-    GraspSimulation,
-    MeshSettings,
-    SimulatorVersion,
-    Theta,
-)
+from fast.models.records import EffectValue, GraspContext, GraspSetup, GraspSimulation, Theta
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
 from fast.models.simulation.effects.material import StressRelaxation
@@ -24,6 +16,7 @@ from fast.models.simulation.effects.scaling import scales_with_modulus
 from fast.models.simulation.effects.sensor import LoadCellGain, LoadCellLag
 from fast.models.simulation.effects.spec import LAYERS, EffectSpec
 from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.units import unit_of
 from tests.synthetic.simulation import replayed
 

@@ -5,13 +5,14 @@ import pytest
 
 from fast.models.design.space import BEST_PUBLISHED, random_designs
 from fast.models.errors import UsageError
-from fast.models.records import GraspSetup, MeshSettings, Theta
+from fast.models.records import GraspSetup, Theta
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.body.elasticity import element_stiffness, lame_constants
 from fast.models.simulation.body.shape_functions import quadrature_of, shape_of
 from fast.models.simulation.effects.material import HyperelasticStiffening, PrintAnisotropy
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.problem import FingerProblem
+from fast.models.simulation.version import MeshSettings
 from tests.models.simulation.dead_load import solve_dead_load
 from tests.models.simulation.test_elements import add_one, reference_nodes
 

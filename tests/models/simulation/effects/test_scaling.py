@@ -1,8 +1,9 @@
 """Which versions' results are one another's up to Young's modulus; `test_effects` simulates what each effect claims."""
 
-from fast.models.records import EffectValue, SimulatorVersion, Theta
+from fast.models.records import EffectValue, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.effects.scaling import force_ratio, scales_with_modulus
+from fast.models.simulation.version import SimulatorVersion
 
 PARAMETERS = {"force_limited_closing": {"max_force_n": 6.0}}
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fast.models.design.profile import planar_profile
+from fast.models.design.fin_ray import planar_profile
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.records import GraspContext, GraspSetup, Trace
 from fast.models.simulation.effects.actuation import LiftStartError

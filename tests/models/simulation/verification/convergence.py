@@ -15,10 +15,10 @@ from typing import TypedDict
 
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import REFERENCE_MESH, MeshSettings, SimulatorVersion
 from fast.models.simulation.contact.law import ContactLaw, PointSpacing
 from fast.models.simulation.grasp import Numerics, simulate_grasp
 from fast.models.simulation.solver.stepping import StepLimits
+from fast.models.simulation.version import REFERENCE_MESH, MeshSettings, SimulatorVersion
 
 CACHE = Path(__file__).parents[4] / "docs" / "verification" / "convergence.json"
 PAGE = CACHE.parents[1] / "reference" / "verification.md"

@@ -12,7 +12,7 @@ import numpy as np
 
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, MeshSettings, Placement, Theta
+from fast.models.records import GraspSetup, Placement, Theta
 from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, lame_constants
 from fast.models.simulation.body.shape_functions import quadrature_of, shape_of
@@ -23,6 +23,7 @@ from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.model import roll, to_object_frame
 from fast.models.simulation.placement import needs_full_width
 from fast.models.simulation.solver.stepping import Step, travel_to_touch
+from fast.models.simulation.version import MeshSettings
 from tests.models.simulation.verification.rig import Rig, set_up
 
 

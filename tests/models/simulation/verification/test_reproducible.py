@@ -7,8 +7,9 @@ import numpy as np
 
 from fast.models.design.space import BEST_PUBLISHED, random_designs
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Design, GraspSetup, MeshSettings, SimulatorVersion
+from fast.models.records import Design, GraspSetup
 from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 CASES = [("best", 1), ("best", 24), ("random", 24)]
 COARSE = SimulatorVersion(mesh=MeshSettings(edge_mm=12))  # every mesh walks through the same code

@@ -1,0 +1,1 @@
+"""Replay of recorded wires against the drivers."""

@@ -1,0 +1,343 @@
+"""Replay of a gantry's wire log against the GRBL driver, on a line in memory.
+
+What the host did is read off the bytes that it sent (`$H` is a homing, `$J=` a jog), and the driver is asked to do it
+again on a clock that does not wait. Everything it sends is compared, except how often it asks for the status: that
+depends on the speed of the machine. A `?` gets the next recorded report, or the last one again.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from fast.hardware.clock import VirtualClock
+from fast.hardware.grbl.driver import GrblDriver
+from fast.hardware.grbl.messages import RealTime
+from fast.hardware.grbl.profile import GrblProfile, limit_along
+from fast.hardware.replay.outcome import Difference, Replay
+from fast.hardware.wire.log import OPENED, WireEntry, WireLog
+from fast.models.errors import DeviceError
+
+POLL = bytes([RealTime.STATUS])
+HOLD, RESUME = bytes([RealTime.HOLD]), bytes([RealTime.RESUME])
+RESET, JOG_CANCEL = bytes([RealTime.RESET]), bytes([RealTime.JOG_CANCEL])
+BANNER = b"Grbl"
+MAX_IDLE_POLLS = 5  # repeated answers after which a driver is taken to wait for what will not come
+_PREPARATION = (b"\n", b"$I\n", b"$$\n", b"$#\n", b"$G\n", RESET)
+_MOVE = re.compile(rb"G21 G90 G94 G1 X(\S+) Y(\S+) Z(\S+) F(\S+)\n")
+_JOG = re.compile(rb"\$J=G91 G21 (.*) F(\S+)\n")
+_REPORT = re.compile(rb"<[^<>]*>\r\n")
+_SPEED_STEP_MM_PER_S = 0.0005 / 60  # F has three decimals
+
+Action = tuple[str, Callable[[], object]]
+
+
+class ReplayEnded(BaseException):
+    """Stops the driver in the middle of what it does: a difference was found, or the log is at its end."""
+
+
+@dataclass
+class Step:
+    """One recorded piece from the host, and what the controller said until the next one."""
+
+    time_s: float
+    sent: bytes
+    said: bytes = b""
+
+
+@dataclass
+class Session:
+    """From one opening of the port to the next; `said` is what came before the host spoke."""
+
+    said: bytes = b""
+    steps: list[Step] = field(default_factory=list)
+
+
+def split(data: bytes) -> tuple[list[bytes], bytes]:
+    r"""Pieces that GRBL takes one by one (real-time bytes, whole lines), and the unfinished line.
+
+    >>> split(b"\x90G1 ?X1\nG")
+    ([b'\x90', b'?', b'G1 X1\n'], b'G')
+    """
+    pieces, line = [], bytearray()
+    for byte in data:
+        if byte >= 0x80 or byte in (*POLL, *HOLD, *RESUME, *RESET):
+            pieces.append(bytes([byte]))
+        else:
+            line.append(byte)
+            if byte == ord("\n"):
+                pieces.append(bytes(line))
+                line.clear()
+    return pieces, bytes(line)
+
+
+def sessions_of(entries: Sequence[WireEntry]) -> list[Session]:
+    """The recorded conversations, one for each opening of the port."""
+    sessions: list[Session] = []
+    rest = b""
+    for time_s, direction, data in entries:
+        if direction == "note":
+            if data == OPENED.encode():
+                sessions.append(Session())
+                rest = b""
+            continue
+        if not sessions:
+            sessions.append(Session())
+        if direction == "sent":
+            pieces, rest = split(rest + data)
+            sessions[-1].steps += [Step(time_s, piece) for piece in pieces]
+        elif sessions[-1].steps:
+            sessions[-1].steps[-1].said += data
+        else:
+            sessions[-1].said += data
+    return sessions
+
+
+class Controller:
+    """The recorded controller of one session: takes the driver's bytes, compares, gives the recorded answers."""
+
+    def __init__(self, session: Session, outcome: Replay) -> None:
+        self.said = session.said
+        self.doing = "connecting"
+        self.n_idle_polls = 0
+        self.is_ended = False
+        self._steps = session.steps
+        self._outcome = outcome
+        self._next = 0
+        self._rest = b""
+        self._report = b""
+
+    @property
+    def ahead(self) -> list[bytes]:
+        """What the host sent next."""
+        return [step.sent for step in self._steps[self._next :]]
+
+    @property
+    def place(self) -> int:
+        """How far the recording has been played."""
+        return self._next
+
+    def answer(self, data: bytes) -> bytes:
+        """What the controller says to `data`."""
+        pieces, self._rest = split(self._rest + data)
+        return b"".join(self._answer(piece) for piece in pieces)
+
+    def skip_poll(self) -> bytes:
+        """Play a recorded status question that the driver does not ask; what else was said then is kept."""
+        step = self._steps[self._next]
+        self._next += 1
+        self._keep_report(step.said)
+        return _REPORT.sub(b"", step.said)
+
+    def differ(self, sent: bytes) -> None:
+        """Note that `sent` is not what was recorded."""
+        steps = [step for step in self._steps[self._next :] if step.sent != POLL]
+        time_s, recorded = (steps[0].time_s, steps[0].sent) if steps else (self._steps[-1].time_s, b"")
+        self._outcome.difference = Difference(time_s, recorded, sent, self.doing)
+        self.is_ended = True
+
+    def _answer(self, piece: bytes) -> bytes:
+        if self.is_ended:
+            return b""
+        if piece == POLL:
+            return self._poll()
+        self.n_idle_polls = 0
+        said = b""
+        while self._next < len(self._steps) and self._steps[self._next].sent == POLL:
+            said += self.skip_poll()
+        if self._next == len(self._steps):
+            self.is_ended = True  # the recording stops here; what the driver does next was never seen
+            return said
+        step = self._steps[self._next]
+        if step.sent != piece:
+            self.differ(piece)
+            return b""
+        self._next += 1
+        self._outcome.n_compared += 1
+        said += step.said
+        if piece == RESET:
+            said += self._until_banner(said)
+        self._keep_report(said)
+        return said
+
+    def _until_banner(self, said: bytes) -> bytes:
+        """Up to the banner of a reset: another thread may have asked for the status before it came."""
+        more = b""
+        while BANNER not in said + more and self.ahead[:1] == [POLL]:
+            more += self._steps[self._next].said
+            self._next += 1
+        return more
+
+    def _poll(self) -> bytes:
+        self._outcome.n_polls += 1
+        if self._next < len(self._steps) and self._steps[self._next].sent == POLL:
+            step = self._steps[self._next]
+            self._next += 1
+            self.n_idle_polls = 0
+            self._keep_report(step.said)
+            return step.said
+        self.n_idle_polls += 1
+        return self._report
+
+    def _keep_report(self, said: bytes) -> None:
+        reports = _REPORT.findall(said)
+        self._report = reports[-1] if reports else self._report
+
+
+class ReplayTransport:
+    """The line to a recorded controller: `write` returns when the driver has heard the answer."""
+
+    name = "recorded gantry"
+    is_in_step = True
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller  # of the session that is played
+        self.log = WireLog()
+        self.is_open = False
+        self._hear: Callable[[bytes], None] = lambda data: None
+
+    def open(self, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
+        """Open, and let the controller say what it said before the host spoke."""
+        self._hear, self.is_open = on_bytes, True
+        self.say(self.controller.said)
+
+    def write(self, data: bytes) -> None:
+        """Send, and hear the answer; raises `ReplayEnded` when the recording has ended."""
+        self.say(self.controller.answer(data))
+        if self.controller.is_ended:
+            raise ReplayEnded
+
+    def say(self, said: bytes) -> None:
+        """Speak unasked."""
+        if said:
+            self._hear(said)
+
+    def close(self) -> None:
+        """Nothing is heard any more."""
+        self.is_open = False
+
+
+class ReplayClock(VirtualClock):
+    """Time that waits for nobody; ends a wait for what the recording does not hold."""
+
+    def __init__(self, line: ReplayTransport) -> None:
+        super().__init__()
+        self._line = line
+
+    def sleep(self, duration_s: float) -> None:
+        """Move time; raises `ReplayEnded` in a driver that goes on asking."""
+        super().sleep(duration_s)
+        if self._line.controller.n_idle_polls > MAX_IDLE_POLLS:
+            self._line.controller.n_idle_polls = 0
+            raise ReplayEnded
+
+
+def replay_grbl(entries: Sequence[WireEntry], profile: GrblProfile | None = None) -> Replay:
+    """Have the driver do again what the log holds; stops at the first difference."""
+    outcome, used = Replay(), profile or GrblProfile()
+    controllers = [Controller(session, outcome) for session in sessions_of(entries)]
+    if not controllers:
+        return outcome
+    line = ReplayTransport(controllers[0])
+    driver = GrblDriver(line, ReplayClock(line), used)
+    driver.session.watch.is_timed = False
+    for controller in controllers:
+        line.controller = controller
+        _play(driver, line, used, outcome)
+        driver.session.close()
+        if outcome.difference is not None:
+            break
+    return outcome
+
+
+def _play(driver: GrblDriver, line: ReplayTransport, profile: GrblProfile, outcome: Replay) -> None:
+    """One session: connect, then action after action."""
+    controller = line.controller
+    _try("connecting", driver.connect, controller, outcome)
+    while controller.ahead and not controller.is_ended:
+        before = controller.place
+        if controller.ahead[0] == POLL:
+            _try("asking for the status", driver.status, controller, outcome)
+            if controller.place == before:
+                line.say(controller.skip_poll())
+            continue
+        ahead = [piece for piece in controller.ahead if piece != POLL]
+        action = find_next_action(driver, ahead, profile)
+        if action is None and all(_is_override(piece) for piece in ahead):
+            return  # the recording ends before the line that these were sent for
+        if action is None:
+            controller.doing = "looking for what the host did: no action of the driver begins so"
+            controller.differ(b"")
+            return
+        refusal = _try(*action, controller, outcome)
+        if controller.place == before and not controller.is_ended:
+            controller.doing = f"{action[0]} ({refusal})" if refusal else action[0]
+            controller.differ(b"")
+
+
+def _try(doing: str, act: Callable[[], object], controller: Controller, outcome: Replay) -> str:
+    """Ask the driver; returns what it complained of, or an empty text."""
+    controller.doing = doing
+    controller.n_idle_polls = 0
+    try:
+        act()
+    except ReplayEnded:
+        return ""
+    except DeviceError as error:
+        outcome.errors.append(f"{doing}: {error}")
+        return str(error)
+    return ""
+
+
+def find_next_action(driver: GrblDriver, ahead: list[bytes], profile: GrblProfile) -> Action | None:
+    """What the host did when it sent `ahead`, as something to ask of the driver; None when nothing begins so."""
+    first = ahead[0]
+    if first == JOG_CANCEL:
+        return "stopping a jog", driver.stop_jog
+    if first == RESUME:
+        return "resuming", driver.resume
+    if first == HOLD:
+        return ("aborting", driver.abort) if ahead[1:2] == [RESET] else ("holding", driver.hold)
+    line = next((piece for piece in ahead if piece not in _PREPARATION and not _is_override(piece)), b"")
+    if line == b"$H\n":
+        return "homing", driver.home
+    if first == RESET:
+        return "resetting", lambda: driver.session.reset("replaying")
+    if first in _PREPARATION:
+        return "reading the settings", driver.session.prepare
+    if first == line and (line == b"$X\n" or _JOG.fullmatch(line)):
+        # Unlocking, and backing off from a limit switch: the position is unknown, so the driver would not jog.
+        text = line.decode().strip()
+        return f"sending {text}", lambda: driver.session.command(text, "replaying")
+    return _motion(driver, line, profile)
+
+
+def _is_override(piece: bytes) -> bool:
+    return len(piece) == 1 and 0x90 <= piece[0] <= 0x9D
+
+
+def _motion(driver: GrblDriver, line: bytes, profile: GrblProfile) -> Action | None:
+    move = _MOVE.fullmatch(line)
+    if move:
+        target_mm = [float(word) for word in move.groups()[:3]]
+        speed = _speed_asked(driver, target_mm, float(move[4]) / 60, profile)
+        return f"moving to {line.decode().strip()}", lambda: driver.move(target_mm, speed)
+    jog = _JOG.fullmatch(line)
+    if jog:
+        parts = {word[:1]: float(word[1:]) for word in jog[1].decode().split()}
+        way_mm = [parts.get(axis, 0.0) for axis in "XYZ"]
+        return f"jogging {line.decode().strip()}", lambda: driver.start_jog(way_mm, float(jog[2]) / 60)
+    return None
+
+
+def _speed_asked(
+    driver: GrblDriver, target_mm: Sequence[float], speed_mm_per_s: float, profile: GrblProfile
+) -> float | None:
+    """Speed to ask for; None for the fastest, which F shows rounded."""
+    report = driver.session.link.report
+    start_mm = (report.machine_mm or ()) if report is not None else ()
+    way_mm = [target - start for target, start in zip(target_mm, start_mm, strict=False)]
+    distance_mm = sum(part**2 for part in way_mm) ** 0.5
+    if distance_mm == 0:
+        return speed_mm_per_s
+    fastest = limit_along([part / distance_mm for part in way_mm], profile.max_speed_mm_per_s)
+    return None if speed_mm_per_s > fastest - 2 * _SPEED_STEP_MM_PER_S else speed_mm_per_s

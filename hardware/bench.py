@@ -12,8 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from fast.hardware.cell.cell import CellDevices, GraspCell, MeasuredGrasp
-from fast.hardware.cell.diagnostics import Item
+from fast.hardware.cell.cell import CellDevices, GraspCell, Item, MeasuredGrasp
 from fast.hardware.cell.lost_steps import PositionCheck
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc

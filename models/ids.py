@@ -22,7 +22,6 @@ PREFIXES = {
     "N": "a finding of gap discovery",
     "P": "a proposal",
     "Q": "draws of one parameter in one chain",
-    "R": "a diagnostic run",
     "S": "a simulated grasp",
     "T": "features of a trace",
     "U": "a row of a study, never in a lake",

@@ -207,9 +207,8 @@ def _solve_in_worker(pool: WorkerPool, physics_of_truth: Physics, request: Physi
 
 def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
     result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
-    what = f"on {name_object(grasp.object_id)}, repeat {grasp.repeat}"
-    is_owed = grasp.status == "ok" and grasp.diagnostic is None and grasp.request is None
-    words = f"{tool.label} {grasp.diagnostic.text() if grasp.diagnostic else what}: {result}"
+    is_owed = grasp.status == "ok" and grasp.request is None
+    words = f"{tool.label} on {name_object(grasp.object_id)}, repeat {grasp.repeat}: {result}"
     progress.grasp(words, is_owed=is_owed)
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from fast.hardware.arm.link import ArmLink, ArmState, write_output
 from fast.hardware.arm.settings import ArmSettings, Point
-from fast.hardware.cell.cell import CLOSED_SETTLE_S, MeasuredGrasp, closing_s
-from fast.hardware.cell.diagnostics import DiagnosticRun, Item
+from fast.hardware.cell.cell import CLOSED_SETTLE_S, Item, MeasuredGrasp, closing_s
 from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM
 from fast.hardware.cell.recorder import CONTACT_READINGS
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
@@ -127,8 +126,6 @@ class ArmBench:
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._tools)}.")
         grasps = []
         for item in plan:
-            if isinstance(item, DiagnosticRun):
-                raise UsageError("An arm makes no diagnostic runs; remove them from the config's [diagnostics].")
             if isinstance(item, GraspRequest):
                 if item.tool_id != tool.tool_id:
                     wanted = f"A grasp of tool {item.tool_id} is asked for"

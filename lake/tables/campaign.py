@@ -386,37 +386,6 @@ class TraceRow(_SampleColumns):
     grasp_id: str
 
 
-class DiagnosticRow(_TraceColumns):
-    """One diagnostic run with its samples; a table of its own, so that no query of grasps can take it for one."""
-
-    table: ClassVar[str] = "diagnostics"
-    diagnostic_id: str
-    campaign_id: str
-    tool_id: str
-    batch: int | None = None
-    slot: int | None = None
-    design_id: str
-    kind: str = Field(description="dwell, lift_speed, supply_pressure, closed_empty, dead_weight or reference")
-    parameters_json: str = Field(description="the knobs that were turned, with their values")
-    object_id: int | None = Field(default=None, description="empty where no object was gripped")
-    repeat: int
-    n_grasps_before: int = Field(description="ordinary grasps the tool had made")
-    status: Status
-    reason: str = ""
-    started_at: datetime
-    tare_force_n: float | None = None
-    setup_id: str
-    setup_json: str
-    bench: Literal["virtual", "real"]
-    world_hash: str | None = None
-    details_json: str = "{}"
-
-    @staticmethod
-    def make_id(tool_id: str, kind: str, started_at: datetime) -> str:
-        """Id of a run: every one is a measurement of its own."""
-        return content_id("R", [tool_id, kind, started_at.isoformat()])
-
-
 class FitRow(Row):
     """Hyperparameters and health of the surrogate when tools or simulations were decided (`purpose`).
 
@@ -495,7 +464,6 @@ TABLES: tuple[type[Row], ...] = (
     TraceRow,
     SimTraceRow,
     SimulationBranchRow,
-    DiagnosticRow,
     PosteriorDrawsRow,
     CampaignRow,
     ObjectRow,

@@ -127,7 +127,6 @@ _SUMMARY: Mapping[str, tuple[str, ...]] = {
     "grasps": ("tool_id", "object_id", "repeat", "attempt", "bench", "status", "reason", "peak_force_n", "work_j"),
     "trace_features": ("feature_version", "peak_force_n", "work_j", "hold_mm", "n_peaks", "separation_lift_mm"),
     "anomaly_flags": ("kind", "is_flagged", "p_value", "compared", "reason"),
-    "diagnostics": ("tool_id", "kind", "parameters_json", "object_id", "repeat", "bench", "status", "reason"),
     "materials": ("lot", "quantity", "value", "unit", "sd", "n"),
     "fits": ("batch", "n_real", "n_sim", "rho", "noise_sd_n", "loo_rmse_n"),
     "gap_findings": ("gap_id", "round", "kind", "effect", "answer", "probability", "sentence"),

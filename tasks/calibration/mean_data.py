@@ -1,6 +1,5 @@
 """What a calibration compares, from the lake: measured tools, and simulated designs with a theta of their own."""
 
-import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +20,7 @@ from fast.models.scientist.surrogate.imputation import mean_over_objects
 from fast.models.simulation.effects.scaling import scales_with_modulus
 from fast.models.simulation.version import SimulatorVersion
 from fast.models.validation import closest, load_record
-from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
 from fast.tasks.gap.bank import read_bank_thetas
 from fast.tasks.gap.trace_rows import require_one_bench
@@ -335,10 +334,7 @@ def _consulted(lake: Lake, campaign_ids: set[str]) -> dict[str, SimulatorVersion
     found = {}
     for row in lake.records(CampaignRow):
         if row.campaign_id in campaign_ids and not is_imported(row.config_toml):
-            source = f"stored config of {row.campaign_id}"
-            found[row.campaign_id] = load_record(
-                CampaignConfig, tomllib.loads(row.config_toml), source
-            ).simulator.version
+            found[row.campaign_id] = read_stored_config(row.config_toml, row.campaign_id).simulator.version
     return found
 
 

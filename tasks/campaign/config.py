@@ -1,13 +1,12 @@
 """A campaign's config file: TOML, composed from the sections that the layers own."""
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from fast.hardware.cell.diagnostics import DiagnosticPlan
-from fast.hardware.parts.layout import BenchLayout
 from fast.models.design.printability import PrintingRules
 from fast.models.design.recipe import Recipe
 from fast.models.design.reference import make_reference
@@ -19,6 +18,7 @@ from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
 from fast.models.simulation.version import check_tier
 from fast.models.validation import load_record, parse_toml
+from fast.tasks.campaign.retired import drop_retired, refuse_retired
 from fast.tasks.campaign.settings import (
     REMOVED_RULES,
     DesignSettings,
@@ -93,7 +93,6 @@ class CampaignConfig(Record):
     schedule: Schedule = Schedule()
     objects: ObjectPlan = ObjectPlan()
     grasp: GraspSetup = GraspSetup()
-    diagnostics: DiagnosticPlan = DiagnosticPlan()
     simulator: SimulatorSettings = SimulatorSettings()
     scientist: ScientistSettings = ScientistSettings()
     gap: GapSettings = GapSettings()
@@ -103,31 +102,12 @@ class CampaignConfig(Record):
     execution: Execution = Execution()
 
     @model_validator(mode="after")
-    def _check_reference_slot(self) -> "CampaignConfig":
-        reference, n_tools = self.diagnostics.reference_tool, self.schedule.tools_per_batch
-        if reference is not None and reference.slot < n_tools:
-            raise ValueError(
-                f"the reference tool's slot {reference.slot} is one of the {n_tools} that a batch uses; set "
-                "diagnostics.reference_tool.slot above them or schedule.tools_per_batch lower"
-            )
-        return self
-
-    @model_validator(mode="after")
     def _check_first_data(self) -> "CampaignConfig":
         n = self.schedule.initial_tools + self.n_simulated_first
         if self.schedule.guided_batches and n < MIN_OBSERVATIONS:
             raise ValueError(
                 f"schedule.initial_tools and initial_simulations give the surrogate {n} observations before the first "
                 f"guided batch, it needs {MIN_OBSERVATIONS}; raise one of them"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _check_folder_bench(self) -> "CampaignConfig":
-        if self.bench.is_folder and self.diagnostics.is_made:
-            raise ValueError(
-                'a bench of kind "folder" makes grasps alone; remove diagnostics.reference_every and '
-                "diagnostics.protocol_slot (schedule.reference_tools measures tools again)"
             )
         return self
 
@@ -195,9 +175,10 @@ def load_config(path: Path) -> CampaignConfig:
     """Read and check a campaign config.
 
     Raises:
-        ConfigError: the file is missing, is not TOML, or has a wrong value or key.
+        ConfigError: the file is missing, is not TOML, or has a wrong value or key, or one that is gone.
     """
     data = read_toml(path, "campaign config")
+    refuse_retired(data, str(path))
     if isinstance(data.get("print"), dict):
         data["print"] = read_recipe(data["print"], path)
     config = with_own_objects(load_record(CampaignConfig, data, str(path)), path)
@@ -209,6 +190,15 @@ def load_config(path: Path) -> CampaignConfig:
     if config.material is not None:
         read_lot(relative_to(path, config.material))
     return config
+
+
+def read_stored_config(config_toml: str, campaign_id: str) -> CampaignConfig:
+    """The config that a lake keeps of a campaign, without keys that are gone since it was written.
+
+    Raises:
+        ConfigError: a newer program wrote it.
+    """
+    return load_record(CampaignConfig, drop_retired(tomllib.loads(config_toml)), f"stored config of {campaign_id}")
 
 
 def with_own_objects(config: CampaignConfig, path: Path) -> CampaignConfig:
@@ -329,7 +319,6 @@ def _check_science(config: CampaignConfig, source: str) -> None:
     try:
         _check_design(config)
         _check_recipe(config)
-        _check_diagnostics(config)
         _check_objectives(config)
         build_effects(config.simulator.effects)
         check_tier(config.simulator.tier)
@@ -365,17 +354,6 @@ def _check_recipe(config: CampaignConfig) -> None:
                 f"be {lowest:g} mm; set design.ranges.{name} = [{recipe.wall_mm:g}, "
                 f"{largest[name]:g}] or change the recipe."
             )
-
-
-def _check_diagnostics(config: CampaignConfig) -> None:
-    """Refuse experiments on objects that do not stand on the bench.
-
-    Raises:
-        UsageError: with the object.
-    """
-    layout = config.objects.stand_on(BenchLayout())
-    for object_id in sorted(config.diagnostics.objects_of_batch):
-        layout.place_of(object_id)
 
 
 def _check_objectives(config: CampaignConfig) -> None:

@@ -11,7 +11,6 @@ from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM,
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.again import is_owed
-from fast.tasks.bench.plan import find_missing_runs
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState, ProposedTool, tuples
 from fast.tasks.scientist.prior import prior_designs, read_prior
@@ -142,16 +141,12 @@ def proposed_designs(state: CampaignState) -> dict[str, Design]:
 
 
 def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps or runs still to be made; all of one that owes a second look."""
+    """Printed tools of a confirmed batch with grasps still to be made; all of one that owes a second look."""
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.cells(0)
     limit = campaign.config.max_grasp_attempts
-    found = [
-        tool
-        for tool in state.tools_of(batch)
-        if state.missing_grasps(tool, plan, limit) or find_missing_runs(campaign, state, tool)
-    ]
+    found = [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
     if found or not is_owed(campaign, batch):
         return found
     return [tool for tool in state.tools_of(batch) if state.is_to_be_had(tool)]

@@ -1,0 +1,36 @@
+"""Keys of a campaign config that are gone: a file is told what took their place, a config in a lake loses them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from fast.models.errors import ConfigError
+
+RETIRED: Mapping[str, str] = {
+    "diagnostics": (
+        "a gap search asks the bench for grasps with another dwell, speed or pressure (gap.active = true), and "
+        "schedule.reference_tools measures tools again"
+    ),
+}
+"""By `section` or `section.key`: what took its place."""
+
+
+def refuse_retired(data: Mapping[str, Any], source: str) -> None:
+    """Raises ConfigError where a config file has a key that is gone; `source` names the file."""
+    for path, instead in RETIRED.items():
+        section, _, key = path.partition(".")
+        if section in data and (not key or _has(data[section], key)):
+            raise ConfigError(f"{source}: `{path}` is gone: {instead}. Remove it.")
+
+
+def drop_retired(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The config of a lake without the keys that are gone."""
+    kept = {section: values for section, values in data.items() if section not in RETIRED}
+    for path in RETIRED:
+        section, _, key = path.partition(".")
+        if key and _has(kept.get(section), key):
+            kept[section] = {name: value for name, value in kept[section].items() if name != key}
+    return kept
+
+
+def _has(section: Any, key: str) -> bool:
+    return isinstance(section, Mapping) and key in section

@@ -15,7 +15,6 @@ PREFIXES = {
     "G": "a grasp setup, with the placement asked for",
     "H": "the settings of a run",
     "I": "a grasp that is asked for",
-    "J": "another branch of a simulated grasp",
     "K": "a measured grasp",
     "L": "a quantity of a material lot",
     "M": "a mesh",

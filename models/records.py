@@ -1,7 +1,7 @@
 """Frozen records that travel between the layers. Units are in the names (mm, N, MPa, s)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -232,30 +232,3 @@ class GraspSimulation:
     twist_deg: float = 0.0
     pressure_kpa: float | None = None
     ribs_touch: bool = False
-
-
-BranchCause = Literal["", "placement", "numerics"]
-
-
-@dataclass(frozen=True)
-class Branch:
-    """One way in which a cell goes on: its share of placements, and a grasp on it."""
-
-    share: float
-    result: GraspSimulation
-
-
-@dataclass(frozen=True)
-class Branches:
-    """The one or two branches of a cell, that of the nominal placement first.
-
-    `cause` says what switches: placement, or numerics (another mesh or shorter steps do at the nominal placement: the
-    switch is nearer to it than the simulator's error, so each branch gets half). `share_error` is half the range of
-    shares that the runs leave open. `n_runs` and `cpu_s` are those of the search, without the nominal grasp.
-    """
-
-    branches: tuple[Branch, ...]
-    cause: BranchCause = ""
-    share_error: float = 0.0
-    n_runs: int = 0
-    cpu_s: float = 0.0

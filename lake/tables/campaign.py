@@ -253,8 +253,8 @@ class SimulationRow(Row):
     n_newton: int | None = None
     cpu_s: float = 0.0
     details_json: str = "{}"
-    branch: int | None = Field(default=None, description="always 0, that of this row's trace; empty: not looked for")
-    branch_share: float | None = Field(default=None, description="of placements, those that take this branch")
+    branch: int | None = Field(default=None, description="0 in rows of version 0.2 that were searched for another")
+    branch_share: float | None = Field(default=None, description="of placements, in those rows")
     flag: str | None = Field(default=None, description="why the numbers are not converged as others are")
     pressure_kpa: float | None = Field(
         default=None, description="largest pressure on the object, mean over 10 mm2; empty: not recorded then"
@@ -269,7 +269,7 @@ class SimulationRow(Row):
         return content_id("S", [design_id, object_id, version_id, setup_id])
 
 
-class _TraceColumns(Row):
+class _SampleColumns(Row):
     time_s: Channel
     lift_mm: Channel
     force_n: Channel
@@ -289,10 +289,8 @@ class _TraceColumns(Row):
     @classmethod
     def id_column(cls) -> str:
         """The first field after the inherited channels."""
-        return next(name for name in cls.model_fields if name not in _TraceColumns.model_fields)
+        return next(name for name in cls.model_fields if name not in _SampleColumns.model_fields)
 
-
-class _SampleColumns(_TraceColumns):
     @classmethod
     def of(cls, row_id: str, trace: Trace) -> Self:
         """Row of a trace."""
@@ -304,27 +302,6 @@ class SimTraceRow(_SampleColumns):
 
     table: ClassVar[str] = "sim_traces"
     simulation_id: str
-
-
-class SimulationBranchRow(_TraceColumns):
-    """Another branch of a simulated grasp, with its samples; a table of its own, so that no grasp counts twice."""
-
-    table: ClassVar[str] = "simulation_branches"
-    branch_id: str
-    simulation_id: str
-    branch: int = Field(ge=1, description="0 is the branch of the row in `simulations`")
-    branch_share: float = Field(ge=0.0, le=1.0, description="of placements, those that take this branch")
-    cause: Literal["placement", "numerics"] = Field(description="what switches between the branches")
-    share_error: float = Field(ge=0.0, description="half the range of shares that the runs leave open")
-    n_runs: int = Field(description="simulated grasps that it took to find the branches")
-    peak_force_n: float
-    contact_force_n: float
-    work_j: float
-
-    @staticmethod
-    def make_id(simulation_id: str, branch: int) -> str:
-        """Id derived from the simulation and the number of the branch."""
-        return content_id("J", [simulation_id, branch])
 
 
 class GraspRow(Row):
@@ -463,7 +440,6 @@ class FlowRunRow(Row):
 TABLES: tuple[type[Row], ...] = (
     TraceRow,
     SimTraceRow,
-    SimulationBranchRow,
     PosteriorDrawsRow,
     CampaignRow,
     ObjectRow,

@@ -10,6 +10,7 @@ RETIRED: Mapping[str, str] = {
         "a gap search asks the bench for grasps with another dwell, speed or pressure (gap.active = true), and "
         "schedule.reference_tools measures tools again"
     ),
+    "simulator.find_branches": "grasps are simulated once; the flag `snap` of a simulation says where it is unsure",
 }
 """By `section` or `section.key`: what took its place."""
 

@@ -142,9 +142,6 @@ class SimulatorSettings(Record):
     simulate_tools: bool = Field(
         default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
     )
-    find_branches: bool = Field(
-        default=True, description="search the grasps of printed designs for a second branch (simulator.md)"
-    )
     grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
     follow: Literal["pinned", "latest"] = Field(
         default="pinned", description="stay with this version, or take the newest calibrated one before a guided batch"

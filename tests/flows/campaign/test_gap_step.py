@@ -56,7 +56,6 @@ ids = [0]
 repeats = 1
 [simulator]
 simulate_tools = false
-find_branches = false
 [gap]
 active = true
 budget_share = 0.5

@@ -80,7 +80,7 @@ _BASE: Config = {
         "simulations_per_batch": 1,
     },
     "objects": {"repeats": 1},
-    "simulator": {"find_branches": False, "mesh": {"edge_mm": 20.0}},
+    "simulator": {"mesh": {"edge_mm": 20.0}},
     "execution": {"simulation_workers": 1, "print_poll_s": 0.2, "again_grasps": 0},
 }  # fmt: skip
 

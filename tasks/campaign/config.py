@@ -161,11 +161,6 @@ class CampaignConfig(Record):
         return self.printing_rules if self.scientist.manufacturable else None
 
     @property
-    def follows_newest(self) -> bool:
-        """Whether each guided batch takes the newest accepted simulator version."""
-        return self.night.active or self.simulator.follow == "latest"
-
-    @property
     def config_hash(self) -> str:
         """Id of the part that decides results."""
         return content_id("H", self.science)

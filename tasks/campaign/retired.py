@@ -10,6 +10,9 @@ RETIRED: Mapping[str, str] = {
         "a gap search asks the bench for grasps with another dwell, speed or pressure (gap.active = true), and "
         "schedule.reference_tools measures tools again"
     ),
+    "simulator.follow": "night.active = true takes the newest accepted version before each batch",
+    "simulator.old_versions": "older simulations are converted where enough designs of both versions are known",
+    "simulator.reruns": "night.max_designs says how many designs are simulated with a new version",
     "simulator.find_branches": "grasps are simulated once; the flag `snap` of a simulation says where it is unsure",
 }
 """By `section` or `section.key`: what took its place."""
@@ -24,8 +27,11 @@ def refuse_retired(data: Mapping[str, Any], source: str) -> None:
 
 
 def drop_retired(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The config of a lake without the keys that are gone."""
+    """The config of a lake without the keys that are gone; one that followed calibrations has nights instead."""
     kept = {section: values for section, values in data.items() if section not in RETIRED}
+    simulator = kept.get("simulator", {})
+    if simulator.get("follow") == "latest" and "night" not in kept:
+        kept["night"] = {"active": True, "max_designs": simulator.get("reruns", 20)}
     for path in RETIRED:
         section, _, key = path.partition(".")
         if key and _has(kept.get(section), key):

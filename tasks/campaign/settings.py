@@ -143,15 +143,6 @@ class SimulatorSettings(Record):
         default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
     )
     grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
-    follow: Literal["pinned", "latest"] = Field(
-        default="pinned", description="stay with this version, or take the newest calibrated one before a guided batch"
-    )
-    old_versions: Literal["fidelity", "rerun"] = Field(
-        default="fidelity", description="simulations of an older version: mapped by designs of both, or left out"
-    )
-    reruns: int = Field(
-        default=20, ge=0, le=100_000, description="designs simulated again when the version changes, the best first"
-    )
 
     @field_validator("tier", mode="before")
     @classmethod
@@ -366,7 +357,7 @@ class NightSettings(Record):
         default=False, description="take the newest accepted simulator version for each batch, and simulate with it"
     )
     max_designs: int = Field(
-        default=2000, ge=0, le=100_000, description="designs simulated with a new version before the batch is chosen"
+        default=2000, ge=0, le=100_000, description="simulated with a new version before the batch is chosen; 0: none"
     )
     max_hours: float = Field(
         default=4.0, gt=0, le=1000, description="how long that may take; no design is begun after it"

@@ -213,8 +213,6 @@ def _older(
     campaign: Campaign, designs: Mapping[str, Design], present: Means, outcome: Outcome = MEAN_PEAK
 ) -> list[OlderSimulations]:
     """Older versions mapped to the present; each design counts once, by the newest version that has it."""
-    if campaign.config.simulator.old_versions == "rerun":
-        return []
     parts, taken = [], set(present.ids)
     for version in campaign.older_versions:
         old = means_of_simulations(campaign, version, designs, outcome)

@@ -5,11 +5,11 @@ the Parquet schemas, `lake.store` adds the columns of `lake.provenance` to every
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from fast.lake.tables.features import AnomalyFlagRow, TraceFeaturesRow
 from fast.lake.tables.inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
@@ -406,7 +406,7 @@ class FitRow(Row):
 
 
 class EventRow(Row):
-    """Something worth keeping that is not a measurement: pause, fault, confirmation."""
+    """Something worth keeping that is not a measurement: pause, fault, confirmation, or a record of a decision."""
 
     table: ClassVar[str] = "events"
     event_id: str
@@ -414,6 +414,35 @@ class EventRow(Row):
     kind: str
     message: str
     payload_json: str = "{}"
+
+    @classmethod
+    def of(
+        cls,
+        key: Sequence[object],
+        kind: str,
+        message: str,
+        payload: BaseModel | Mapping[str, object],
+        campaign: str | None,
+    ) -> Self:
+        """A record that is kept under a key: written again it takes the place of the one before."""
+        values = payload.model_dump(mode="json") if isinstance(payload, BaseModel) else payload
+        return cls(
+            event_id=cls.make_id(*key),
+            campaign_id=campaign or "",
+            kind=kind,
+            message=message,
+            payload_json=canonical_json(values),
+        )
+
+    @property
+    def payload(self) -> dict[str, Any]:
+        """The record that `of` has kept."""
+        return dict(json.loads(self.payload_json))
+
+    @staticmethod
+    def make_id(*key: object) -> str:
+        """Id of the record under a key."""
+        return content_id("E", list(key))
 
 
 class FlowRunRow(Row):

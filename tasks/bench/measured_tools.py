@@ -1,6 +1,5 @@
 """What callipers and durometer gave of printed tools: asked about where it is strange, kept, taken back."""
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -62,7 +61,7 @@ def take_back_measured(lake: Lake, tool_id: str, operator: str) -> ToolRow:
         UsageError: there is no such tool, or nothing was told of it.
     """
     row = _find_printed(lake, tool_id)
-    told = [json.loads(event.payload_json) for event in lake.records(EventRow, kind=MEASURED)]
+    told = [event.payload for event in lake.records(EventRow, kind=MEASURED)]
     left: list[dict[str, Any]] = []
     for payload in (payload for payload in told if payload["tool_id"] == tool_id):
         left = left[:-1] if payload["is_undone"] else [*left, payload]

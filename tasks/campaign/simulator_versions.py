@@ -1,6 +1,5 @@
 """Which simulator version each stage of a campaign uses: decided once, at its beginning, and kept as an event."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -8,7 +7,6 @@ from typing import NamedTuple
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
 from fast.models.calibration.inference.settings import WITH_EFFECTS
-from fast.models.ids import canonical_json, content_id
 from fast.models.records import Design
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
@@ -158,10 +156,8 @@ def _with_versions(campaign: Campaign, decided: list[StageVersion]) -> Campaign:
 
 def _decisions(campaign: Campaign) -> list[StageVersion]:
     """What was decided so far, by stage."""
-    payloads = (
-        json.loads(row["payload_json"])
-        for row in campaign.lake.rows(EventRow, campaign_id=campaign.campaign_id, kind=KIND)
-    )
+    rows = campaign.lake.records(EventRow, campaign_id=campaign.campaign_id, kind=KIND)
+    payloads = [row.payload for row in rows]
     return sorted(
         StageVersion(p["stage"], p["version_id"], tuple(p["reruns"]), p.get("spent_s", 0.0)) for p in payloads
     )
@@ -185,11 +181,6 @@ def _append_event(
     parents: list[str] | None = None,
 ) -> None:
     """An event that is itself however often it is written."""
-    row = EventRow(
-        event_id=content_id("E", [campaign.campaign_id, kind, *key]),
-        campaign_id=campaign.campaign_id,
-        kind=kind,
-        message=message,
-        payload_json=canonical_json(payload),
-    )
+    name = campaign.campaign_id
+    row = EventRow.of([name, kind, *key], kind, message, payload, name)
     campaign.lake.append([row], campaign.provenance(parents=parents or []))

@@ -1,3 +1,4 @@
+import re
 import tomllib
 from contextlib import nullcontext
 from pathlib import Path
@@ -5,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from fast.models.errors import ConfigError
-from fast.tasks.campaign.config import CampaignConfig, differences, load_config
-from fast.tasks.campaign.settings import REMOVED_RULES, ObjectPlan, Schedule
+from fast.tasks.campaign.config import CampaignConfig, differences, load_config, read_stored_config
+from fast.tasks.campaign.retired import RETIRED
+from fast.tasks.campaign.settings import REMOVED_RULES, NightSettings, ObjectPlan, Schedule
 
 ROOT = Path(__file__).parents[3]
 QUICK = ROOT / "campaigns" / "quick.toml"
@@ -51,8 +53,12 @@ def test_last_initial_tray_may_be_partly_filled():
         ('name = "quick"', 'name = "Quick!"', "`name` is 'Quick!'"),
         ("seed = 1", "seed = one", "is not TOML"),
         ('world = "', 'world = "missing/', "does not exist"),
-        ("[simulator]", '[simulator]\ntier = "fine"', r"`simulator\.tier` is 'fine': it must be \"production\" or"),
-        ("[simulator]", '[simulator]\ntier = "screening"', "the simulator tier `screening` was removed; simulate"),
+        (
+            "[bench]",
+            '[simulator]\ntier = "fine"\n[bench]',
+            r"`simulator\.tier` is 'fine': it must be \"production\" or",
+        ),
+        ("[bench]", '[simulator]\ntier = "screening"\n[bench]', "the simulator tier `screening` was removed; simulate"),
         (
             "[bench]",
             '[scientist]\nacquisition = "ucb"\n[bench]',
@@ -70,6 +76,22 @@ def test_last_initial_tray_may_be_partly_filled():
 def test_bad_values_get_one_sentence(tmp_path, old, new, message):
     with pytest.raises(ConfigError, match=message):
         load_config(edited(tmp_path, old, new))
+
+
+@pytest.mark.parametrize(("path", "instead"), RETIRED.items())
+def test_a_key_that_is_gone_is_refused_in_a_file_and_dropped_from_a_lake(tmp_path, path, instead):
+    section, _, key = path.partition(".")
+    text = f"[{section}]\n{key or 'protocol_slot'} = 0\n[bench]"
+    file = edited(tmp_path, "[bench]", text)
+    with pytest.raises(ConfigError, match=re.escape(f"`{path}` is gone: {instead}. Remove it.")):
+        load_config(file)
+    stored = QUICK.read_text()
+    assert read_stored_config(stored.replace("[bench]", text), "quick") == read_stored_config(stored, "quick")
+
+
+def test_a_campaign_that_followed_calibrations_has_nights():
+    text = QUICK.read_text().replace("[bench]", '[simulator]\nfollow = "latest"\nreruns = 5\n[bench]')
+    assert read_stored_config(text, "quick").night == NightSettings(active=True, max_designs=5)
 
 
 @pytest.mark.parametrize("rule", REMOVED_RULES)

@@ -25,8 +25,6 @@ from fast.hardware.tools import changer as tool_changer
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.records import GraspRequest, GraspSetup, Placement
 
-PAPER_GRASP_S = 15.0  # "one grasp every 15 s", 240 an hour
-
 _MOVE_S = 0.06  # of every move on top of its trapezoid: planner, dwell, and the poll that finds it done
 _GRIP_S = 0.14  # valve, and pressure up to the switch
 _VENT_S = 0.34  # valve, pressure down, rest of the air

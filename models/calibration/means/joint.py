@@ -18,7 +18,7 @@ paper's 1,579.
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -70,13 +70,6 @@ class JointDensity:
         by_phi, by_psi = terms.gradient(factored, self.parameters)
         value = factored.value + prior_phi + prior_psi
         return value, np.concatenate([by_phi + slope_phi, by_psi + slope_psi])
-
-    def draw_outputs(self, values: np.ndarray, rng: np.random.Generator) -> Standardised:
-        """The same designs with outputs drawn from the model at a vector."""
-        n_phi, n_sim = self.parameters.n_phi, len(self.data.y_sim)
-        terms = _Terms.of(self.data, self.parameters.phi(values[:n_phi]), self.parameters.psi(values[n_phi:]))
-        y = np.linalg.cholesky(terms.covariance()) @ rng.standard_normal(len(terms.z))
-        return replace(self.data, y_sim=y[:n_sim], y_real=y[n_sim:] + terms.c[n_sim:] * self.data.mean)
 
 
 @dataclass(frozen=True, eq=False)

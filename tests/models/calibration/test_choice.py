@@ -14,7 +14,7 @@ from fast.models.calibration.means.calibrate import calibrate
 from fast.models.calibration.means.parameters import Parameters
 from fast.models.calibration.means.problem import THETA, Standardised, drop_repeats
 from fast.models.errors import UsageError
-from tests.synthetic.calibration import make_up_problem
+from tests.synthetic.calibration import draw_prior, make_up_problem
 
 SETTINGS = CalibrationSettings(chains=2, draws=1000, tune=50)
 PROBLEM = make_up_problem(40, 10, seed=0)
@@ -229,7 +229,7 @@ def test_overlap_is_one_for_equal_and_zero_for_distant_draws():
 def test_vectors_become_parameters_in_their_units(rho):
     data = Standardised.of(PROBLEM)
     parameters = Parameters.of(data, CalibrationSettings(rho=rho))
-    vector = parameters.draw_prior(np.random.default_rng(0))
+    vector = draw_prior(parameters, np.random.default_rng(0))
     row = dict(zip(parameters.names, parameters.constrain(vector, data.force_scale_n), strict=True))
     phi, psi = parameters.phi(vector[: parameters.n_phi]), parameters.psi(vector[parameters.n_phi :])
     assert row["sd_h"] == phi.sd

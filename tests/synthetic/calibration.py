@@ -12,6 +12,7 @@ from scipy.stats import qmc
 from fast.models.calibration.means.joint import _Terms
 from fast.models.calibration.means.parameters import (
     LENGTHSCALE,
+    N_DESIGN,
     NOISE_SD,
     NUGGET,
     RHO_MEAN,
@@ -21,7 +22,6 @@ from fast.models.calibration.means.parameters import (
     Parameters,
 )
 from fast.models.calibration.means.problem import (
-    N_DESIGN,
     THETA_LOWER,
     THETA_UPPER,
     CalibrationProblem,

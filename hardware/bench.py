@@ -164,6 +164,17 @@ class Bench:
         )
 
 
+@dataclass(frozen=True)
+class LogFolders:
+    """Where wire logs go: of every session, and of one that ends with an error; None keeps them in memory."""
+
+    always: Path | None = None
+    on_a_fault: Path | None = None
+
+
+IN_MEMORY = LogFolders()
+
+
 @contextmanager
 def open_virtual_bench(
     world: World,
@@ -171,21 +182,20 @@ def open_virtual_bench(
     physics: Physics = simulate_request,
     speed_up: float | None = None,
     wires: Literal["lines", "memory"] = "lines",
-    log_folder: Path | None = None,
-    fault_log_folder: Path | None = None,
+    logs: LogFolders = IN_MEMORY,
     layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here). Time is in lockstep: it moves only while drivers wait; with
     `speed_up` it runs by itself, so many times faster than the wall. `wires` "memory" hands over the bytes of pty and
-    sockets directly, opens no port, and makes a grasp several times cheaper; only lockstep allows it. `log_folder`:
-    where the wire logs go; None keeps them in memory, and `fault_log_folder` gets them if the bench ends with an error.
+    sockets directly, opens no port, and makes a grasp several times cheaper; only lockstep allows it. `logs`:
+    where the wire logs go.
     """
     clock: Clock = VirtualClock() if speed_up is None else ScaledClock(speed_up)
     is_in_memory = wires == "memory"
-    port = None if is_in_memory else 0
-    with open_virtual_servers(world, tools, physics, clock, port, port, layout=layout) as virtual:
+    ports = (None, None) if is_in_memory else (0, 0)
+    with open_virtual_servers(world, tools, physics, clock, ports, layout=layout) as virtual:
         at = virtual.endpoints
         is_noisy = world.sensor.noise_sd_n >= 0.05  # several counts: identical readings can only be a frozen instrument
         settings = BenchSettings(
@@ -199,9 +209,8 @@ def open_virtual_bench(
             layout=layout,
         )
         if not is_in_memory:
-            ports = {"plc_port": at.plc_port, "transmitter_port": at.transmitter_port}
-            settings = settings.model_copy(update=ports)
-        logs = _LogFolders(log_folder, fault_log_folder)
+            found = {"plc_port": at.plc_port, "transmitter_port": at.transmitter_port}
+            settings = settings.model_copy(update=found)
         with _open(settings, tools, clock, virtual, is_in_memory=is_in_memory, logs=logs) as bench:
             yield bench
 
@@ -212,17 +221,17 @@ def open_virtual_servers(
     tools: Mapping[int, MountedTool],
     physics: Physics,
     clock: Clock,
-    plc_port: int | None = 0,
-    transmitter_port: int | None = 0,
+    ports: tuple[int | None, int | None] = (0, 0),
     is_transmitter_continuous: bool = False,
     layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
 ) -> Iterator[VirtualBench]:
     """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`.
 
-    `is_transmitter_continuous`: its serial port sends strings by itself instead of speaking Modbus RTU.
+    `ports`: of PLC and transmitter; 0 takes a free one, None opens none. `is_transmitter_continuous`: its serial port
+    sends strings by itself instead of speaking Modbus RTU.
     """
     virtual = VirtualBench(world, tools, physics, clock, layout, is_transmitter_continuous)
-    virtual.start(plc_port, transmitter_port)
+    virtual.start(*ports)
     try:
         yield virtual
     finally:
@@ -255,16 +264,8 @@ def open_real_bench(
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()
     }
-    with _open(settings, weighed, clock or RealClock(), None, may_vent, logs=_LogFolders(log_folder)) as bench:
+    with _open(settings, weighed, clock or RealClock(), None, may_vent, logs=LogFolders(log_folder)) as bench:
         yield bench
-
-
-@dataclass(frozen=True)
-class _LogFolders:
-    """Where wire logs go: of every session, and of one that ends with an error; None keeps them in memory."""
-
-    always: Path | None = None
-    on_a_fault: Path | None = None
 
 
 @contextmanager
@@ -275,7 +276,7 @@ def _open(
     virtual: VirtualBench | None,
     may_vent: bool = False,
     is_in_memory: bool = False,
-    logs: _LogFolders = _LogFolders(),
+    logs: LogFolders = IN_MEMORY,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
     wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else wires_to(settings, clock)

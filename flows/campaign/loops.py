@@ -77,6 +77,11 @@ class CampaignRun:
             finally:
                 self._bench = None
 
+    @property
+    def bench_use(self) -> steps.BenchUse:
+        """How this process measures."""
+        return steps.BenchUse(self.heard_bench, self.world_hash, self.should_stop, self.on_grasp)
+
     def should_stop(self) -> bool:
         """True once someone asked to pause or stop, or something failed: finish what runs, start nothing."""
         return self.stopping.is_set()
@@ -143,10 +148,7 @@ class BenchLoop:
                     f"B{batch:02d}",
                     unmapped(run.campaign),
                     unmapped(tools),
-                    unmapped(run.heard_bench),
-                    run.world_hash,
-                    unmapped(run.should_stop),
-                    unmapped(run.on_grasp),
+                    unmapped(run.bench_use),
                 )
                 return run.watch(future)
         return None

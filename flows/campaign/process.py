@@ -25,7 +25,7 @@ from fast.flows.memory import limit_arenas
 from fast.flows.progress import Bar, ProgressReporter, format_report
 from fast.hardware.arm.bench import open_arm_bench
 from fast.hardware.arm.settings import ArmSettings
-from fast.hardware.bench import BenchSettings, open_real_bench, open_virtual_bench
+from fast.hardware.bench import BenchSettings, LogFolders, open_real_bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.layout import BenchLayout
@@ -177,7 +177,7 @@ def open_campaign_bench(
     if isinstance(setup, World):
         layout = objects.stand_on(BenchLayout())
         with open_virtual_bench(
-            setup, mounted, physics=physics, wires="memory", fault_log_folder=logs, layout=layout
+            setup, mounted, physics=physics, wires="memory", logs=LogFolders(on_a_fault=logs), layout=layout
         ) as bench:
             yield bench
         return

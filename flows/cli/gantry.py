@@ -198,14 +198,15 @@ def open_bench(
     """
     from fast.flows.cli.real import ask_leave
     from fast.flows.cli.wire import log_folder
-    from fast.hardware.bench import open_real_bench, open_virtual_bench
+    from fast.hardware.bench import LogFolders, open_real_bench, open_virtual_bench
     from fast.hardware.parts.layout import BenchLayout
     from fast.tasks.campaign.setup import read_bench, read_world
 
     mounted = rack(None) if tools is None else tools
     if chosen.real is None:
         layout = BenchLayout(own_objects=own_objects)
-        with open_virtual_bench(read_world(chosen.world), mounted, log_folder=log_folder(None), layout=layout) as bench:
+        world, logs = read_world(chosen.world), LogFolders(log_folder(None))
+        with open_virtual_bench(world, mounted, logs=logs, layout=layout) as bench:
             yield bench
         return
     settings = read_bench(chosen.real)

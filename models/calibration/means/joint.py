@@ -18,14 +18,14 @@ paper's 1,579.
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fast.models.blas import one_blas_thread
 from fast.models.calibration.inference.optimise import climb, draw_starts, find_laplace_covariance
 from fast.models.calibration.inference.parallel_chains import Progress, Samples, sample
-from fast.models.calibration.inference.result import CalibrationResult, make_result
+from fast.models.calibration.inference.result import CalibrationResult, SamplerCounts, make_result
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.parameters import (
     LENGTHSCALE,
@@ -158,17 +158,9 @@ def calibrate_joint(
     parameters = Parameters.of(data, settings)
     samples, steps = sample_joint(data, parameters, settings, progress)
     draws = parameters.constrain(samples.draws, data.force_scale_n)
-    return make_result(
-        problem,
-        parameters.names,
-        draws,
-        settings,
-        "joint",
-        samples.n_divergences,
-        samples.n_deepest,
-        samples.n_gradients,
-        steps=steps,
-    )
+    counts = SamplerCounts(samples.n_divergences, samples.n_deepest, samples.n_gradients)
+    result = make_result(problem, parameters.names, draws, settings, "joint", counts)
+    return replace(result, cpu_s=sum(steps.values()), steps=steps)
 
 
 def sample_joint(

@@ -16,11 +16,9 @@ from fast.models.material import TABLE_3, MaterialLot
 from fast.models.records import GraspSetup, Record
 from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
-from fast.models.simulation.version import check_tier
 from fast.models.validation import load_record, parse_toml
 from fast.tasks.campaign.retired import drop_retired, refuse_retired
 from fast.tasks.campaign.settings import (
-    REMOVED_RULES,
     DesignSettings,
     Execution,
     GapSettings,
@@ -307,7 +305,7 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 
 def _check_science(config: CampaignConfig, source: str) -> None:
-    """Refuse unknown effects, functions that are not there, and a tier or rules that only stored configs may name."""
+    """Refuse unknown effects, functions that are not there, and what cannot be printed or learned."""
     from fast.models.own_code import load_own
     from fast.models.simulation.effects.catalogue import build_effects
 
@@ -316,10 +314,6 @@ def _check_science(config: CampaignConfig, source: str) -> None:
         _check_recipe(config)
         _check_objectives(config)
         build_effects(config.simulator.effects)
-        check_tier(config.simulator.tier)
-        for rule in (config.scientist.acquisition, config.scientist.simulation_acquisition):
-            if rule in REMOVED_RULES:
-                raise ConfigError(f'The acquisition rule "{rule}" was removed, "mes" is no worse; set it instead.')
         for name in config.scientist.own_functions:
             load_own(name)
     except UsageError as error:

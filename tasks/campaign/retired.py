@@ -10,6 +10,8 @@ RETIRED: Mapping[str, str] = {
         "a gap search asks the bench for grasps with another dwell, speed or pressure (gap.active = true), and "
         "schedule.reference_tools measures tools again"
     ),
+    "simulator.objective": "simulated grasps teach their peak force, which predicts a bench best",
+    "scientist.min_distance": "tools of a batch keep 0.05 of the unit cube of designs from each other",
     "simulator.follow": "night.active = true takes the newest accepted version before each batch",
     "simulator.old_versions": "older simulations are converted where enough designs of both versions are known",
     "simulator.reruns": "night.max_designs says how many designs are simulated with a new version",

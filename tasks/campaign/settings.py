@@ -14,7 +14,7 @@ from fast.models.design.space import FIN_RAYS, DesignSpace, LinearLimit
 from fast.models.own_code import OWN, is_own
 from fast.models.records import EffectValue, Record, Theta
 from fast.models.scientist.objectives import LESS_IS_BETTER, MEAN_PEAK, MEASURED, NAMES
-from fast.models.simulation.version import REMOVED_TIER, TIERS, MeshSettings, SimulatorVersion, Tier
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.validation import closest
 from fast.tasks.simulation.engine import check_engine
 
@@ -126,7 +126,6 @@ class ObjectPlan(Record):
 RULES = ("mes", "random")  # how designs can be chosen
 LOG = "log"
 SURROGATES = ("bi-fidelity", LOG)  # what predicts the force of a design
-REMOVED_RULES = ("nei", "jes", "thompson")  # configs that lakes keep may name them; `load_config` refuses them
 
 
 class SimulatorSettings(Record):
@@ -135,21 +134,11 @@ class SimulatorSettings(Record):
     theta: Theta = Theta()
     mesh: MeshSettings = MeshSettings()
     effects: tuple[EffectValue, ...] = ()
-    tier: Tier = "production"
-    objective: Literal["peak_force_n", "contact_force_n"] = Field(
-        default="peak_force_n", description="what of a simulated grasp the scientist learns from"
-    )
+    tier: Literal["production", "reference"] = "production"
     simulate_tools: bool = Field(
         default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
     )
     grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
-
-    @field_validator("tier", mode="before")
-    @classmethod
-    def _check_tier(cls, tier: Any) -> Any:
-        if tier not in (*TIERS, REMOVED_TIER):
-            raise ValueError(f"it must be {_alternatives(TIERS)}; change it")
-        return tier
 
     @property
     def version(self) -> SimulatorVersion:
@@ -187,12 +176,6 @@ class ScientistSettings(Record):
     )
     acquisition: str = Field(default="mes", description="how tools to print are chosen")
     simulation_acquisition: str = Field(default="mes", description="how designs to simulate are chosen")
-    min_distance: float = Field(
-        default=0.05,
-        ge=0,
-        le=1,
-        description="of tools from others of the batch and from rejected ones, in the unit cube of the design space",
-    )
     best_predicted: int = Field(
         default=0,
         ge=0,
@@ -223,7 +206,7 @@ class ScientistSettings(Record):
     @field_validator("acquisition", "simulation_acquisition")
     @classmethod
     def _check_rule(cls, rule: str) -> str:
-        if rule not in (*RULES, *REMOVED_RULES) and not is_own(rule):
+        if rule not in RULES and not is_own(rule):
             raise ValueError(f"it must be {_alternatives((*RULES, OWN))}; change it")
         return rule
 

@@ -257,15 +257,14 @@ def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool], outcome: Out
 def _simulated_forces(
     campaign: Campaign, version: SimulatorVersion, design_ids: Sequence[str], outcome: Outcome = MEAN_PEAK
 ) -> np.ndarray:
-    """The simulator's objective, n_designs x n_objects in N (work: J), NaN where the simulation failed.
+    """An outcome of simulations, n_designs x n_objects in N (work: J), NaN where the simulation failed.
 
     What versions of the campaign gave that differ in Young's modulus alone is scaled to `version`, which goes first.
     """
     forces = np.full((len(design_ids), len(campaign.object_ids)), np.nan)
-    column = campaign.config.simulator.objective if outcome.column == "peak_force_n" else outcome.column
     ratios = campaign.force_ratios(version)
     found = campaign.lake.query(
-        _FORCES.format(column=column),
+        _FORCES.format(column=outcome.column),
         {
             "setup": campaign.config.grasp.setup_id,
             "versions": list(ratios),

@@ -192,7 +192,7 @@ def propose_tools(
             Rule(scientist.acquisition, min(scientist.best_predicted, n_tools), criteria),
             replace(
                 find_room(campaign, [*(t.design for t in state.tools), *own]),
-                min_distance=scientist.min_distance,
+                min_distance=Room.min_distance,
                 rejected=campaign.space.to_unit(
                     [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
                 ),

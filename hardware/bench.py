@@ -106,24 +106,32 @@ class BenchSettings(Record):
 
 @dataclass(frozen=True)
 class Bench:
-    """Connected devices of one bench.
-
-    `virtual` is the bench behind the wire, or None on real hardware. `wire_session` names the wire logs of this session
-    (the beginning of their files), or is None when they are kept in memory only.
-    """
+    """Connected devices of one bench."""
 
     gantry: Gantry
+    """Moves the head."""
     plc: ClickPlc
+    """Outputs and inputs of the CLICK."""
     pneumatics: Pneumatics
+    """Jaws and air supply."""
     changer: ToolChanger
+    """Picks and docks tools."""
     force: ForceSensor
+    """The load cell."""
     supervisor: Supervisor
+    """Brings the bench to its safe state."""
     cell: GraspCell
+    """Makes grasps."""
     position: PositionCheck
+    """Finds lost steps."""
     clock: Clock
+    """The bench's time."""
     settings: BenchSettings
+    """Addresses and limits."""
     virtual: VirtualBench | None = None
+    """The bench behind the wire; None on real hardware."""
     wire_session: str | None = None
+    """Name of the wire logs of this session (the beginning of their files); None: kept in memory only."""
 
     # What a campaign asks of any bench (`hardware.grasp_bench.GraspBench`)
 

@@ -206,29 +206,35 @@ class Trace:
 
 @dataclass(frozen=True)
 class GraspSimulation:
-    """Result of one simulated grasp, both fingers.
-
-    `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
-    proxy; `work_j` the area under force over lift. `flag` says why the numbers are not converged as others are, in one
-    word; empty if they are. `twist_deg` is the largest twist of a tip about its finger's long axis, 0 where half a
-    finger was enough. `pressure_kpa`: the largest pressure of a finger on the object, mean over the 10 mm2 that are
-    pressed most. `ribs_touch`: ribs or walls came to press on each other inside a finger. `setup_cpu_s` is the
-    part of `cpu_s` before the first step. `mesh_id` names the content of the mesh: not every mesher makes the same one
-    twice.
-    """
+    """Result of one simulated grasp, both fingers."""
 
     trace: Trace
+    """Force over time and lift."""
     peak_force_n: float
+    """Largest force during the lift."""
     contact_force_n: float
+    """Closing-direction force on one side at the end of closing, the paper's proxy."""
     work_j: float
+    """Area under force over lift."""
     n_steps: int
+    """Of closing and lift."""
     n_newton: int
+    """Newton iterations in all."""
     n_dof: int
+    """Degrees of freedom of a finger."""
     cpu_s: float
+    """In all."""
     n_factorisations: int = 0
+    """Of the stiffness."""
     setup_cpu_s: float = 0.0
+    """Part of `cpu_s` before the first step."""
     mesh_id: str = ""
+    """Of the mesh's content: not every mesher makes the same one twice."""
     flag: str = ""
+    """Why the numbers are not converged as others are, in one word; empty if they are."""
     twist_deg: float = 0.0
+    """Largest twist of a tip about its finger's long axis; 0 where half a finger was enough."""
     pressure_kpa: float | None = None
+    """Largest pressure of a finger on the object, mean over the 10 mm2 that are pressed most."""
     ribs_touch: bool = False
+    """Ribs or walls came to press on each other inside a finger."""

@@ -327,21 +327,37 @@ class _ArmGrasp:
     """What is known of a grasp while it is made."""
 
     object_id: int
+    """What is grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     setup: GraspSetup
+    """How it is made."""
     placement: Placement = Placement()
+    """Where the object shall sit between the fingers."""
     request: GraspRequest | None = None
+    """What asked for it; None: an ordinary grasp."""
     started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
+    """When it began."""
     tare_n: float = 0.0
+    """Gross force of the free-hanging gripper that was taken as zero, N."""
     sd_n: float = 0.0
+    """Standard deviation of a reading then, N."""
     z_mm: float = math.nan
+    """Height of the flange at the grasp; NaN before."""
     start_s: float = 0.0
+    """When the jaws began to close, on the bench's clock."""
     times_s: list[float] = field(default_factory=list)
+    """Of the readings, since then."""
     lifts_mm: list[float] = field(default_factory=list)
+    """Lift at each reading."""
     forces_n: list[float] = field(default_factory=list)
+    """Net force of each reading."""
     reason: str = ""
+    """Why it failed; empty: it did not."""
     end: str = ""
+    """How it ended: `separated`, `max_lift`, or by a fault."""
     details: dict[str, float | str] = field(default_factory=dict)
+    """What else is kept with it."""
 
     def add(self, states: Sequence[ArmState]) -> None:
         """Samples of the wrist, tared."""

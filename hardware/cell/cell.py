@@ -45,22 +45,28 @@ Item = tuple[int, int] | GraspRequest
 
 @dataclass(frozen=True)
 class MeasuredGrasp:
-    """One grasp as the bench measured it.
-
-    `tare_force_n`: gross force of the free-hanging gripper that was taken as zero. A failed grasp keeps what was
-    recorded until then. `setup` is the one it was made with. `request`: what asked for it; None: an ordinary grasp.
-    """
+    """One grasp as the bench measured it; a failed one keeps what was recorded until then."""
 
     object_id: int
+    """What was grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     started_at: datetime
+    """When it began."""
     trace: Trace
+    """The samples."""
     status: Literal["ok", "failed"]
+    """Whether it counts."""
     reason: str
+    """Why it failed; empty: it did not."""
     tare_force_n: float
+    """Gross force of the free-hanging gripper that was taken as zero."""
     details: dict[str, float | str] = field(default_factory=dict)
+    """What else is kept with it."""
     setup: GraspSetup = GraspSetup()
+    """How it was made."""
     request: GraspRequest | None = None
+    """What asked for it; None: an ordinary grasp."""
 
 
 @dataclass(frozen=True)
@@ -312,16 +318,27 @@ class _GraspInProgress:
     """What is known of a grasp while it is made."""
 
     object_id: int
+    """What is grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     setup: GraspSetup
+    """How it is made."""
     details: dict[str, float | str]
+    """What else is kept with it."""
     request: GraspRequest | None = None
+    """What asked for it; None: an ordinary grasp."""
     started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
+    """When it began."""
     baseline: Baseline = Baseline(0.0, 0.0, 0.0)
-    free_n: float = 0.0  # net force of the open gripper, against which it is judged after the release
+    """Force of the free-hanging gripper before the grasp."""
+    free_n: float = 0.0
+    """Net force of the open gripper, against which it is judged after the release."""
     recorder: GraspRecorder | None = None
+    """What was recorded; None before the jaws close."""
     reason: str = ""
+    """Why it failed; empty: it did not."""
     end: str = ""
+    """How it ended: `separated`, `max_lift`, or by a fault."""
 
     @property
     def placement(self) -> Placement:

@@ -35,23 +35,30 @@ class TooLittleDataError(UsageError):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredTools:
-    """Measured tools, in the order in which they were first measured.
+    """Measured tools, in the order in which they were first measured."""
 
-    points: m x 9, the fingers as they were printed, in the unit cube. forces_n: m x n_objects, mean peak over the
-    repeats, NaN where there is none. `design_ids`: m, what each tool was printed from.
-    """
-
-    campaign_id: str | None  # that was asked for; None: all that are in the lake
+    campaign_id: str | None
+    """That was asked for; None: all that are in the lake."""
     campaign_ids: tuple[str, ...]
+    """That they are of."""
     setup: GraspSetup
+    """How all were grasped."""
     object_ids: tuple[int, ...]
+    """Of the columns of `forces_n`."""
     tool_ids: tuple[str, ...]
+    """Of its rows."""
     designs: tuple[Design, ...]
+    """The fingers as they were printed, m."""
     design_ids: tuple[str, ...]
+    """What each tool was printed from, m."""
     points: np.ndarray
+    """The fingers as they were printed, m x 9, in the unit cube."""
     forces_n: np.ndarray
+    """m x n_objects, mean peak over the repeats, NaN where there is none."""
     grasp_ids: tuple[str, ...]
+    """Of all grasps behind them."""
     warnings: tuple[str, ...] = ()
+    """What a person should know of them, in sentences."""
 
 
 @dataclass(frozen=True, eq=False)

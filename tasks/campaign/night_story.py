@@ -18,27 +18,34 @@ _FEWEST_TOOLS = 3  # whose ranks are compared: two are in order or not, which sa
 
 
 class Night(Record):
-    """A night that has ended. None: not known.
-
-    n_planned, n_done: designs to be simulated with the new version, and those that are done on every object.
-    worker_hours: what that took, of all workers together. rank_before, rank_after: Spearman's rank correlation of the
-    forces that both versions give for `n_tools` measured tools with the measured ones. named: what the search behind
-    the version has found; error_before_n, error_after_n: its held-out errors, in N.
-    """
+    """A night that has ended. None: not known."""
 
     stage: int
+    """Of the schedule, from 0."""
     batch: int
+    """That was chosen after it, from 1."""
     old_version_id: str
+    """The simulator before."""
     version_id: str
+    """The simulator since."""
     change: str
+    """What the new one differs in, in words."""
     n_planned: int
+    """Designs to be simulated with it."""
     n_done: int
+    """Those that are done on every object."""
     worker_hours: float
+    """What that took, of all workers together."""
     n_tools: int
+    """Measured tools that both versions have simulated."""
     rank_before: float | None
+    """Spearman's rank correlation of the old version's forces of these tools with the measured ones."""
     rank_after: float | None
+    """The same of the new version."""
     error_before_n: float | None
+    """Held-out error of the old version, of the search behind the new one."""
     error_after_n: float | None
+    """The same of the new version."""
 
     @property
     def sentence(self) -> str:

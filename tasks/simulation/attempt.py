@@ -57,21 +57,24 @@ class GraspJob:
 
 @dataclass(frozen=True)
 class Attempt:
-    """Outcome of a job: a result, or None with the reason of the failure and its message.
-
-    `cpu_s` is the worker's CPU time for everything, `mesh_cpu_s` the part spent on the mesh (none where the worker
-    still had it); `wall_s` is from start to end. `worker` is the process's id and `max_rss_mb` the most memory it
-    has held so far.
-    """
+    """Outcome of a job: a result, or None with the reason of the failure and its message."""
 
     result: GraspSimulation | None
+    """None: it failed."""
     reason: str
+    """One word of why."""
     message: str
+    """The sentence of why."""
     cpu_s: float
+    """The worker's CPU time for everything."""
     mesh_cpu_s: float
+    """The part spent on the mesh; none where the worker still had it."""
     wall_s: float
+    """From start to end."""
     worker: int = 0
+    """Id of its process."""
     max_rss_mb: float = 0.0
+    """Most memory that the process has held so far."""
 
 
 def attempt_grasp(job: GraspJob) -> Attempt:

@@ -67,13 +67,21 @@ class _Grasp:
     """A grasp in progress: solving, then closing, then held."""
 
     answer: "Future[GraspSimulation] | None"
+    """Of the solver; None where nothing is between the jaws."""
     request: PhysicsRequest | None
+    """What the solver was asked; None as above."""
     setup: GraspSetup
+    """Stroke and speeds."""
     z_mm: float
+    """Height of the head when the jaws closed."""
     curve: GraspCurve | None = None
+    """Force over lift, once it is solved."""
     is_failed: bool = False
+    """The solver gave no result."""
     is_released: bool = False
+    """The object has left the fingers."""
     closing_since_s: float | None = None
+    """When the jaws began to close; None before."""
 
 
 class WorldState:

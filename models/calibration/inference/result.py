@@ -27,29 +27,36 @@ _UNITS = {"young_modulus_mpa": " MPa", "friction": "", "poisson_ratio": ""}
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Posterior draws of every parameter, and diagnostics.
-
-    draws: chains x n x len(names), constrained: theta in physical units, `lengthscale_*` in unit-cube lengths,
-    `sd_e_n` and `noise_sd_n` in N, `sd_h` and `nugget` standardised. `method` is the algorithm that made the draws.
-    `r_hat`, `ess_bulk`, `ess_tail` by parameter (rank-normalised; Vehtari et al. 2021). `k_hat`: Pareto k of the
-    importance weights (Vehtari et al. 2024), None where none were tried; with a `method` other than "factorised" it is
-    why that one was replaced. `n_divergences` after tuning. `n_gradients`: all that NUTS evaluated, tuning included.
-    `warnings`: sentences on what is wrong or doubtful, never hidden.
-    """
+    """Posterior draws of every parameter, and diagnostics."""
 
     names: tuple[str, ...]
+    """Of the parameters."""
     draws: np.ndarray
+    """Chains x n x len(names), constrained: theta in physical units, `lengthscale_*` in unit-cube lengths, `sd_e_n` and
+    `noise_sd_n` in N, `sd_h` and `nugget` standardised."""
     settings: CalibrationSettings
+    """What was asked for."""
     method: str
+    """The algorithm that made the draws."""
     r_hat: Mapping[str, float]
+    """By parameter, rank-normalised (Vehtari et al. 2021)."""
     ess_bulk: Mapping[str, float]
+    """Effective draws of the bulk, by parameter."""
     ess_tail: Mapping[str, float]
+    """Effective draws of the tails, by parameter."""
     n_divergences: int
+    """After tuning."""
     k_hat: float | None = None
+    """Pareto k of the importance weights (Vehtari et al. 2024), None where none were tried; with a `method` other than
+    "factorised" it is why that one was replaced."""
     warnings: tuple[str, ...] = ()
+    """Sentences on what is wrong or doubtful, never hidden."""
     cpu_s: float = 0.0
-    steps: Mapping[str, float] = field(default_factory=dict)  # CPU seconds by step of the algorithm
+    """Of all processes."""
+    steps: Mapping[str, float] = field(default_factory=dict)
+    """CPU seconds by step of the algorithm."""
     n_gradients: int = 0
+    """All that NUTS evaluated, tuning included."""
 
     def of(self, name: str) -> np.ndarray:
         """Draws of one parameter, chains x n."""

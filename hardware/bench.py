@@ -57,17 +57,21 @@ class BenchSettings(Record):
 
     serial_port: str = Field(default="/dev/ttyACM0", min_length=1, description="GRBL on an Arduino Mega")
     plc_host: str = Field(default="192.168.0.10", min_length=1)
+    """Address of the CLICK."""
     plc_port: int = Field(default=502, ge=1, le=65535)
+    """Of Modbus TCP."""
     plc_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id")
     transmitter_host: str = Field(
         default="192.168.0.20", min_length=1, description="Modbus TCP; unused with a serial port"
     )
     transmitter_port: int = Field(default=502, ge=1, le=65535)
+    """Of Modbus TCP."""
     transmitter_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id or serial address")
     transmitter_serial_port: str | None = Field(
         default=None, min_length=1, description="serial line instead of Modbus TCP"
     )
     transmitter_baud_rate: int = Field(default=115200, ge=2400, le=115200)
+    """Of the serial line."""
     transmitter_mode: Literal["modbus", "continuous"] = Field(
         default="modbus", description="`continuous`: the serial line sends force_rate_hz strings a second by itself"
     )
@@ -76,13 +80,18 @@ class BenchSettings(Record):
     transmitter_filter: int = Field(default=0, ge=0, le=9, description="keypad setting, recorded; 0 or 1 for a lift")
     modbus_time_out_s: float = Field(default=_LONGEST_READ_S, gt=0, le=30, description="of a read with its repeats")
     force_rate_hz: float = Field(default=80.0, ge=5, le=300)
+    """Readings of the load cell."""
     stale_after_s: float | None = Field(default=0.5, gt=0, le=10)
+    """Identical readings for so long mean a frozen transmitter; None: they may be real."""
     supply_pressure_psi: float = Field(default=30.0, ge=5, le=60)
+    """Of the gripper's air."""
     pressure_time_out_s: float = Field(default=2.0, gt=0)
+    """Until the pressure switch must be on."""
     tool_mass_kg: dict[int, Annotated[float, Field(gt=0)]] = Field(
         default_factory=dict, description="weighed tools by slot; others estimated"
     )
     layout: BenchLayout = BenchLayout()
+    """Places of objects, tools and head."""
     journal: str | None = Field(default=None, description="file of the tool changer's journal; default beside this one")
 
     @model_validator(mode="after")

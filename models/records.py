@@ -85,11 +85,17 @@ class GraspSetup(Record):
     """How a grasp is made; the paper states neither stroke nor tip height, both matter."""
 
     open_gap_mm: float = Field(default=70, ge=20, le=200)
+    """Between front faces before closing."""
     closed_gap_mm: float = Field(default=16, ge=-20, le=150)
+    """Between undeformed front faces after closing."""
     tip_below_mm: float = Field(default=5, ge=-40, le=30)
+    """Tips below the object's bottom."""
     close_speed_mm_per_s: float = Field(default=20, gt=0, le=200)
+    """Of the jaws."""
     lift_speed_mm_per_s: float = Field(default=5, gt=0, le=100)
+    """Of the head."""
     max_lift_mm: float = Field(default=80, gt=0, le=120)
+    """Where a lift ends at the latest."""
     dwell_s: float = Field(default=0, ge=0, le=600, description="extra wait between closing and lift")
     supply_pressure_psi: float | None = Field(
         default=None, ge=5, le=60, description="of the gripper's air; none: as the bench has it"

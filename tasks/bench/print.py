@@ -28,13 +28,17 @@ class PrintConfirmation(Record):
     """One person's word on a printed batch, by slot."""
 
     operator: str = Field(min_length=1)
+    """Who says so."""
     material_lot: str = ""
+    """What was printed with; empty: as the config says."""
     rejected: Mapping[int, str] = Field(default_factory=dict, description="slot -> reason")
     again: Mapping[int, str] = Field(default_factory=dict, description="slot to be printed again -> reason, or empty")
     measured: Mapping[int, MeasuredTool] = Field(default_factory=dict)
+    """Slot -> walls and hardness as measured."""
     is_sure: bool = Field(default=False, description="what was measured is so, however strange it looks")
     mounted: Mapping[int, int] = Field(default_factory=dict, description="slot -> slot of the rack where it hangs")
     confirmed_by: Literal["person", "auto"] = "person"
+    """auto: nobody was asked."""
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,7 @@ class CampaignConfig(Record):
         default=None, pattern=NAME, description="lower-case letters, digits, hyphens; who prints and measures"
     )
     seed: int = Field(default=0, ge=0)
+    """Of every draw."""
     material: str | None = Field(
         default=None, description="path of the file of the material lot, relative to the config"
     )
@@ -88,16 +89,27 @@ class CampaignConfig(Record):
         default=None, description="path of a CSV file of designs of one's own, relative to the config"
     )
     design: DesignSettings = DesignSettings()
+    """Which fingers may be made."""
     schedule: Schedule = Schedule()
+    """How many tools and simulations."""
     objects: ObjectPlan = ObjectPlan()
+    """What tools are measured on."""
     grasp: GraspSetup = GraspSetup()
+    """How they are grasped."""
     simulator: SimulatorSettings = SimulatorSettings()
+    """What the scientist consults."""
     scientist: ScientistSettings = ScientistSettings()
+    """How designs are proposed."""
     gap: GapSettings = GapSettings()
+    """Whether the campaign looks for what its simulator misses."""
     night: NightSettings = NightSettings()
+    """Whether it simulates with a new simulator between batches."""
     bench: BenchChoice
+    """Where tools are measured."""
     print: Recipe | None = None
+    """How tools are printed; None: nobody says."""
     execution: Execution = Execution()
+    """How the work is spread; changes no result."""
 
     @model_validator(mode="after")
     def _check_first_data(self) -> "CampaignConfig":

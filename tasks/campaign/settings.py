@@ -202,6 +202,7 @@ class ScientistSettings(Record):
     )
     manufacturable: bool = Field(default=False, description="propose only what keeps the rules of `printing`")
     printing: PrintingRules = PrintingRules()
+    """What a tool must keep to be printed."""
 
     @field_validator("acquisition", "simulation_acquisition")
     @classmethod
@@ -351,12 +352,14 @@ class Execution(Record):
     """How the work is spread over this machine; changes no result."""
 
     simulation_workers: int = Field(default=2, ge=1, le=256)
+    """Processes that simulate."""
     engine: str = Field(
         default="local",
         description='what simulates: "local" processes, "dask://127.0.0.1:8786", "dask+tls://HOST:8786"',
     )
     physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
     print_poll_s: float = Field(default=5.0, gt=0, le=3600)
+    """Between looks whether a person has confirmed a batch."""
     print_reminder_h: float = Field(
         default=4.0, ge=0, le=1000, description="hours between reminders of a batch to be printed; 0: none"
     )
@@ -365,6 +368,7 @@ class Execution(Record):
     )
     notify_virtual: bool = Field(default=False, description="also of campaigns on a virtual bench")
     max_grasp_attempts: int = Field(default=2, ge=1, le=10)
+    """Failures after which a grasp is given up."""
     position_check_tools: int = Field(
         default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"
     )

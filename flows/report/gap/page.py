@@ -148,7 +148,7 @@ def write_where(content: GapPage, folder: Folder) -> Markup:
             "so that what belongs together lies together. A gap that is one colour per column is a print, not physics.",
             "note",
         )
-        parts.append(maps[lead] + note)
+        parts += [maps[lead], note]
         parts.append(columns(_heavy_cells(content), _unsure_cells(content)))
         if silence := describe_silence(where.tests):
             parts.append(paragraph(silence, "note"))

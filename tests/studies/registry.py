@@ -32,7 +32,6 @@ from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.scientist.object_models import measure_object_models
 from tests.studies.scientist.peers import measure_scientist_peers
 from tests.studies.scientist.prior import measure_prior
-from tests.studies.simulation.branches import measure_branches
 from tests.studies.simulation.material_law import measure_material_law
 from tests.studies.simulation.placement import measure_placement
 from tests.studies.simulation.robustness import measure_robustness
@@ -54,7 +53,6 @@ STUDIES: dict[str, Benchmark] = {
     "lake": benchmark(measure_lake, "grasps"),
     "overhead": benchmark(measure_overhead),
     "robustness": benchmark(measure_robustness, *_KEPT, "workers"),
-    "branches": benchmark(measure_branches, "designs", "objects"),
     "material-law": benchmark(measure_material_law, "designs", "objects"),
     "placement": benchmark(measure_placement, "designs", "objects"),
     "scale": benchmark(measure_scale, "workers"),

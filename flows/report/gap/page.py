@@ -27,7 +27,6 @@ from fast.flows.report.gap.answer import (
 from fast.flows.report.gap.figures import (
     choose_cells,
     draw_classes,
-    draw_components,
     draw_errors,
     draw_law,
     draw_map,
@@ -131,13 +130,13 @@ def headline(content: GapPage) -> Markup:
 
 
 def write_where(content: GapPage, folder: Folder) -> Markup:
-    """Sentences, the map of the phase that they are about, and what the gap goes with."""
+    """Sentences, the map of the phase that they are about, and single cells."""
     rounds = content.findings.rounds
     parts = [_sentences(found, place, len(rounds), content.findings.power) for place, found in enumerate(rounds)]
     if content.where and content.residuals is not None:
         where = content.where[0]
         lead = where.findings[0].phase if where.findings else "peak"
-        phases = [phase for phase in PHASES if phase == lead or any(s.phase == phase for s in where.components)]
+        phases = [phase for phase in PHASES if phase == lead or phase in where.tests.phases]
         maps = {
             phase: folder.figure(
                 f"gap_map_{phase}", draw_map(content.residuals, phase), f"Gap by tool, object: {phase}"
@@ -149,15 +148,12 @@ def write_where(content: GapPage, folder: Folder) -> Markup:
             "so that what belongs together lies together. A gap that is one colour per column is a print, not physics.",
             "note",
         )
-        shares = folder.figure("gap_shares", draw_components(where.components), "What the gap goes with")
-        clues = [t.sentence for t in where.trends if t.is_clue]
-        parts.append(columns(maps[lead] + note, shares + _components_note() + _clues(clues)))
+        parts += [maps[lead], note]
         parts.append(columns(_heavy_cells(content), _unsure_cells(content)))
         if silence := describe_silence(where.tests):
             parts.append(paragraph(silence, "note"))
         others = "".join(picture for phase, picture in maps.items() if phase != lead)
         parts.append(folded("Maps of the other phases", f'<div class="two">{others}</div>'))
-        parts.append(_components_table(content, folder))
     return section("where", "Where they disagree", *parts)
 
 
@@ -384,35 +380,9 @@ def _unsure_cells(content: GapPage) -> Markup:
     return Markup(head + table(("tool", "object", "changed by", "by"), rows, (3,)) + note)
 
 
-def _clues(sentences: Sequence[str]) -> Markup:
-    return Markup(f"<h3>Constants that vary</h3>{_list(sentences)}" if sentences else "")
-
-
 def _list(sentences: Sequence[str]) -> Markup:
     items = "".join(f"<li>{text(s)}</li>" for s in sentences)
     return Markup(f"<ul>{items}</ul>" if items else "")
-
-
-def _components_note() -> Markup:
-    return paragraph(
-        "What the squares of the gap go with. Noise is what repeats scatter; the dashed mark is what another mesh "
-        "or contact changes: a bar that ends before it is no gap of physics. Common: the same for all grasps.", "note",
-    )  # fmt: skip
-
-
-def _components_table(content: GapPage, folder: Folder) -> Markup:
-    rows = [
-        {"phase": s.phase, "source": source, "mean_square_relative": value, "lower_90": s.intervals[source][0],
-         "upper_90": s.intervals[source][1], "numerical_mean_square": s.numerical, "order_alias": s.order_confounding}
-        for s in content.where[0].components
-        for source, value in s.parts.items()
-    ]  # fmt: skip
-    alias = max((s.order_confounding for s in content.where[0].components), default=0.0)
-    said = paragraph(
-        f"{100 * alias:.0f} % of the order of a tool's grasps is known from tool and object"
-        + ("; what drifts cannot be told from them, randomise the order." if alias > 0.9 else "."), "note",
-    )  # fmt: skip
-    return Markup(said + folder.numbers("gap_shares", rows)) if rows else said
 
 
 def _parameters(named: Decision) -> Markup:

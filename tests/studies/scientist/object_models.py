@@ -165,9 +165,8 @@ def _race(forces: Forces, model: Model, world: int) -> float:
         x = forces.x[taken]
         criterion = Criterion(_mean_of(model(x, measured_n)), is_objective=True)
         spacing = Spacing(x, np.zeros((0, x.shape[1])), 0.0)
-        chosen = select_by_hypervolume(
-            [criterion], _fit(x, measured_n.mean(axis=1)), forces.x, REAL, PER_ROUND, NO_PENDING, spacing, rng
-        )
+        select, model_of_means = select_by_hypervolume([criterion]), _fit(x, measured_n.mean(axis=1))
+        chosen = select(model_of_means, forces.x, REAL, PER_ROUND, NO_PENDING, spacing, rng)
         new = [row for row, _ in chosen]
         taken += new
         measured_n = np.concatenate([measured_n, forces.measure(np.array(new), rng)])

@@ -53,7 +53,7 @@ def _through_bridge(data: ObservationSet) -> dict[str, float]:
 
     from fast.models.design.space import random_unit
     from fast.models.scientist.bridge.model import SurrogateModel
-    from fast.models.scientist.propose import NO_PENDING, propose
+    from fast.models.scientist.propose import NO_PENDING, Rule, propose
     from fast.models.scientist.surrogate.fit import fit_surrogate
     from fast.models.scientist.surrogate.observations import REAL
 
@@ -68,7 +68,7 @@ def _through_bridge(data: ObservationSet) -> dict[str, float]:
     _, row["posterior_bridge_cpu_s"] = timed(lambda: model.posterior(points).distribution.covariance_matrix)
     rules = {"mes": "mes", "entropy": f"{__name__}:make_entropy", "log_nei": f"{__name__}:make_log_improvement"}
     for column, rule in rules.items():
-        choose = partial(propose, surrogate, REAL, acquisition=rule)
+        choose = partial(propose, surrogate, REAL, rule=Rule(rule))
         choose(1, NO_PENDING, np.random.default_rng(1))  # imports
         _, row[f"ten_tools_{column}_cpu_s"] = timed(partial(choose, 10, NO_PENDING, np.random.default_rng(0)))
     return row

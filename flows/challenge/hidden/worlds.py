@@ -85,20 +85,26 @@ class Hidden(Record):
 
 
 class WorldKey(Record):
-    """What a world hides: everything that makes its data, and what an answer is judged by.
-
-    designs, objects: of the panel, in the world's order; empty where it has all of them.
-    """
+    """What a world hides: everything that makes its data, and what an answer is judged by."""
 
     group: Group
+    """Of worlds."""
     number: int
+    """Within its group."""
     seed: int
+    """Of its draws."""
     base: str
+    """Which set of true grasps."""
     young_modulus_mpa: float
+    """Of its material."""
     effects: tuple[Hidden, ...] = ()
+    """Hidden."""
     nuisance: Nuisance = Nuisance()
+    """What varies besides."""
     designs: tuple[int, ...] = ()
+    """Of the panel, in the world's order; empty: all of them."""
     objects: tuple[int, ...] = ()
+    """Of the panel, in the world's order; empty: all of them."""
 
     @property
     def world_id(self) -> str:
@@ -132,21 +138,24 @@ class _Change:
 
 @dataclass(frozen=True, eq=False)
 class Worlds:
-    """Draws worlds of a panel; `seed` is public for development and a secret for sealed worlds.
-
-    moduli_mpa: ends between which Young's modulus is drawn. has_other_laws: whether the lab's law for an effect is
-    drawn from two; else it is the first. n_designs, n_objects: of a world, drawn from the panel's.
-    strengths: of laws of the lab, of the force.
-    """
+    """Draws worlds of a panel."""
 
     panels: Panels
+    """True grasps."""
     bank: Bank
+    """Simulated ones."""
     seed: int | str
+    """Public for development, a secret for sealed worlds."""
     moduli_mpa: tuple[float, float] = MODULI_MPA
+    """Ends between which Young's modulus is drawn."""
     has_other_laws: bool = False
+    """Whether the lab's law for an effect is drawn from two; else it is the first."""
     n_designs: int = N_DESIGNS
+    """Of a world, drawn from the panel's."""
     n_objects: int = N_OBJECTS
+    """Of a world, drawn from the panel's."""
     strengths: tuple[float, ...] = STRENGTHS
+    """Of laws of the lab, of the force."""
 
     def draw(self, group: Group, number: int) -> WorldKey:
         """The key of a world, always the same for a seed."""

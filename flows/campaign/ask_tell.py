@@ -82,22 +82,31 @@ def ask(
     return AskedBatch(BatchRow.make_id(campaign.campaign_id, batch), designs, grasps, folder)
 
 
+@dataclass(frozen=True)
+class Telling:
+    """How measured grasps are told."""
+
+    operator: str = "unknown"
+    """Who measured."""
+    is_dry: bool = False
+    """Only check."""
+    may_replace: bool = False
+    """Correct what was told before with other numbers."""
+    is_sure: bool = False
+    """Strange numbers are so; without it they are a question."""
+
+
 def tell(
     config_path: Path | str,
     lake: Path | str,
     told: Iterable[Path | str] | Iterable[Mapping[str, Any]],
-    *,
+    how: Telling = Telling(),
     format_path: Path | str | None = None,
-    operator: str = "unknown",
-    is_dry: bool = False,
-    may_replace: bool = False,
-    is_sure: bool = False,
 ) -> Taken:
     """Take measured grasps: tables of peaks, hand-off folders, files of a testing machine, or rows as mappings.
 
     A mapping has `tool_id`, `object_id`, `repeat`, and `peak_force_n`, `trace` (a `models.records.Trace`) or `reason`.
-    format_path: how a testing machine writes its files. is_dry: only check. may_replace: correct what was told before.
-    is_sure: strange numbers are so; without it they are a question.
+    format_path: how a testing machine writes its files.
 
     Raises:
         UsageError: something cannot be used or is strange; nothing was written.
@@ -107,7 +116,7 @@ def tell(
         raise UsageError(
             f"campaign `{campaign.campaign_id}` is not in {campaign.lake.address}; `fast ask {config_path}` begins it."
         )
-    if not is_dry:
+    if not how.is_dry:
         enter(campaign, Path(config_path))
     given: list[Any] = list(told)
     notes: list[str] = []
@@ -119,7 +128,13 @@ def tell(
     else:
         grasps = read_told(campaign, [Path(path) for path in given], notes)
     taken = take_told(
-        campaign, grasps, operator, is_dry=is_dry, may_replace=may_replace, ask=ask_about, is_sure=is_sure
+        campaign,
+        grasps,
+        how.operator,
+        is_dry=how.is_dry,
+        may_replace=how.may_replace,
+        ask=ask_about,
+        is_sure=how.is_sure,
     )
     return replace(taken, notes=tuple(notes))
 

@@ -113,10 +113,7 @@ def _carry_out(run: CampaignRun, search_id: str, asked: NextExperiment, wait: Wa
         unmapped(run.campaign),
         unmapped(tools),
         search_id,
-        unmapped(run.heard_bench),
-        run.world_hash,
-        unmapped(run.should_stop),
-        unmapped(run.on_grasp),
+        unmapped(run.bench_use),
     )
     _run(run, wait, future)
 

@@ -115,7 +115,7 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
     ]
     if campaign.config.gap.active:
         lines.append(_describe_gap(campaign))
-    if campaign.config.follows_newest:
+    if campaign.config.night.active:
         lines += describe_nights(campaign)
     if tools:
         best = tools[0]

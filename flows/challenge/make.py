@@ -28,7 +28,6 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import is_usable
 
 N_WORLDS = 12
-FEWEST, MOST = 3, 999
 SHORTEST_SEED = 16  # characters
 N_TOOLS, N_OBJECTS = 9, 7  # of a world; of each, one is asked for alone
 SEED = "seed.txt"

@@ -57,22 +57,26 @@ REHEARSED = 120  # made-up worlds of the panel: half a minute
 
 @dataclass(frozen=True)
 class GapOrder:
-    """What is asked for. `campaign_id` None: all measurements of the lake. `budget_minutes`: of simulating.
-
-    `panel`: of how many designs and objects. `asking`: what the bench may be asked for, which changes no answer.
-    `rehearsed`: made-up worlds from which the lines come beyond which *none* is not said.
-    """
+    """What is asked for."""
 
     campaign_id: str | None = None
+    """None: all measurements of the lake."""
     seed: int = 0
+    """Of the split and of all draws."""
     rounds: int = MOST_ROUNDS
+    """At most."""
     budget_minutes: float | None = None
+    """Of simulating; None: no limit."""
     panel: PanelSize = WHOLE
+    """Of how many designs and objects."""
     asking: AskSettings = AskSettings()
+    """What the bench may be asked for, which changes no answer."""
     rehearsed: int = REHEARSED
+    """Made-up worlds from which the lines come beyond which *none* is not said."""
     settings: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(chains=4, draws=1000, tune=1000, target_accept=0.95)
     )
+    """Of the chains."""
 
     def with_workers(self, n: int) -> "GapOrder":
         """The same order with other worker processes, which change no result."""

@@ -105,13 +105,19 @@ class EffectRow(Row):
 
     table: ClassVar[str] = "effects"
     effect_id: str
+    """Of version and place."""
     version_id: str
+    """The simulator."""
     place: int = Field(ge=0, description="order in the version; effects act layer by layer, within one in this order")
     effect: str
+    """Its name in the catalogue."""
     title: str
+    """In words."""
     code: str = Field(description="row in the catalogue of effects")
     layer: str
+    """Where it acts."""
     effect_version: int
+    """Of its law."""
     parameters: tuple[str, ...] = Field(description="names; the unit is the suffix")
     parameter_values: tuple[float, ...] = Field(description="in the order of `parameters`")
 

@@ -33,7 +33,9 @@ class FinRay(Design):
     front_thickness_mm: float = Field(ge=2, le=3, description="wall that touches the object")
     back_thickness_mm: float = Field(ge=2, le=3, description="slanted wall")
     rib_thickness_mm: float = Field(ge=2, le=3)
+    """Of every rib."""
     rib_count: int = Field(ge=1, le=10)
+    """Between the walls."""
     rib_angle_deg: float = Field(ge=-40, le=40, description="from the horizontal")
 
     @property

@@ -1,7 +1,7 @@
 """Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -14,7 +14,7 @@ from fast.models.own_code import is_own
 from fast.models.records import Design
 from fast.models.scientist.acquisition.front import Criterion
 from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
-from fast.models.scientist.propose import RANDOM, propose
+from fast.models.scientist.propose import RANDOM, Room, Rule, propose
 from fast.models.scientist.propose import Proposal as ProposedDesign
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -189,17 +189,14 @@ def propose_tools(
             n_tools,
             pending,
             np.random.default_rng(seed),
-            min_distance=scientist.min_distance,
-            acquisition=scientist.acquisition,
-            taken=campaign.space.to_unit([*(t.design for t in state.tools), *own]),
-            rejected=campaign.space.to_unit(
-                [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
+            Rule(scientist.acquisition, min(scientist.best_predicted, n_tools), criteria),
+            replace(
+                find_room(campaign, [*(t.design for t in state.tools), *own]),
+                min_distance=Room.min_distance,
+                rejected=campaign.space.to_unit(
+                    [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
+                ),
             ),
-            printing=campaign.config.proposal_rules,
-            constraint=campaign.constraint,
-            n_best=min(scientist.best_predicted, n_tools),
-            space=campaign.space,
-            criteria=criteria,
         )
     )
     fit_id = tools_fit_id(campaign, batch, data)
@@ -220,15 +217,22 @@ def propose_simulation(
         1,
         pending,
         np.random.default_rng(seed),
-        min_distance=0.0,
-        acquisition=scientist.simulation_acquisition,
-        taken=campaign.space.to_unit(simulated_designs(campaign, state)),
-        printing=campaign.config.proposal_rules,
-        constraint=campaign.constraint,
-        space=campaign.space,
+        Rule(scientist.simulation_acquisition),
+        find_room(campaign, simulated_designs(campaign, state)),
     )[0]
     choice = Choice(scientist.simulation_acquisition, seed, surrogate.data, len(pending), (fit_id,))
     append_simulation(campaign, batch, index, proposal, choice)
+
+
+def find_room(campaign: Campaign, taken: Sequence[Design]) -> Room:
+    """Where designs of a campaign may lie that are not taken, at any distance from others."""
+    return Room(
+        space=campaign.space,
+        printing=campaign.config.proposal_rules,
+        constraint=campaign.constraint,
+        taken=campaign.space.to_unit(taken),
+        min_distance=0.0,
+    )
 
 
 def pending_points(campaign: Campaign, state: CampaignState, fidelity: int) -> np.ndarray:

@@ -28,7 +28,6 @@ from fast.flows.report.gap.answer import (
 from fast.flows.report.gap.figures import (
     choose_cells,
     draw_classes,
-    draw_components,
     draw_errors,
     draw_law,
     draw_map,
@@ -153,27 +152,16 @@ def _save_candidates(rounds: Sequence[RoundFindings], folder: Folder) -> bool:
 
 
 def _prepare_where(content: GapPage, folder: Folder) -> dict[str, Any] | None:
-    """Maps of the phases and which of them the sentences are about; what the gap goes with; heavy and unsure cells."""
+    """Maps of the phases and which of them the sentences are about; heavy and unsure cells."""
     residuals = content.residuals
     if not content.where or residuals is None:
         return None
     where = content.where[0]
     lead = where.findings[0].phase if where.findings else "peak"
-    phases = [phase for phase in PHASES if phase == lead or any(s.phase == phase for s in where.components)]
-    shares = [
-        {"phase": s.phase, "source": source, "mean_square_relative": value, "lower_90": s.intervals[source][0],
-         "upper_90": s.intervals[source][1], "numerical_mean_square": s.numerical, "order_alias": s.order_confounding}
-        for s in where.components
-        for source, value in s.parts.items()
-    ]  # fmt: skip
-    if shares:
-        folder.numbers("gap_shares", shares)
+    phases = [phase for phase in PHASES if phase == lead or phase in where.tests.phases]
     return {
         "lead": lead,
         "maps": {phase: folder.draw(f"gap_map_{phase}", draw_map(residuals, phase)) for phase in phases},
-        "shares": folder.draw("gap_shares", draw_components(where.components)),
-        "has_shares": bool(shares),
-        "clues": [t.sentence for t in where.trends if t.is_clue],
         "heavy": [
             vars(c) | {"tool": shorten_tool(c.tool), "share": f"{100 * c.share:.0f} %"}
             for c in find_heaviest_cells(residuals)
@@ -185,7 +173,6 @@ def _prepare_where(content: GapPage, folder: Folder) -> dict[str, Any] | None:
         ],
         "n_more_unsure": max(len(content.unsure) - _MOST_UNSURE, 0),
         "silence": describe_silence(where.tests),
-        "alias": max((s.order_confounding for s in where.components), default=0.0),
     }  # fmt: skip
 
 

@@ -17,10 +17,11 @@ from fast.flows.report.campaign.simulation import write_agreement, write_moments
 from fast.flows.report.campaign.surrogate import write_surrogate
 from fast.flows.report.campaign.traces import write_traces
 from fast.flows.report.campaign.work import write_work
-from fast.flows.report.folder import Folder, write_page
-from fast.flows.report.html import Page, moment
+from fast.flows.report.folder import Folder, write_sections
+from fast.flows.report.html import Page
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
+from fast.tasks.templates import moment
 from fast.tasks.traces.anomalies import update_anomalies
 from fast.tasks.traces.features import update_features
 
@@ -83,7 +84,7 @@ def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake
         footer=f"Campaign {campaign_id}. Written {moment(datetime.now(UTC))} UTC from the lake. In mm, N, J, s, MPa.",
         nav=NAV,
     )
-    return write_page(Folder(Path(out)), content, page, headline, SECTIONS)
+    return write_sections(Folder(Path(out)), content, page, headline, SECTIONS)
 
 
 def add_features(lake: Lake, campaign_id: str) -> None:

@@ -10,6 +10,7 @@ from fast.hardware.cell.cycle_time import plan_time
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
 from fast.lake.store import Lake
+from fast.models.gap.findings import NextExperiment
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspRequest, GraspSetup, Placement
 from fast.models.units import spell_name, unit_of
@@ -139,3 +140,11 @@ def _row(place: int, request: GraspRequest, before: GraspRequest | None) -> str:
     name = escape(get_object(request.object_id).name)
     cells = (place, f"{request.object_id} {name}", request.repeat, how, escape(request.purpose))
     return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}<td class='blank'></td></tr>"
+
+
+def describe_command(asked: NextExperiment, campaign_id: str | None, address: str) -> str:
+    """The command line that answers a question, or writes the plan of its grasps; empty if it has neither."""
+    of = f" --campaign {campaign_id}" if campaign_id else ""
+    if asked.person is not None:
+        return f"fast gap answer {asked.person.kind} VALUE{of} --operator NAME --lake {address}"
+    return f"fast gap next --lake {address} --out asked" if asked.grasps else ""

@@ -27,6 +27,7 @@ from tests.studies.platform.day import measure_day
 from tests.studies.platform.environments import measure_environments
 from tests.studies.platform.feature_pairs import measure_feature_pairs
 from tests.studies.platform.paper_schedule import measure_paper_schedule
+from tests.studies.scientist.insights import measure_insights
 from tests.studies.scientist.lab_bounds import measure_lab_bounds
 from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.scientist.object_models import measure_object_models
@@ -72,6 +73,7 @@ STUDIES: dict[str, Benchmark] = {
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
     "scientist-peers": benchmark(measure_scientist_peers, "limit_minutes", "figure"),
     "prior": benchmark(measure_prior),
+    "insights": benchmark(measure_insights, "n", "results"),
     "object-models": benchmark(measure_object_models, "results", "worlds"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "landscapes": benchmark(measure_landscapes, "n", "results", "workers", "figure"),

@@ -26,6 +26,7 @@ from tests.studies.platform.day import measure_day
 from tests.studies.platform.environments import measure_environments
 from tests.studies.platform.feature_pairs import measure_feature_pairs
 from tests.studies.platform.paper_schedule import measure_paper_schedule
+from tests.studies.scientist.insights import measure_insights
 from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.simulation.robustness import measure_robustness
 from tests.studies.traces.anomalies import measure_anomalies
@@ -55,6 +56,7 @@ STUDIES: dict[str, Benchmark] = {
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
     ),
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
+    "insights": benchmark(measure_insights, "n", "results"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "landscapes": benchmark(measure_landscapes, "n", "results", "workers", "figure"),
     "landscape-bank": benchmark(measure_landscape_bank, "results", "limit_minutes"),

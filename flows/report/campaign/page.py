@@ -9,6 +9,7 @@ from fast.flows.report.calibration.page import calibration_section
 from fast.flows.report.campaign.account import write_cost, write_paper, write_provenance, write_tools
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.finger import write_best
+from fast.flows.report.campaign.insights import write_insights
 from fast.flows.report.campaign.nights import write_nights
 from fast.flows.report.campaign.objectives import write_objectives
 from fast.flows.report.campaign.quality import headline, write_baselines, write_progress
@@ -29,6 +30,7 @@ _LOG = logging.getLogger(__name__)
 
 NAV = {
     "best": "Best finger",
+    "taught": "What it taught",
     "moments": "A grasp",
     "progress": "Tool quality",
     "objectives": "Objectives",
@@ -49,6 +51,7 @@ NAV = {
 
 SECTIONS = (
     write_best,
+    write_insights,
     write_moments,
     write_progress,
     write_objectives,

@@ -27,7 +27,6 @@ from fast.tasks.gap.findings import find_run
 from fast.tasks.gap.readings import take_back_reading, write_reading
 
 WAY = "the box *so it is*"
-MOST_BYTES = 20_000_000  # of a dropped file
 _SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".asc")
 _MEASURES = {
     "front": "measured_front_thickness_mm",
@@ -193,10 +192,9 @@ def look_at_upload(lake: Lake, campaign_id: str, upload: str, operator: str, for
         taken: Taken | None = tell()
     except FastError as error:
         fault, taken = str(error), None
-        may_replace = _works(lambda: tell(may_replace=True, is_sure=True)) and not _works(lambda: tell(is_sure=True))
-        is_strange = _works(lambda: tell(is_sure=True, may_replace=may_replace)) and not _works(
-            lambda: tell(may_replace=may_replace)
-        )
+        is_strange = _works(lambda: tell(is_sure=True))
+        may_replace = not is_strange and _works(lambda: tell(is_sure=True, may_replace=True))
+        is_strange = is_strange or (may_replace and not _works(lambda: tell(may_replace=True)))
     sentence, notes = (taken.sentence, taken.notes) if taken is not None else ("", ())
     return Dropped(upload, path.name, sentence, fault, is_strange, may_replace, guessed, tuple(rows), notes)
 

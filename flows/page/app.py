@@ -2,12 +2,9 @@
 
 import asyncio
 import mimetypes
-import threading
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
-from datetime import datetime
+from types import ModuleType
 from typing import Any
-from urllib.parse import quote
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
@@ -16,19 +13,15 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.staticfiles import StaticFiles
 
-from fast.flows.page import answers
 from fast.flows.page.interface import add_interface
-from fast.flows.page.live import LiveHub, read_marks
-from fast.flows.page.now import Now, NowReader
+from fast.flows.page.lab import LabPage
 from fast.flows.page.shown import add_results, add_start
-from fast.flows.page.standing import Strip, read_strip
-from fast.flows.page.todo import Todo, list_campaigns, read_todos
+from fast.flows.page.todo import list_campaigns
 from fast.flows.page.web import (
     HEADERS,
-    Pages,
+    MOST_FILE_BYTES,
     clean_name,
     keep_name,
-    make_token,
     read_body,
     read_form,
     refuse,
@@ -40,125 +33,12 @@ from fast.flows.page.web import (
 from fast.flows.server.access import Role, role_login
 from fast.flows.server.gate import App
 from fast.hardware.parts.safe_state import Verb
-from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import FastError, UsageError
 from fast.tasks.campaign.orders import give_order
-from fast.tasks.campaign.requests import lease_name
 
-MOST_CPU = 0.02  # of a core: a lake of a million grasps is not read anew for each page that opens
-_STALE_S = 30.0  # at most
 _OUTPUTS_POLICY = "sandbox; default-src 'self' data:; style-src 'self' 'unsafe-inline'; script-src 'none'"
 Handler = Callable[[Request], Awaitable[Response]]
-
-
-class Cached:
-    """Something that is read from the lake, again when the lake has more; seldom, where that costs much."""
-
-    def __init__(self, lake: Lake, read: Callable[[str], Any]) -> None:
-        self._lake, self._read = lake, read
-        self._lock = threading.Lock()
-        self._known: dict[str, tuple[Any, float, float, Any]] = {}
-
-    def get(self, name: str) -> Any:
-        """As it is now, or was a moment ago."""
-        with self._lock:
-            marks, now_s = read_marks(self._lake), time.monotonic()
-            if name in self._known:
-                seen, at_s, cost_s, value = self._known[name]
-                if seen == marks or now_s - at_s < min(cost_s / MOST_CPU, _STALE_S):
-                    return value
-            before_s = time.thread_time()
-            value = self._read(name)
-            cost_s = time.thread_time() - before_s
-            # What was said on this page itself is seen at once.
-            self._known[name] = (marks, now_s, cost_s, value)
-            return value
-
-    def forget(self) -> None:
-        """Read anew next time: this page has written something."""
-        with self._lock:
-            self._known.clear()
-
-
-class LabPage:
-    """The page of one lake, with what its routes share."""
-
-    def __init__(self, lake: Lake, login: str) -> None:
-        self.lake, self.login = lake, login
-        self.token = make_token(login)
-        self.now = NowReader(lake)
-        self.hub = LiveHub(lake)
-        self.pages = Pages(self.token, {"quote": quote, "clock": _clock})
-        self._now = Cached(lake, self.now.read)
-        self._todos = Cached(lake, lambda _: read_todos(lake))
-
-    def read_now(self, campaign_id: str) -> Now | None:
-        """What the tab Now shows of a campaign; None where there is none, or it cannot be read."""
-        if not campaign_id:
-            return None
-        try:
-            return self._now.get(campaign_id)  # type: ignore[no-any-return]
-        except FastError:
-            return None
-
-    def read_todos(self) -> list[Todo]:
-        """The inbox."""
-        return self._todos.get("")  # type: ignore[no-any-return]
-
-    def forget(self) -> None:
-        """Something was written here."""
-        self._now.forget()
-        self._todos.forget()
-
-    def choose_campaign(self, request: Request) -> str:
-        """The campaign that is asked for; else the one that runs, or the newest; empty where there is none."""
-        names = list_campaigns(self.lake)
-        asked = request.query_params.get("campaign", "")
-        if asked in names:
-            return asked
-        running = [name for name in names if holder_of(self.lake.storage, lease_name(name)) is not None]
-        return next(iter([*running, *names]), "")
-
-    def read_strip(self, campaign_id: str, now: Now | None) -> Strip | None:
-        """The control strip of a campaign."""
-        if not campaign_id:
-            return None
-        is_waiting = any(todo.campaign_id == campaign_id for todo in self.read_todos())
-        is_bench_busy = now is not None and any(slot.state == "left" for slot in now.slots)
-        return read_strip(self.lake, campaign_id, now is not None and now.is_complete, is_waiting and not is_bench_busy)
-
-    def frame(self, request: Request, tab: str) -> dict[str, Any]:
-        """What stands around every tab."""
-        campaign_id = self.choose_campaign(request)
-        now = self.read_now(campaign_id)
-        return {
-            "tab": tab,
-            "campaign": campaign_id,
-            "campaigns": list_campaigns(self.lake),
-            "now": now,
-            "strip": self.read_strip(campaign_id, now),
-            "todos": self.read_todos(),
-            "lake_name": self.lake.root.name,
-        }
-
-    async def show(self, request: Request, template: str, tab: str, **values: Any) -> Response:
-        """A tab, or a part of it."""
-
-        def work() -> Response:
-            return self.pages.show(request, template, **self.frame(request, tab), **values)
-
-        return await run_in_threadpool(work)
-
-    async def write(self, request: Request, role: Role, work: Callable[[dict[str, str], str], str]) -> Response:
-        """Do what a form asks for, and say what was done; `work` gets the form and the person's name."""
-        visitor = require_write(request, self.token, role)
-        form = await read_form(request)
-        try:
-            sentence = await run_in_threadpool(work, form, visitor.operator)
-        finally:
-            self.forget()
-        return say(Response(status_code=204, headers=HEADERS), sentence)
 
 
 def make_app(lake: Lake, login: str) -> App:
@@ -271,50 +151,52 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
 
     async def say_printed(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
-            return answers.answer_print(page.lake, _campaign_of(page, form), _whole(form, "batch"), form, operator)
+            return _answers().answer_print(page.lake, _campaign_of(page, form), _whole(form, "batch"), form, operator)
 
         return await page.write(request, Role.SAY, work)
 
     async def say_mounted(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
-            return answers.answer_mount(page.lake, _campaign_of(page, form), form.get("search", ""), form, operator)
+            return _answers().answer_mount(page.lake, _campaign_of(page, form), form.get("search", ""), form, operator)
 
         return await page.write(request, Role.SAY, work)
 
     async def say_reading(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
-            return answers.answer_reading(page.lake, form.get("campaign", ""), form.get("search", ""), form, operator)
+            return _answers().answer_reading(
+                page.lake, form.get("campaign", ""), form.get("search", ""), form, operator
+            )
 
         return await page.write(request, Role.SAY, work)
 
     async def look_at_file(request: Request) -> Response:
         visitor = require_write(request, page.token, Role.SAY)
         campaign_id = _campaign_of(page, dict(request.query_params))
-        content = await read_body(request, answers.MOST_BYTES)
+        content = await read_body(request, MOST_FILE_BYTES)
 
         def work() -> Response:
-            upload = answers.keep_upload(page.lake, request.query_params.get("name", ""), content)
-            dropped = answers.look_at_upload(page.lake, campaign_id, upload, visitor.operator)
+            upload = _answers().keep_upload(page.lake, request.query_params.get("name", ""), content)
+            dropped = _answers().look_at_upload(page.lake, campaign_id, upload, visitor.operator)
             return page.pages.show(request, "dropped.html", dropped=dropped, campaign=campaign_id)
 
         return await run_in_threadpool(work)
 
     async def write_file(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
-            return answers.write_upload(page.lake, _campaign_of(page, form), form, operator)
+            return _answers().write_upload(page.lake, _campaign_of(page, form), form, operator)
 
         return await page.write(request, Role.SAY, work)
 
     async def undo_file(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
-            return answers.undo_told(page.lake, _campaign_of(page, form), operator)
+            return _answers().undo_told(page.lake, _campaign_of(page, form), operator)
 
         return await page.write(request, Role.SAY, work)
 
     async def undo_reading(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
             campaign_id, search_id = form.get("campaign", ""), form.get("search", "")
-            return answers.undo_reading(page.lake, campaign_id, search_id, form.get("kind", ""), operator)
+            return _answers().undo_reading(page.lake, campaign_id, search_id, form.get("kind", ""), operator)
 
         return await page.write(request, Role.SAY, work)
 
@@ -331,6 +213,13 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
     }
     for path, handler in routes.items():
         app.add_api_route(path, handler, methods=["POST"], include_in_schema=False)
+
+
+def _answers() -> ModuleType:
+    """What writes answers: seconds of imports, which whoever only looks does not wait for."""
+    from fast.flows.page import answers
+
+    return answers
 
 
 def _add_files(app: FastAPI, page: LabPage) -> None:
@@ -383,8 +272,3 @@ def _whole(form: dict[str, str], name: str) -> int:
     if not text.isdecimal():
         raise UsageError(f"`{name}` of the form is not a whole number; load the page again.")
     return int(text)
-
-
-def _clock(moment: datetime | None) -> str:
-    """A time of the lab's day."""
-    return "" if moment is None else moment.astimezone().strftime("%H:%M")

@@ -1,17 +1,14 @@
 """A small versioned interface for programs: what the page shows, as JSON, with a schema at `/api/v1/openapi.json`."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fastapi import APIRouter, FastAPI
 from pydantic import BaseModel, Field
 
 from fast.flows.page import results
+from fast.flows.page.lab import LabPage
 from fast.flows.page.todo import MountTodo, PrintTodo, ReadingTodo, Todo, list_campaigns
-from fast.flows.report.gap.answer import describe_answer
 from fast.models.errors import UsageError
-
-if TYPE_CHECKING:
-    from fast.flows.page.app import LabPage
 
 VERSION = "/api/v1"
 
@@ -71,7 +68,7 @@ class Finding(BaseModel):
     page: str
 
 
-def add_interface(app: FastAPI, page: "LabPage") -> None:
+def add_interface(app: FastAPI, page: LabPage) -> None:
     """Add the routes for programs."""
     router = APIRouter(prefix=VERSION)
 
@@ -117,6 +114,8 @@ def add_interface(app: FastAPI, page: "LabPage") -> None:
     @router.get("/findings")
     def read_findings() -> list[Finding]:
         """What gap searches found, the newest first."""
+        from fast.flows.report.gap.answer import describe_answer
+
         return [
             Finding(
                 gap_id=run.gap_id,

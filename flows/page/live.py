@@ -8,15 +8,16 @@ import json
 from collections.abc import AsyncIterator
 from typing import Any
 
+from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
 from fast.models.errors import FastError
 from fast.models.objects.catalogue import name_object
 from fast.tasks.bench.live import LiveGrasp, live_path, read_live
-from fast.tasks.campaign.orders import read_standing
+from fast.tasks.campaign.requests import Requests, lease_name
 
 FORCE_S = 0.15  # between looks at the present grasp: seven a second
-NEWS_S = 1.0  # between looks at the lake
+NEWS_S = 1.5  # between looks at the lake
 _PING_S = 15.0
 _SHOWN = (EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow)
 _LONGEST_QUEUE = 200  # a page that takes nothing for so long gets everything anew when it comes again
@@ -65,6 +66,7 @@ class _Watcher:
     def __init__(self, lake: Lake, campaign_id: str) -> None:
         self._lake, self._campaign_id = lake, campaign_id
         self.path = live_path(lake, campaign_id)
+        self._requests = Requests(lake, campaign_id)
         self.queues: set[asyncio.Queue[str]] = set()
         self._task: asyncio.Task[None] | None = None
 
@@ -105,8 +107,8 @@ class _Watcher:
     def _pulse(self) -> tuple[Any, ...] | None:
         """What changes when there is something new to show; None while the lake cannot be read."""
         try:
-            standing = read_standing(self._lake, self._campaign_id)
-            return (standing.run, standing.verb), read_marks(self._lake)
+            holder = holder_of(self._lake.storage, lease_name(self._campaign_id))
+            return (holder.token if holder is not None else "", self._requests.verb()), read_marks(self._lake)
         except FastError:
             return None
 

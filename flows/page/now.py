@@ -15,12 +15,12 @@ from fast.flows.campaign.pace import LONGEST_GAP_S, PROPOSAL_S, StageLeft, count
 from fast.flows.campaign.progress import Workload, count_work
 from fast.flows.campaign.status import read_campaign
 from fast.flows.progress import describe_duration
-from fast.flows.report.gap.answer import shorten_answer
 from fast.hardware.parts.layout import N_OBJECTS, N_SLOTS, BenchLayout
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimTraceRow, SimulationRow
-from fast.models.design.sheet import profile_path
+from fast.models.design.profile import profile_path
 from fast.models.errors import FastError
+from fast.models.gap.findings import Findings
 from fast.models.objects.catalogue import get_object, name_object
 from fast.models.records import Design
 from fast.models.traces.verdict import judge_grasp
@@ -161,7 +161,7 @@ class NowReader:
             best=self._find_best(campaign, state),
             version=campaign.version.version_id,
             effects=", ".join(one.effect.replace("_", " ") for one in campaign.version.effects),
-            misses="" if run is None else f"{run.findings.gap.rmse_after_n:.2f} N; {shorten_answer(run.findings)}",
+            misses="" if run is None else _say_misses(run.findings),
             gap_id="" if run is None else run.gap_id,
             tiles=tuple(self._tiles(campaign)),
             places=tuple(_map_places(campaign, state, tool_id)),
@@ -343,6 +343,13 @@ def _say_left(
         proposal_s = PROPOSAL_S / n_objects if stage.is_guided else 0.0
         total_s += max(bench_s, stage.simulated * ((s_per_simulation or 0.0) + proposal_s))
     return f"{describe_duration(total_s)} of work left" if total_s else "all is done"
+
+
+def _say_misses(findings: Findings) -> str:
+    # A second of imports, which a lake without searches does without.
+    from fast.flows.report.gap.answer import shorten_answer
+
+    return f"{findings.gap.rmse_after_n:.2f} N; {shorten_answer(findings)}"
 
 
 def _is_owed(campaign: Campaign, state: CampaignState, batch: int) -> bool:

@@ -1,17 +1,15 @@
 """Routes of the tabs Results, Gap and Start."""
 
-from typing import TYPE_CHECKING
-
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
 from fast.flows.page import results, start
+from fast.flows.page.lab import LabPage
 from fast.flows.page.notes import MOST_PHOTO_BYTES, keep_note, keep_photo
 from fast.flows.page.todo import list_campaigns
 from fast.flows.page.web import HEADERS, read_body, read_form, require_token, require_write, say
-from fast.flows.report.gap.answer import describe_answer
 from fast.flows.server.access import Role
 from fast.flows.server.server import address_for_others
 from fast.lake.query.catalogue import catalogue
@@ -20,11 +18,8 @@ from fast.models.errors import FastError, UsageError
 from fast.models.objects.catalogue import list_known
 from fast.tasks.simulation.pool import Worker
 
-if TYPE_CHECKING:
-    from fast.flows.page.app import LabPage
 
-
-def add_results(app: FastAPI, page: "LabPage") -> None:
+def add_results(app: FastAPI, page: LabPage) -> None:
     """What was found."""
     lake = page.lake
 
@@ -68,6 +63,8 @@ def add_results(app: FastAPI, page: "LabPage") -> None:
         return Response(csv_bytes(table), 200, headers, "text/csv")
 
     async def show_gap(request: Request) -> Response:
+        from fast.flows.report.gap.answer import describe_answer
+
         searches = await run_in_threadpool(results.list_searches, lake)
         return await page.show(request, "gap.html", "gap", searches=searches, describe=describe_answer)
 
@@ -96,7 +93,7 @@ def add_results(app: FastAPI, page: "LabPage") -> None:
         app.add_api_route(path, handler, methods=["POST"], include_in_schema=False)
 
 
-def add_start(app: FastAPI, page: "LabPage") -> None:
+def add_start(app: FastAPI, page: LabPage) -> None:
     """What can be started."""
     lake, worker = page.lake, Worker()
 

@@ -30,6 +30,7 @@ HEADERS = {
 }
 TOKEN_HEADER = "x-fast-token"
 LONGEST_NAME = 60
+MOST_FILE_BYTES = 20_000_000  # of a dropped file
 _FORM_BYTES = 200_000
 _YEAR_S = 365 * 86400
 

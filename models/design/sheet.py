@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from html import escape
 
-import numpy as np
-
 from fast.models.design.fin_ray import BASE_HEIGHT_MM
 from fast.models.design.finger import FingerBodies, finger_bodies
 from fast.models.design.printability import PrintingRules, broken_rules
+from fast.models.design.profile import profile_path
 from fast.models.design.recipe import LINES_PER_WALL, Recipe
 from fast.models.design.reference import find_reference
 from fast.models.design.tray import (
@@ -155,17 +154,6 @@ def _steps(recipe: Recipe | None) -> str:
         return ""
     items = "".join(f'<li><span class="box"></span> {escape(step)}</li>' for step in recipe.post_processing)
     return f'<ul class="steps">{items}</ul>'
-
-
-def profile_path(design: Design) -> str:
-    """SVG path of the finger's profile, base included, z upwards, in mm."""
-    profile = design.draw_section()
-    rings = [np.array(ring.coords) for ring in (profile.exterior, *profile.interiors)]
-    return "".join(_ring(ring, design.height_mm) for ring in rings)
-
-
-def _ring(points: np.ndarray, height_mm: float) -> str:
-    return "M" + "L".join(f"{x:.2f} {height_mm - z:.2f}" for x, z in points) + "Z"
 
 
 def _silhouette(design: Design) -> str:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fast.lake.provenance import Provenance, current_provenance
 from fast.lake.store import Lake
@@ -13,9 +13,11 @@ from fast.models.ids import canonical_json, content_id
 from fast.models.records import EffectValue, Record
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
-from fast.tasks.gap.data import MeasuredGrasps
 from fast.tasks.gap.readings import is_answered
-from fast.tasks.gap.split import Split
+
+if TYPE_CHECKING:  # seconds of imports, which whoever only reads what was found does without
+    from fast.tasks.gap.data import MeasuredGrasps
+    from fast.tasks.gap.split import Split
 
 KIND, STARTED = "gap", "gap_started"
 _N_MADE = "SELECT count(*) AS n FROM asked_grasps WHERE search_id = $search AND state = 'made'"
@@ -39,7 +41,9 @@ class GapRun(Record):
     findings: Findings
 
 
-def make_gap_id(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, settings: Mapping[str, object]) -> str:
+def make_gap_id(
+    measured: "MeasuredGrasps", base: SimulatorVersion, split: "Split", settings: Mapping[str, object]
+) -> str:
     """Id of a search: the same grasps, samples, measured walls, simulator, split, catalogue and settings."""
     catalogue = {name: spec.version for name, spec in CATALOGUE.items()}
     content = [measured.content_id, base.version_id, split.split_id, catalogue, dict(settings)]

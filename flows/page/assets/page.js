@@ -68,11 +68,12 @@
   });
 
   // The force of the present grasp.
-  let live = { lift: [], force: [] }, simulated = { lift_mm: [], force_n: [] }, plot, isDue = false;
+  let live = { lift: [], force: [] }, before = { lift: [], force: [] }, simulated = { lift_mm: [], force_n: [] }, plot, isDue = false;
   function take(part) {
     const place = $("#live");
     if (part.isOther) {
-      live = { lift: [], force: [], key: `${part.tool} ${part.object}` };
+      if (live.force.length > 20) before = live;
+      live = { lift: [], force: [] };
       fetchSimulated(part);
       const what = part.purpose ? part.purpose.replaceAll("_", " ") : `repeat ${part.repeat}`;
       if ($("#live-title")) $("#live-title").textContent = `${part.tool.split("/").pop()} on ${part.name}, ${what}`;
@@ -122,9 +123,10 @@
     };
   }
   function draw(place) {
-    const data = uPlot.join([series(live.lift, live.force), series(simulated.lift_mm, simulated.force_n)]);
+    place.dataset.lift = live.lift.length ? live.lift[live.lift.length - 1] : 0;
+    const data = uPlot.join([series(live.lift, live.force), series(simulated.lift_mm, simulated.force_n), series(before.lift, before.force)]);
     if (plot && plot.root.isConnected) { plot.setData(data); return; }
-    plot = new uPlot(options(place, [{ label: "measured", stroke: colour("--now"), width: 2, spanGaps: true }, { label: "simulated", stroke: colour("--sim"), width: 2, dash: [6, 4], spanGaps: true }]), data, place);
+    plot = new uPlot(options(place, [{ label: "measured", stroke: colour("--now"), width: 2, spanGaps: true }, { label: "simulated", stroke: colour("--sim"), width: 2, dash: [6, 4], spanGaps: true }, { label: "the grasp before", stroke: colour("--line"), width: 1.5, spanGaps: true }]), data, place);
   }
   window.addEventListener("resize", () => { if (plot && $("#live")) { plot.destroy(); plot = undefined; draw($("#live")); } drawAll(true); });
 

@@ -80,9 +80,9 @@ class Campaign:
         Raises:
             UsageError: something cannot be used; nothing was written.
         """
-        from fast.flows.campaign.ask_tell import tell
+        from fast.flows.campaign.ask_tell import Telling, tell
 
-        return tell(self.config, self.lake, told, operator=operator, is_dry=is_dry, may_replace=may_replace)
+        return tell(self.config, self.lake, told, Telling(operator, is_dry, may_replace))
 
 
 def find_gap(

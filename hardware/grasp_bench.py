@@ -7,8 +7,7 @@ says how to write another, and `tests/hardware/arm/bench_contract.py` tests one.
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.diagnostics import Item
+from fast.hardware.cell.cell import Item, MeasuredGrasp
 from fast.hardware.cell.live import GraspInView
 from fast.hardware.parts.safe_state import Verb
 from fast.models.records import GraspSetup

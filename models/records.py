@@ -1,7 +1,7 @@
 """Frozen records that travel between the layers. Units are in the names (mm, N, MPa, s)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -85,11 +85,17 @@ class GraspSetup(Record):
     """How a grasp is made; the paper states neither stroke nor tip height, both matter."""
 
     open_gap_mm: float = Field(default=70, ge=20, le=200)
+    """Between front faces before closing."""
     closed_gap_mm: float = Field(default=16, ge=-20, le=150)
+    """Between undeformed front faces after closing."""
     tip_below_mm: float = Field(default=5, ge=-40, le=30)
+    """Tips below the object's bottom."""
     close_speed_mm_per_s: float = Field(default=20, gt=0, le=200)
+    """Of the jaws."""
     lift_speed_mm_per_s: float = Field(default=5, gt=0, le=100)
+    """Of the head."""
     max_lift_mm: float = Field(default=80, gt=0, le=120)
+    """Where a lift ends at the latest."""
     dwell_s: float = Field(default=0, ge=0, le=600, description="extra wait between closing and lift")
     supply_pressure_psi: float | None = Field(
         default=None, ge=5, le=60, description="of the gripper's air; none: as the bench has it"
@@ -206,56 +212,35 @@ class Trace:
 
 @dataclass(frozen=True)
 class GraspSimulation:
-    """Result of one simulated grasp, both fingers.
-
-    `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
-    proxy; `work_j` the area under force over lift. `flag` says why the numbers are not converged as others are, in one
-    word; empty if they are. `twist_deg` is the largest twist of a tip about its finger's long axis, 0 where half a
-    finger was enough. `pressure_kpa`: the largest pressure of a finger on the object, mean over the 10 mm2 that are
-    pressed most. `ribs_touch`: ribs or walls came to press on each other inside a finger. `setup_cpu_s` is the
-    part of `cpu_s` before the first step. `mesh_id` names the content of the mesh: not every mesher makes the same one
-    twice.
-    """
+    """Result of one simulated grasp, both fingers."""
 
     trace: Trace
+    """Force over time and lift."""
     peak_force_n: float
+    """Largest force during the lift."""
     contact_force_n: float
+    """Closing-direction force on one side at the end of closing, the paper's proxy."""
     work_j: float
+    """Area under force over lift."""
     n_steps: int
+    """Of closing and lift."""
     n_newton: int
+    """Newton iterations in all."""
     n_dof: int
+    """Degrees of freedom of a finger."""
     cpu_s: float
+    """In all."""
     n_factorisations: int = 0
+    """Of the stiffness."""
     setup_cpu_s: float = 0.0
+    """Part of `cpu_s` before the first step."""
     mesh_id: str = ""
+    """Of the mesh's content: not every mesher makes the same one twice."""
     flag: str = ""
+    """Why the numbers are not converged as others are, in one word; empty if they are."""
     twist_deg: float = 0.0
+    """Largest twist of a tip about its finger's long axis; 0 where half a finger was enough."""
     pressure_kpa: float | None = None
+    """Largest pressure of a finger on the object, mean over the 10 mm2 that are pressed most."""
     ribs_touch: bool = False
-
-
-BranchCause = Literal["", "placement", "numerics"]
-
-
-@dataclass(frozen=True)
-class Branch:
-    """One way in which a cell goes on: its share of placements, and a grasp on it."""
-
-    share: float
-    result: GraspSimulation
-
-
-@dataclass(frozen=True)
-class Branches:
-    """The one or two branches of a cell, that of the nominal placement first.
-
-    `cause` says what switches: placement, or numerics (another mesh or shorter steps do at the nominal placement: the
-    switch is nearer to it than the simulator's error, so each branch gets half). `share_error` is half the range of
-    shares that the runs leave open. `n_runs` and `cpu_s` are those of the search, without the nominal grasp.
-    """
-
-    branches: tuple[Branch, ...]
-    cause: BranchCause = ""
-    share_error: float = 0.0
-    n_runs: int = 0
-    cpu_s: float = 0.0
+    """Ribs or walls came to press on each other inside a finger."""

@@ -38,7 +38,9 @@ def test_a_wheel_brings_one_name_and_all_data() -> None:
     assert {package.split(".")[0] for package in packages} == {"fast"}
     assert {"fast.flows", "fast.tasks", "fast.lake", "fast.hardware", "fast.models", "fast.worlds"} <= set(packages)
     patterns = settings["package-data"]["*"]
-    for name in ("prefect.yaml", "campaigns/quick.toml", "worlds/quick.toml", "materials/paper.toml", "lake/views.sql"):
+    names = ("prefect.yaml", "campaigns/quick.toml", "worlds/quick.toml", "materials/paper.toml", "lake/views.sql",
+             "flows/report/page.html.j2", "flows/report/page.css")  # fmt: skip
+    for name in names:
         assert (ROOT / "fast" / name).is_file()
         assert f"*{Path(name).suffix}" in patterns
 

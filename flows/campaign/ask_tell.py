@@ -33,6 +33,7 @@ from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from fast.tasks.campaign.setup import enter
 from fast.tasks.campaign.simulator_versions import at_stage
+from fast.tasks.scientist.insights.advice import describe_stop, has_stopped, note_advice
 from fast.tasks.scientist.propose import propose_stage
 from fast.tasks.simulation.attempt import hang_limit_s
 from fast.tasks.simulation.engine import Engine, open_engine
@@ -52,10 +53,11 @@ class AskedBatch:
 def ask(
     config_path: Path | str, lake: Path | str, out: Path | str | None = None, say: Callable[[str], None] = print
 ) -> AskedBatch | None:
-    """The batch that is to be measured next: the one that is open, or a new one; None when the schedule is complete.
+    """The batch that is to be measured next: the one that is open, or a new one; None when there is none to come.
 
-    Before a guided batch the simulations of the schedule are made, which may take long; `say` hears how far they are.
-    out: a new folder for what printer and bench need; None writes none.
+    There is none when the schedule is complete, or the campaign ends by itself. Before a guided batch the simulations
+    of the schedule are made, which may take long; `say` hears how far they are. out: a new folder for what printer and
+    bench need; None writes none.
 
     Raises:
         UsageError: the config cannot be used, or the folder is there; nothing was written.
@@ -82,22 +84,31 @@ def ask(
     return AskedBatch(BatchRow.make_id(campaign.campaign_id, batch), designs, grasps, folder)
 
 
+@dataclass(frozen=True)
+class Telling:
+    """How measured grasps are told."""
+
+    operator: str = "unknown"
+    """Who measured."""
+    is_dry: bool = False
+    """Only check."""
+    may_replace: bool = False
+    """Correct what was told before with other numbers."""
+    is_sure: bool = False
+    """Strange numbers are so; without it they are a question."""
+
+
 def tell(
     config_path: Path | str,
     lake: Path | str,
     told: Iterable[Path | str] | Iterable[Mapping[str, Any]],
-    *,
+    how: Telling = Telling(),
     format_path: Path | str | None = None,
-    operator: str = "unknown",
-    is_dry: bool = False,
-    may_replace: bool = False,
-    is_sure: bool = False,
 ) -> Taken:
     """Take measured grasps: tables of peaks, hand-off folders, files of a testing machine, or rows as mappings.
 
     A mapping has `tool_id`, `object_id`, `repeat`, and `peak_force_n`, `trace` (a `models.records.Trace`) or `reason`.
-    format_path: how a testing machine writes its files. is_dry: only check. may_replace: correct what was told before.
-    is_sure: strange numbers are so; without it they are a question.
+    format_path: how a testing machine writes its files.
 
     Raises:
         UsageError: something cannot be used or is strange; nothing was written.
@@ -107,22 +118,18 @@ def tell(
         raise UsageError(
             f"campaign `{campaign.campaign_id}` is not in {campaign.lake.address}; `fast ask {config_path}` begins it."
         )
-    if not is_dry:
+    if not how.is_dry:
         enter(campaign, Path(config_path))
     given: list[Any] = list(told)
     machine = read_format(Path(format_path)) if format_path is not None else None
-    return tell_campaign(campaign, given, machine, operator, is_dry=is_dry, may_replace=may_replace, is_sure=is_sure)
+    return tell_campaign(campaign, given, how, machine)
 
 
 def tell_campaign(
     campaign: Campaign,
     given: Sequence[Any],
-    machine: MachineFormat | None,
-    operator: str,
-    *,
-    is_dry: bool = False,
-    may_replace: bool = False,
-    is_sure: bool = False,
+    how: Telling,
+    machine: MachineFormat | None = None,
     way: str = "--sure",
 ) -> Taken:
     """Take measured grasps of a campaign that is in the lake; see `tell`. `way`: how a person says that they are sure.
@@ -138,7 +145,14 @@ def tell_campaign(
     else:
         grasps = read_told(campaign, [Path(path) for path in given], notes)
     taken = take_told(
-        campaign, grasps, operator, is_dry=is_dry, may_replace=may_replace, ask=ask_about, is_sure=is_sure, way=way
+        campaign,
+        grasps,
+        how.operator,
+        is_dry=how.is_dry,
+        may_replace=how.may_replace,
+        ask=ask_about,
+        is_sure=how.is_sure,
+        way=way,
     )
     return replace(taken, notes=tuple(notes))
 
@@ -234,6 +248,12 @@ def _propose_next(campaign: Campaign, say: Callable[[str], None]) -> int | None:
             continue
         if stage > 0:
             _simulate(at_stage(campaign, stage - 1), stage - 1, say)
+            advice = note_advice(at_stage(campaign, stage - 1))
+            if has_stopped(campaign, stage):
+                say(describe_stop(campaign))
+                return None
+            if advice is not None:
+                say(advice.sentence)
         return propose_stage(at_stage(campaign, stage), stage)[0]
     return None
 

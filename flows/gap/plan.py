@@ -48,14 +48,8 @@ class PanelOutlook:
     @property
     def sentence(self) -> str:
         """From what size on causes will be seen."""
-        size, n = self.rehearsal.find_seen_size(), len(self.rehearsal.worlds)
         panel = f"{len(self.tools)} tools on {len(self.objects)} objects, {self.repeats} times each"
-        if size is None:
-            return f"{panel}: of {n} made-up worlds too little was seen to say from what size on causes are; take more."
-        return (
-            f"{panel}: a cause that changes the force by {100.0 * size:.2g} % or more is seen in nine of ten of {n} "
-            "made-up worlds."
-        )
+        return f"{panel}. {self.rehearsal.tell_seen_size()}"
 
 
 def look_ahead(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fast.flows.campaign.ask_tell import guess_for, tell_campaign
+from fast.flows.campaign.ask_tell import Telling, guess_for, tell_campaign
 from fast.flows.campaign.forms import close_forms
 from fast.flows.campaign.operator_prompts import make_mount_form, make_print_form, make_reading_form
 from fast.flows.campaign.status import read_campaign
@@ -167,25 +167,22 @@ def keep_upload(lake: Lake, name: str, content: bytes) -> str:
     return f"{folder.name}/{stem}{suffix}"
 
 
-def look_at_upload(lake: Lake, campaign_id: str, upload: str, operator: str, format_text: str = "") -> Dropped:
+def look_at_upload(lake: Lake, campaign_id: str, upload: str) -> Dropped:
     """What would be written of a dropped file, or why it cannot be; nothing is written."""
     path, campaign = find_upload(lake, upload), read_campaign(lake, campaign_id)
     rows: list[dict[str, Any]] = []
     machine: MachineFormat | None = None
     try:
-        if format_text:
-            machine = parse_format(format_text, "the format")
-            guessed = format_text
-        elif _is_table_of_peaks(path):
+        if _is_table_of_peaks(path):
             guessed = ""
         else:
             guessed, grasps = guess_for(campaign, [path], "the format")
             machine, rows = parse_format(guessed, "the format"), list(map(_show_pull, grasps))
     except FastError as error:
-        return Dropped(upload, path.name, "", str(error), False, False, format_text, (), ())
+        return Dropped(upload, path.name, "", str(error), False, False, "", (), ())
 
     def tell(**how: bool) -> Taken:
-        return tell_campaign(campaign, [path], machine, operator, is_dry=True, way=WAY, **how)
+        return tell_campaign(campaign, [path], Telling(is_dry=True, **how), machine, WAY)
 
     fault, is_strange, may_replace = "", False, False
     try:
@@ -208,9 +205,8 @@ def write_upload(lake: Lake, campaign_id: str, form: Mapping[str, str], operator
     path, campaign = find_upload(lake, form.get("upload", "")), read_campaign(lake, campaign_id)
     text = form.get("format", "")
     machine = parse_format(text, "the format") if text else None
-    taken = tell_campaign(
-        campaign, [path], machine, operator, may_replace="replace" in form, is_sure="sure" in form, way=WAY
-    )
+    how = Telling(operator, may_replace="replace" in form, is_sure="sure" in form)
+    taken = tell_campaign(campaign, [path], how, machine, WAY)
     path.unlink(missing_ok=True)
     return f"{taken.sentence}."
 

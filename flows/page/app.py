@@ -35,6 +35,7 @@ from fast.flows.server.gate import App
 from fast.hardware.parts.safe_state import Verb
 from fast.lake.store import Lake
 from fast.models.errors import FastError, UsageError
+from fast.tasks.bench.leave_out import leave_out as leave_tool_out
 from fast.tasks.campaign.orders import give_order
 
 _OUTPUTS_POLICY = "sandbox; default-src 'self' data:; style-src 'self' 'unsafe-inline'; script-src 'none'"
@@ -149,6 +150,14 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
 
         return await page.write(request, Role.MOVE, work)
 
+    async def leave_out(request: Request) -> Response:
+        def work(form: dict[str, str], operator: str) -> str:
+            campaign_id, label = _campaign_of(page, form), form.get("tool", "")
+            leave_tool_out(page.lake, f"{campaign_id}/{label}", form.get("reason", ""), operator)
+            return f"{label} is left out: no grasp is begun with it any more; what it was measured stays."
+
+        return await page.write(request, Role.MOVE, work)
+
     async def say_printed(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
             return _answers().answer_print(page.lake, _campaign_of(page, form), _whole(form, "batch"), form, operator)
@@ -170,20 +179,21 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
         return await page.write(request, Role.SAY, work)
 
     async def look_at_file(request: Request) -> Response:
-        visitor = require_write(request, page.token, Role.SAY)
+        require_write(request, page.token, Role.SAY)
         campaign_id = _campaign_of(page, dict(request.query_params))
         content = await read_body(request, MOST_FILE_BYTES)
 
         def work() -> Response:
             upload = _answers().keep_upload(page.lake, request.query_params.get("name", ""), content)
-            dropped = _answers().look_at_upload(page.lake, campaign_id, upload, visitor.operator)
+            dropped = page.worker.call(_answers().look_at_upload, page.lake, campaign_id, upload)
             return page.pages.show(request, "dropped.html", dropped=dropped, campaign=campaign_id)
 
         return await run_in_threadpool(work)
 
     async def write_file(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
-            return _answers().write_upload(page.lake, _campaign_of(page, form), form, operator)
+            write = _answers().write_upload
+            return str(page.worker.call(write, page.lake, _campaign_of(page, form), form, operator))
 
         return await page.write(request, Role.SAY, work)
 
@@ -202,6 +212,7 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
 
     routes: dict[str, Handler] = {
         "/who": give_name,
+        "/orders/leave-out": leave_out,
         "/orders/{verb}": order,
         "/todo/print": say_printed,
         "/todo/mount": say_mounted,

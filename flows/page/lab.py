@@ -3,9 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
-from datetime import datetime
 from typing import Any
-from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -21,6 +19,7 @@ from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import FastError
 from fast.tasks.campaign.requests import lease_name
+from fast.tasks.simulation.pool import Worker
 
 MOST_CPU = 0.02  # of a core: a lake of a million grasps is not read anew for each page that opens
 _STALE_S = 30.0  # at most
@@ -63,7 +62,8 @@ class LabPage:
         self.token = make_token(login)
         self.now = NowReader(lake)
         self.hub = LiveHub(lake)
-        self.pages = Pages(self.token, {"quote": quote, "clock": _clock})
+        self.worker = Worker()  # for what computes for seconds, so that others see on
+        self.pages = Pages(self.token)
         self._now = Cached(lake, self.now.read)
         self._todos = Cached(lake, lambda _: read_todos(lake))
 
@@ -133,8 +133,3 @@ class LabPage:
         finally:
             self.forget()
         return say(Response(status_code=204, headers=HEADERS), sentence)
-
-
-def _clock(moment: datetime | None) -> str:
-    """A time of the lab's day."""
-    return "" if moment is None else moment.astimezone().strftime("%H:%M")

@@ -16,7 +16,6 @@ from fast.lake.query.catalogue import catalogue
 from fast.lake.query.sql import csv_bytes, run_sql
 from fast.models.errors import FastError, UsageError
 from fast.models.objects.catalogue import list_known
-from fast.tasks.simulation.pool import Worker
 
 
 def add_results(app: FastAPI, page: LabPage) -> None:
@@ -95,7 +94,7 @@ def add_results(app: FastAPI, page: LabPage) -> None:
 
 def add_start(app: FastAPI, page: LabPage) -> None:
     """What can be started."""
-    lake, worker = page.lake, Worker()
+    lake = page.lake
 
     async def show_start(request: Request) -> Response:
         def read() -> dict[str, object]:
@@ -140,7 +139,7 @@ def add_start(app: FastAPI, page: LabPage) -> None:
         if not number.isdecimal():
             raise UsageError("Choose an object.")
         call = start.simulate_one, address_for_others(lake), form.get("tool", ""), int(number)
-        found = await run_in_threadpool(worker.call, *call)
+        found = await run_in_threadpool(page.worker.call, *call)
         return page.pages.show(request, "simulated.html", found=found)
 
     app.add_api_route("/start", show_start, methods=["GET"], include_in_schema=False)

@@ -286,7 +286,7 @@ def _start(lake: Lake, deployment: str, parameters: Mapping[str, Any], operator:
 
 
 def _own_folder(lake: Lake) -> Path:
-    return lake.root / "configs"
+    return lake.root / "outputs" / "configs"
 
 
 def _find_config(lake: Lake, name: str) -> Path:

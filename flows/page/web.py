@@ -3,19 +3,19 @@
 import hashlib
 import hmac
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, quote, unquote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 
 from fast.flows.server.access import Role
 from fast.flows.server.gate import ROLE
 from fast.models.errors import FastError, UsageError
+from fast.tasks.templates import render
 
 # Names from the lake are text, never markup, and nothing is loaded from elsewhere; `data:` is of small pictures.
 POLICY = (
@@ -131,26 +131,29 @@ async def read_form(request: Request) -> dict[str, str]:
         raise UsageError("The form could not be read; load the page again.") from error
 
 
+@dataclass(frozen=True)
 class Pages:
-    """The templates of the page, filled."""
+    """The templates of the page, filled; `token` is what a write carries."""
 
-    def __init__(self, token: str, globals_: dict[str, Callable[..., object]]) -> None:
-        self.token = token
-        self._templates = Environment(
-            loader=PackageLoader("fast.flows.page"),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        self._templates.globals.update(globals_)
+    token: str
 
     def show(self, request: Request, template: str, **values: Any) -> HTMLResponse:
         """A page, or a part of one."""
-        text = self._templates.get_template(template).render(
-            visitor=visitor_of(request), token=self.token, path=request.url.path, **values
+        text = render(
+            f"flows/page/{template}.j2",
+            visitor=visitor_of(request),
+            token=self.token,
+            path=request.url.path,
+            quote=quote,
+            clock=write_clock,
+            **values,
         )
         return HTMLResponse(text, headers=HEADERS)
+
+
+def write_clock(moment: datetime | None) -> str:
+    """A time of the lab's day."""
+    return "" if moment is None else moment.astimezone().strftime("%H:%M")
 
 
 def say(response: Response, sentence: str) -> Response:

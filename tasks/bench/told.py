@@ -41,20 +41,26 @@ Ask = Callable[[Campaign, Mapping[str, ProposedTool], Sequence["ToldGrasp"]], li
 
 @dataclass(frozen=True)
 class ToldGrasp:
-    """A grasp as somebody tells it: with a peak, a trace (then the peak is its), or a reason why it failed.
-
-    place: file and row, for messages.
-    """
+    """A grasp as somebody tells it: with a peak, a trace (then the peak is its), or a reason why it failed."""
 
     place: str
+    """File and row, for messages."""
     tool_id: str
+    """With or without its campaign."""
     object_id: int
+    """What was grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     peak_force_n: float | None = None
+    """Largest force during the lift."""
     trace: Trace | None = None
+    """The samples."""
     reason: str = ""
+    """Why it failed; empty: it did not."""
     started_at: datetime | None = None
-    setup_id: str | None = None  # of how it was made, where it says so
+    """When, if it is said."""
+    setup_id: str | None = None
+    """Of how it was made, where it says so."""
 
     @property
     def key(self) -> Key:

@@ -15,9 +15,8 @@ from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, WIDTH_IN, new_axe
 from fast.models.ids import tool_label
 from fast.models.scientist.objectives import KNOWN, LESS_IS_BETTER, OUTCOMES
 from fast.models.units import spell_name
-from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.settings import ScientistSettings
 from fast.tasks.scientist.criteria import list_outcomes
 
@@ -31,7 +30,7 @@ def write_objectives(content: Content, folder: Folder) -> Markup:
     stored = tomllib.loads(content.campaign.config_toml)
     if not {"objectives", "at_least", "at_most"} & set(stored.get("scientist", {})):
         return Markup("")
-    config = load_record(CampaignConfig, stored, f"stored config of {content.campaign.campaign_id}")
+    config = read_stored_config(content.campaign.config_toml, content.campaign.campaign_id)
     scientist = config.scientist
     if not scientist.has_criteria:
         return Markup("")

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fast.flows.report.campaign.content import Content
@@ -13,13 +12,14 @@ from fast.flows.report.campaign.facts import Agreement, Tool, average_objects, m
 from fast.flows.report.campaign.grasp import Stage, draw_instant
 from fast.flows.report.folder import Folder
 from fast.flows.report.grasp_frames import five_instants, simulate_again
-from fast.flows.report.html import Markup, columns, number, paragraph, section, text
-from fast.flows.report.style import BEST, BRANCH_LINE, FIRST, SIMULATED, WIDTH_IN, new_axes
+from fast.flows.report.html import Markup, columns, paragraph, section, text
+from fast.flows.report.style import BEST, FIRST, SIMULATED, WIDTH_IN, new_axes
 from fast.lake.tables.campaign import GraspRow
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup
+from fast.tasks.templates import number
 
 DENSE_PAIRS = 400
 
@@ -116,22 +116,9 @@ def write_agreement(content: Content, folder: Folder) -> Markup:
         "On the dashed line simulation and bench agree. r is Pearson's correlation, rank is Spearman's; the mean error "
         "is simulated minus measured. A cloud that is shifted or tilted does no harm: the surrogate, which predicts "
         "the quality of tools, multiplies simulations by a scale, rho, and adds a discrepancy that it learns from "
-        "measurements (Eq. 1 of the paper: measured = rho times simulated, plus discrepancy). Scatter it cannot mend. "
-        f"{describe_branches(content.pairs.rows)}"
+        "measurements (Eq. 1 of the paper: measured = rho times simulated, plus discrepancy). Scatter it cannot mend."
     )  # fmt: skip
     return section("agreement", title, words, *parts, folder.sources(content.pairs, content.versions))
-
-
-def describe_branches(pairs: Sequence[Mapping[str, Any]]) -> str:
-    """In words: how many of the simulated grasps have two branches; empty where none was searched."""
-    searched = [pair for pair in pairs if pair["branch_share"] is not None]
-    if not searched:
-        return ""
-    n_two = sum(pair["other_branch_n"] is not None for pair in searched)
-    return (
-        f"Simulated grasps with a second branch: {n_two} of {len(searched)} that were searched for one. There the "
-        "finger snaps or holds on, as the placement happens to be, so that the bench may show either force."
-    )
 
 
 def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
@@ -147,7 +134,6 @@ def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
             alpha=0.35 if is_dense else 0.85, markeredgewidth=0, rasterized=is_dense,
             label=label if mask.any() else None,
         )  # fmt: skip
-    _mark_branches(axes, pairs)
     top = 1.06 * max(simulated.max(), measured.max(), 1e-3)
     low = min(0.0, simulated.min(), measured.min())
     axes.plot([low, top], [low, top], color=SIMULATED, linewidth=1.2, linestyle=(0, (4, 2)), label="equal")
@@ -159,20 +145,6 @@ def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
     axes.set_title(_statistics(measure_agreement(pairs)), loc="left", fontsize=8.5, linespacing=1.35)
     axes.legend(loc="lower right", handletextpad=0.4)
     return figure
-
-
-def _mark_branches(axes: Axes, pairs: Sequence[Mapping[str, Any]]) -> None:
-    """A ring round each grasp with two branches, and a thin line from its peak to that on the other one."""
-    two = [pair for pair in pairs if pair.get("other_branch_n") is not None]
-    if not two:
-        return
-    ends = np.array([[pair["simulated_n"], pair["other_branch_n"]] for pair in two]).T
-    measured = np.array([pair["measured_n"] for pair in two])
-    axes.plot(ends, np.stack([measured, measured]), **BRANCH_LINE)
-    axes.plot(
-        ends[0], measured, "o", markersize=8.5, markerfacecolor="none", markeredgecolor=SIMULATED, markeredgewidth=1.1,
-        label="two branches: line to the other",
-    )  # fmt: skip
 
 
 def _statistics(stated: Agreement) -> str:

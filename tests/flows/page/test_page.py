@@ -97,6 +97,7 @@ def test_two_who_confirm_at_once_each_keep_what_the_other_has_not_said(lake):
     }
 
 
+@pytest.mark.usefixtures("unsimulated")
 def test_a_tenfold_number_in_a_dropped_table_is_asked_about_and_can_be_taken_back(told):
     browser = Browser(told)
     status, words = browser.drop("pull", "tenfold.csv", (PEOPLE / "tenfold.csv").read_bytes())
@@ -115,6 +116,7 @@ def test_a_tenfold_number_in_a_dropped_table_is_asked_about_and_can_be_taken_bac
     assert (status, "48 grasps were taken back" in words) == (204, True)
 
 
+@pytest.mark.usefixtures("unsimulated")
 def test_a_file_of_a_testing_machine_is_guessed_and_its_format_shown(told):
     browser, pull = Browser(told), PEOPLE.parent / "machine-summary" / "B01T0_2_0.csv"
     status, words = browser.drop("pull", pull.name, pull.read_bytes())
@@ -131,6 +133,7 @@ def test_a_file_of_a_testing_machine_is_guessed_and_its_format_shown(told):
         ("../../etc/x.csv", b"a,b\n1,2\n", "x.csv"),
     ],
 )
+@pytest.mark.usefixtures("unsimulated")
 def test_what_is_no_table_is_refused(told, name, content, words):
     status, answer = Browser(told).drop("pull", name, content)
     assert words in answer
@@ -261,7 +264,7 @@ def test_a_config_shows_its_faults_beside_the_line_and_keeps_what_was_typed(lake
     assert 'class="bad">2: seed = = 1' in broken.text
     status, words = browser.say("/start/campaign", {**base, "text": text})
     assert (status, "run `fast serve`" in words) == (409, True)
-    assert not list((lake.root / "configs").glob("*.toml"))
+    assert not list((lake.root / "outputs" / "configs").glob("*.toml"))
 
 
 def test_notes_and_photos_stay_with_a_tool(lake):

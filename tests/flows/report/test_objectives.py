@@ -69,7 +69,7 @@ def test_one_objective_has_a_table_alone(campaign: Campaign, tmp_path: Path) -> 
 
 
 def test_a_campaign_for_the_mean_peak_has_no_such_section(campaign: Campaign, tmp_path: Path) -> None:
-    assert section_of(campaign, tmp_path / "r", "min_distance = 0.05") == ""
+    assert section_of(campaign, tmp_path / "r", "best_predicted = 0") == ""
 
 
 def test_a_limit_that_nothing_keeps_is_said(campaign: Campaign, tmp_path: Path) -> None:

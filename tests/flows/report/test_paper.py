@@ -14,7 +14,7 @@ from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.page import add_features
 from fast.flows.report.campaign.quality import draw_quality, headline, write_baselines, write_progress
 from fast.flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools, write_early_loss, write_shapes
-from fast.flows.report.campaign.simulation import describe_branches, draw_agreement, write_moments
+from fast.flows.report.campaign.simulation import write_moments
 from fast.flows.report.campaign.traces import (
     BatchPanels,
     Curve,
@@ -28,7 +28,7 @@ from fast.flows.report.folder import Folder
 from fast.flows.report.style import figure_style
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import GraspRow, SimTraceRow, SimulationBranchRow, SimulationRow
+from fast.lake.tables.campaign import GraspRow, SimulationRow
 from tests.flows.synthetic_lake import Campaign, build
 
 PROVENANCE = Provenance(code_version="0.1.0", code_dirty=False, config_hash="c0ffee123456", seed=3, parents=())
@@ -66,61 +66,8 @@ def test_batches_show_every_tool_of_the_first_and_the_last(content, folder):
     lines = {key[1:]: curve for key, curve in drawn.items() if key[0] == 0}
     assert lines.keys() == {(batch, slot) for batch in (1, 2) for slot in range(3)}
     panels = BatchPanels((1, 2), content.best, content.tools, Window((0.0, 50.0), (-5.0, 30.0)))
-    curves = ((None,), (lines[1, 0],), (lines[1, 0], lines[1, 1]))
-    counts = [[len(axes.lines) for axes in panels.draw(lines, *own).axes] for own in curves]
-    assert counts == [[4, 5], [4, 6], [4, 7]]  # three tools and the zero; the best over them; its simulation, branches
-
-
-@pytest.fixture
-def branched(tmp_path):
-    """The lake, with a second branch of the best tool on object 2 in the newest version; object 3 has one branch."""
-    lake = build(Lake.open(tmp_path / "branched", create=True), Campaign())
-    content = Content.load(lake, "demo")
-    keys = {"design_id": content.best.design_id, "version_id": content.compared[-1]}
-    two, one = (lake.records(SimulationRow, object_id=object_id, **keys)[-1] for object_id in (2, 3))
-    trace = lake.trace(two.simulation_id, SimTraceRow)
-    other = SimulationBranchRow(
-        branch_id=SimulationBranchRow.make_id(two.simulation_id, 1),
-        simulation_id=two.simulation_id,
-        branch=1,
-        branch_share=0.36,
-        cause="placement",
-        share_error=0.05,
-        n_runs=9,
-        peak_force_n=0.5 * two.peak_force_n,
-        contact_force_n=6.0,
-        work_j=0.5 * two.work_j,
-        time_s=trace.time_s,
-        lift_mm=trace.lift_mm,
-        force_n=0.5 * trace.force_n,
-    )
-    shares = ((two, 0.64), (one, 1.0))
-    searched = [row.model_copy(update={"branch": 0, "branch_share": share}) for row, share in shares]
-    lake.append([other, *searched], PROVENANCE)
-    return Content.load(lake, "demo")
-
-
-def test_a_second_branch_is_a_thin_line_and_a_sentence(branched, folder):
-    html = write_traces(branched, folder)
-    sentence = "Two branches: 64 % of placements take the dashed line, the others the thin one."
-    assert html.count(sentence) == 1
-    assert html.index("object 2 <i>2</i>") < html.index(sentence) < html.index("object 3 <i>3</i>")
-    assert '<i class="branch"></i>' in html
-    assert {row["object_id"] for row in numbers(folder, "other_branches")} == {"2"}
-
-
-def test_a_second_branch_is_marked_beside_the_measured_force(branched):
-    pairs = [row for row in branched.pairs.rows if row["version_id"] == branched.compared[-1]]
-    assert len(pairs) == len({(row["batch"], row["slot"], row["object_id"]) for row in pairs})  # nothing counts twice
-    (two,) = [row for row in pairs if row["other_branch_n"] is not None]
-    assert two["other_branch_n"] == pytest.approx(0.5 * two["simulated_n"])
-    lines = draw_agreement(pairs, "per object").axes[0].lines
-    (ring,) = [line for line in lines if line.get_label().startswith("two branches")]
-    assert (ring.get_xdata().tolist(), ring.get_ydata().tolist()) == ([two["simulated_n"]], [two["measured_n"]])
-    ends = [two["simulated_n"], two["other_branch_n"]]
-    assert any(line.get_xdata().tolist() == pytest.approx(ends) for line in lines if len(line.get_xdata()) == 2)
-    assert "with a second branch: 1 of 2 that were searched" in describe_branches(pairs)
-    assert describe_branches([row for row in pairs if row["branch_share"] is None]) == ""
+    counts = [[len(axes.lines) for axes in panels.draw(lines, own).axes] for own in (None, lines[1, 0])]
+    assert counts == [[4, 5], [4, 6]]  # three tools and the zero; the best over them; its simulation
 
 
 def test_the_best_tool_is_drawn_even_if_it_is_of_neither_batch(tmp_path, folder):

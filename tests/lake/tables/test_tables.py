@@ -13,6 +13,7 @@ from fast.lake.tables.campaign import (
     TABLES,
     CalibrationRow,
     EffectRow,
+    EventRow,
     GapFindingRow,
     PosteriorDrawsRow,
     Row,
@@ -21,7 +22,7 @@ from fast.lake.tables.campaign import (
 from fast.lake.tables.catalogue_rows import missing_version_rows, version_rows
 from fast.models.design.space import PARAMETERS
 from fast.models.errors import ConfigError
-from fast.models.records import EffectValue
+from fast.models.records import EffectValue, Theta
 from fast.models.simulation.version import SimulatorVersion
 
 REFERENCE = (Path(__file__).parents[3] / "docs" / "reference" / "tables.md").read_text(encoding="utf-8")
@@ -155,3 +156,11 @@ def test_ids_follow_from_what_decides_the_result():
 
 def draws_id(calibration_id: str, chain: int) -> str:
     return PosteriorDrawsRow.of(calibration_id, chain, "rho", np.zeros(2)).draws_id
+
+
+def test_a_record_is_kept_once_under_its_key(lake: Lake, provenance: Provenance) -> None:
+    for value in (Theta(friction=0.3), Theta(friction=0.4)):
+        lake.append([EventRow.of(["told", 7], "told", "a word", value, None)], provenance)
+    (kept,) = lake.records(EventRow, event_id=EventRow.make_id("told", 7))
+    assert Theta.model_validate(kept.payload) == Theta(friction=0.4)
+    assert (kept.kind, kept.message, kept.campaign_id) == ("told", "a word", "")

@@ -181,8 +181,9 @@ def look_at_upload(lake: Lake, campaign_id: str, upload: str) -> Dropped:
     except FastError as error:
         return Dropped(upload, path.name, "", str(error), False, False, "", (), ())
 
-    def tell(**how: bool) -> Taken:
-        return tell_campaign(campaign, [path], Telling(is_dry=True, **how), machine, WAY)
+    def tell(is_sure: bool = False, may_replace: bool = False) -> Taken:
+        how = Telling(is_dry=True, may_replace=may_replace, is_sure=is_sure)
+        return tell_campaign(campaign, [path], how, machine, WAY)
 
     fault, is_strange, may_replace = "", False, False
     try:

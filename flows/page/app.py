@@ -15,6 +15,7 @@ from starlette.staticfiles import StaticFiles
 
 from fast.flows.page.interface import add_interface
 from fast.flows.page.lab import LabPage
+from fast.flows.page.proposals import settle_proposal
 from fast.flows.page.shown import add_results, add_start
 from fast.flows.page.todo import list_campaigns
 from fast.flows.page.web import (
@@ -48,7 +49,18 @@ def make_app(lake: Lake, login: str) -> App:
     app = FastAPI(
         title="FAST: a lab's page", version="1", docs_url=None, redoc_url=None, openapi_url="/api/v1/openapi.json"
     )
-    app.add_exception_handler(FastError, _show_error)
+
+    async def show_error(request: Request, error: Exception) -> Response:
+        if not isinstance(error, FastError):
+            raise error
+        is_page = request.method == "GET" and "text/html" in request.headers.get("accept", "")
+        if not is_page or "hx-request" in request.headers:
+            return refuse(error)
+        answer = await page.show(request, "error.html", "results", sentence=str(error))
+        answer.status_code = 409
+        return answer
+
+    app.add_exception_handler(FastError, show_error)
     app.add_middleware(GZipMiddleware, minimum_size=2000)
     _add_looks(app, page)
     _add_words(app, page)
@@ -57,12 +69,6 @@ def make_app(lake: Lake, login: str) -> App:
     add_interface(app, page)
     _add_files(app, page)
     return app
-
-
-async def _show_error(_: Request, error: Exception) -> Response:
-    if not isinstance(error, FastError):
-        raise error
-    return refuse(error)
 
 
 def _add_looks(app: FastAPI, page: LabPage) -> None:
@@ -178,6 +184,13 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
 
         return await page.write(request, Role.SAY, work)
 
+    async def decide(request: Request) -> Response:
+        def work(form: dict[str, str], operator: str) -> str:
+            text = form.get("config", "").replace("\r\n", "\n")
+            return settle_proposal(page.lake, form.get("proposal", ""), form.get("accept") == "yes", text, operator)
+
+        return await page.write(request, Role.MOVE, work)
+
     async def look_at_file(request: Request) -> Response:
         require_write(request, page.token, Role.SAY)
         campaign_id = _campaign_of(page, dict(request.query_params))
@@ -218,6 +231,7 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
         "/todo/mount": say_mounted,
         "/todo/reading": say_reading,
         "/todo/reading/undo": undo_reading,
+        "/todo/proposal": decide,
         "/todo/told/look": look_at_file,
         "/todo/told/write": write_file,
         "/todo/told/undo": undo_file,

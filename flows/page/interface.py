@@ -4,10 +4,16 @@ from typing import Any
 
 from fastapi import APIRouter, FastAPI
 from pydantic import BaseModel, Field
+from starlette.requests import Request
 
 from fast.flows.page import results
 from fast.flows.page.lab import LabPage
+from fast.flows.page.proposals import Proposal, list_open, write_proposal
+from fast.flows.page.start import simulate_one
 from fast.flows.page.todo import MountTodo, PrintTodo, ReadingTodo, Todo, list_campaigns
+from fast.flows.page.web import NotAllowedError, require_token, visitor_of
+from fast.flows.server.access import Role
+from fast.flows.server.server import address_for_others
 from fast.models.errors import UsageError
 
 VERSION = "/api/v1"
@@ -36,7 +42,7 @@ class AskedOfPerson(BaseModel):
     """Something that a person is asked for."""
 
     campaign_id: str
-    kind: str = Field(description="print, mount, reading or grasps")
+    kind: str = Field(description="print, mount, reading, grasps or proposal")
     sentence: str
 
 
@@ -52,6 +58,36 @@ class SqlAnswer(BaseModel):
     columns: list[str]
     rows: list[list[Any]]
     n_rows: int
+
+
+class Visit(BaseModel):
+    """What the bearer of a key may do."""
+
+    role: str
+    token: str
+
+
+class WantedGrasp(BaseModel):
+    """A grasp to simulate; without a tool, of the best published finger."""
+
+    object_id: int = Field(ge=0)
+    tool_id: str = ""
+
+
+class SimulatedGrasp(BaseModel):
+    """A simulated grasp, in N."""
+
+    title: str
+    peak_force_n: float
+    measured_n: list[float | None]
+    version_id: str
+
+
+class Proposed(BaseModel):
+    """A proposal that waits."""
+
+    proposal_id: str
+    sentence: str
 
 
 class Finding(BaseModel):
@@ -104,7 +140,11 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
     @router.get("/todo")
     def read_todo() -> list[AskedOfPerson]:
         """What people are asked for now."""
-        return [describe_todo(todo) for todo in page.read_todos()]
+        proposed = [
+            AskedOfPerson(campaign_id=one.campaign_id, kind="proposal", sentence=f"{one.who} proposes: {one.why}")
+            for one in list_open(page.lake).values()
+        ]
+        return [*(describe_todo(todo) for todo in page.read_todos()), *proposed]
 
     @router.get("/tools")
     def read_tools() -> list[dict[str, Any]]:
@@ -136,6 +176,34 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
         """The answer to a question; reads only, within the limits of the page."""
         found = results.answer_sql(page.lake, question.sql)
         return SqlAnswer(columns=list(found.columns), rows=[list(row) for row in found.rows], n_rows=found.n_rows)
+
+    @router.get("/me")
+    def read_me(request: Request) -> Visit:
+        """What the bearer of this key may do, and the token that a write carries in `X-Fast-Token`."""
+        return Visit(role=visitor_of(request).role, token=page.token)
+
+    @router.post("/simulate")
+    def simulate(wanted: WantedGrasp, request: Request) -> SimulatedGrasp:
+        """Simulate one grasp with the simulator of the tool's campaign; takes seconds."""
+        require_token(request, page.token)
+        address = address_for_others(page.lake)
+        found = page.worker.call(simulate_one, address, wanted.tool_id, wanted.object_id)
+        return SimulatedGrasp.model_validate({name: found[name] for name in SimulatedGrasp.model_fields})
+
+    @router.get("/proposals")
+    def read_proposals() -> dict[str, Proposal]:
+        """Proposals that wait for a person, by id."""
+        return list_open(page.lake)
+
+    @router.post("/proposals")
+    def propose(proposal: Proposal, request: Request) -> Proposed:
+        """Propose something to a person, who accepts or denies it on the page; nothing is started by this."""
+        require_token(request, page.token)
+        if not visitor_of(request).role.may(Role.SAY):
+            raise NotAllowedError("This key lets you look, not say; ask for the other link.")
+        proposal_id = write_proposal(page.lake, proposal)
+        page.forget()
+        return Proposed(proposal_id=proposal_id, sentence="A person decides on the lab's page, tab To do.")
 
     app.include_router(router)
 

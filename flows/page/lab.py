@@ -11,6 +11,7 @@ from starlette.responses import Response
 
 from fast.flows.page.live import LiveHub, read_marks
 from fast.flows.page.now import Now, NowReader
+from fast.flows.page.proposals import list_open
 from fast.flows.page.standing import Strip, read_strip
 from fast.flows.page.todo import Todo, list_campaigns, read_todos
 from fast.flows.page.web import HEADERS, Pages, make_token, read_form, require_write, say
@@ -72,13 +73,15 @@ class LabPage:
         if not campaign_id:
             return None
         try:
-            return self._now.get(campaign_id)  # type: ignore[no-any-return]
+            now: Now = self._now.get(campaign_id)
+            return now
         except FastError:
             return None
 
     def read_todos(self) -> list[Todo]:
         """The inbox."""
-        return self._todos.get("")  # type: ignore[no-any-return]
+        todos: list[Todo] = self._todos.get("")
+        return todos
 
     def forget(self) -> None:
         """Something was written here."""
@@ -113,6 +116,7 @@ class LabPage:
             "now": now,
             "strip": self.read_strip(campaign_id, now),
             "todos": self.read_todos(),
+            "proposals": list_open(self.lake),
             "lake_name": self.lake.root.name,
         }
 

@@ -18,7 +18,7 @@ from fast.lake.tables.campaign import DesignRow, EventRow, GraspRow, SimTraceRow
 from fast.models.errors import FastError, UsageError
 from fast.models.objects.catalogue import name_object
 from fast.models.records import Design
-from fast.models.units import spell_name
+from fast.models.units import spell_name, unit_of
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.gap.findings import KIND, GapRun
 
@@ -243,14 +243,17 @@ def _trace(lake: Lake, row_id: str, label: str, colour: int, *, is_simulated: bo
     try:
         trace = lake.trace(row_id, SimTraceRow) if is_simulated else lake.trace(row_id)
     except FastError:
-        lift, force = [], []
-    else:
-        lift, force = thin(trace.lift_mm, trace.force_n, _POINTS)
+        return {"label": label, "colour": colour, "simulated": is_simulated, "lift": [], "force": []}
+    lift, force = thin(trace.lift_mm, trace.force_n, _POINTS)
     return {"label": label, "colour": colour, "simulated": is_simulated, "lift": lift, "force": force}
 
 
 def _describe(design: Design | None) -> dict[str, float | int | str]:
-    return {} if design is None else {spell_name(name): value for name, value in design.model_dump().items()}
+    if design is None:
+        return {}
+    values = design.model_dump()
+    units = {name: unit_of(name) for name in values}
+    return {spell_name(name) + (f", {units[name]}" if units[name] else ""): value for name, value in values.items()}
 
 
 def _plain(value: object) -> object:

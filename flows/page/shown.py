@@ -1,5 +1,7 @@
 """Routes of the tabs Results, Gap and Start."""
 
+from typing import Any
+
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -138,8 +140,12 @@ def add_start(app: FastAPI, page: LabPage) -> None:
         number = form.get("object", "")
         if not number.isdecimal():
             raise UsageError("Choose an object.")
-        call = start.simulate_one, address_for_others(lake), form.get("tool", ""), int(number)
-        found = await run_in_threadpool(page.worker.call, *call)
+        address, tool_id, object_id = address_for_others(lake), form.get("tool", ""), int(number)
+
+        def work() -> dict[str, Any]:
+            return page.worker.call(start.simulate_one, address, tool_id, object_id)
+
+        found = await run_in_threadpool(work)
         return page.pages.show(request, "simulated.html", found=found)
 
     app.add_api_route("/start", show_start, methods=["GET"], include_in_schema=False)

@@ -231,7 +231,7 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     from fast.lake.tables.campaign import GraspRow
     from fast.models.design.space import BEST_PUBLISHED
     from fast.models.objects.catalogue import get_object
-    from fast.models.records import Placement
+    from fast.models.records import Design, Placement
     from fast.models.simulation.grasp import simulate_grasp
     from fast.models.simulation.output.recording import GraspRecording
     from fast.models.simulation.placement import place
@@ -239,7 +239,8 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     from fast.models.traces import peak_force_n
     from fast.tasks.campaign.simulator_versions import at_present
 
-    lake, design, version = Lake.open(lake_address), BEST_PUBLISHED, SimulatorVersion()
+    lake, version = Lake.open(lake_address), SimulatorVersion()
+    design: Design = BEST_PUBLISHED
     if tool_id:
         campaign = at_present(read_campaign(lake, tool_id.rpartition("/")[0]))
         found = next((tool for tool in campaign.state().tools if tool.tool_id == tool_id), None)

@@ -77,15 +77,16 @@ def read_live(path: Path, place: str = "") -> LiveGrasp | None:
     except (OSError, ValueError):
         return None
     whole = text[: text.rfind(b"\n") + 1]  # a line that is being written is read next time
-    channels: tuple[list[float], list[float], list[float]] = ([], [], [])
+    time_s: list[float] = []
+    lift_mm: list[float] = []
+    force_n: list[float] = []
     for line in whole.splitlines():
-        for channel, part in zip(channels, json.loads(line), strict=True):
+        for channel, part in zip((time_s, lift_mm, force_n), json.loads(line), strict=True):
             channel += part
     end -= len(text) - len(whole)
-    return LiveGrasp(f"{number}:{end}", **head, **dict(zip(_CHANNELS, channels, strict=True)), is_other=is_other)
-
-
-_CHANNELS = ("time_s", "lift_mm", "force_n")
+    return LiveGrasp(
+        place=f"{number}:{end}", **head, time_s=time_s, lift_mm=lift_mm, force_n=force_n, is_other=is_other
+    )
 
 
 def _write_on(path: Path, bench: GraspBench, is_over: threading.Event) -> None:

@@ -40,10 +40,10 @@ def find_environment() -> Environment:
     return made
 
 
-def number(value: float | None, digits: int = 1, unit: str = "") -> str:
-    """Number with fixed digits, thousands apart, and its unit; a dash where there is none."""
+def number(value: float | None, digits: int = 1, unit: str = "", dash: str = DASH) -> str:
+    """Number with fixed digits, thousands apart, and its unit; where there is none, `dash`."""
     if value is None or value != value:
-        return DASH
+        return dash
     return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212") + (f"\u00a0{unit}" if unit else "")
 
 

@@ -2,14 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from html import escape
-from importlib.resources import files
 from typing import Any
 
 from fast.flows.report.campaign.queries import Result
-
-DASH = "–"
+from fast.tasks.templates import DASH, number
 
 
 class Markup(str):
@@ -17,29 +14,16 @@ class Markup(str):
 
     __slots__ = ()
 
+    def __html__(self) -> str:
+        """As a template shows it."""
+        return self
+
 
 def text(value: object) -> Markup:
     """HTML of a value: escaped, a dash where there is none."""
     if isinstance(value, Markup):
         return value
     return Markup(DASH if value is None or value == "" else escape(str(value)))
-
-
-def number(value: float | None, digits: int = 1, unit: str = "") -> str:
-    """Number with fixed digits, thousands apart, and its unit; a dash where there is none."""
-    if value is None or value != value:
-        return DASH
-    return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212") + (f"\u00a0{unit}" if unit else "")
-
-
-def count(n: int, noun: str) -> str:
-    """A number of things: `1 tool`, `3 tools`."""
-    return f"{number(n, 0)} {noun}{'' if n == 1 else 's'}"
-
-
-def moment(value: datetime | None) -> str:
-    """Date and time to the minute, as stored (UTC)."""
-    return DASH if value is None else value.strftime("%Y-%m-%d %H:%M")
 
 
 def paragraph(content: object, css: str = "") -> Markup:
@@ -132,23 +116,6 @@ class Page:
     footer: str
     nav: Mapping[str, str]
     file: str = "index.html"
-
-
-def document(page: Page, header: str, body: str) -> str:
-    """The whole document, with its style inside; the navigation has the sections that are there."""
-    css = files("fast.flows.report").joinpath("page.css").read_text(encoding="utf-8")
-    links = "".join(
-        f'<a href="#{anchor}">{escape(name)}</a>'
-        for anchor, name in page.nav.items()
-        if f'<section id="{anchor}"' in body
-    )
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(page.title)}</title><style>{css}</style></head><body><header>"
-        f'<p class="kicker">{text(page.kicker)}</p><h1>{escape(page.title)}</h1>{header}<nav>{links}</nav></header>'
-        f"<main>{body}</main><footer>{text(page.footer)}</footer></body></html>\n"
-    )
 
 
 def _class(css: str) -> str:

@@ -85,8 +85,8 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path, slots: Co
         UsageError: unknown batch, or a folder that cannot be written.
     """
     # A second of imports, which a campaign whose batches are printed does without.
-    from fast.models.design.sheet import batch_sheet_html
     from fast.models.design.tray import PrintItem, tray_files
+    from fast.tasks.bench.sheet import batch_sheet_html
 
     rows = [row for row in _proposals(lake, campaign_id, batch) if slots is None or row["slot"] in slots]
     designs = load_designs(lake)

@@ -118,14 +118,14 @@ class WorldKey(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class _Change:
+class Change:
     """What an effect changes (n x 120, N; NaN where it is not known) in the forces of grasps (n x 120) at sites (n)."""
 
     sites: Sequence[Site]
     change_n: np.ndarray
     force_n: np.ndarray
 
-    def without_strongest_cell(self) -> "_Change":
+    def without_strongest_cell(self) -> "Change":
         """The grasps of all cells but the one whose squares it changes most."""
         cells = [(site.tool, site.obj) for site in self.sites]
         squares = dict.fromkeys(cells, 0.0)
@@ -133,7 +133,7 @@ class _Change:
             squares[cell] += float(np.nansum(row**2))
         strongest = max(squares, key=lambda cell: squares[cell])
         kept = [place for place, cell in enumerate(cells) if cell != strongest]
-        return _Change([self.sites[place] for place in kept], self.change_n[kept], self.force_n[kept])
+        return Change([self.sites[place] for place in kept], self.change_n[kept], self.force_n[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +235,7 @@ class Worlds:
         is_other = self.has_other_laws and name in OTHER_LAB_LAWS and rng.uniform() < 0.5
         amplitude = sign * 0.1 * largest
         for _ in range(3):
-            change = self._change_by(key, Hidden(effect=name, amplitude=amplitude, is_other=is_other))
+            change = self.change_by(key, Hidden(effect=name, amplitude=amplitude, is_other=is_other))
             ratio = strength / max(raw_strength(change.change_n, change.force_n), 1e-9)
             amplitude = sign * min(abs(amplitude) * ratio, largest)
         return self._appended(key, Hidden(effect=name, amplitude=float(f"{amplitude:.4g}"), is_other=is_other))
@@ -251,23 +251,23 @@ class Worlds:
         )
 
     def _appended(self, key: WorldKey, hidden: Hidden) -> WorldKey:
-        change = self._change_by(key, hidden)
+        change = self.change_by(key, hidden)
         raw, visible = self._measure_strength(key, change)
         _, spread = self._measure_strength(key, change.without_strongest_cell())
         measured = {"raw_strength": raw, "visible_strength": visible, "spread_strength": spread}
         return key.model_copy(update={"effects": (*key.effects, hidden.model_copy(update=measured))})
 
-    def _change_by(self, key: WorldKey, hidden: Hidden) -> _Change:
-        """What a hidden effect changes in the grasps of a world that has all cells of these panels."""
+    def change_by(self, key: WorldKey, hidden: Hidden) -> Change:
+        """What a hidden effect changes in the grasps of a world that has all cells of these panels, in N."""
         lab, factor = self.lab(key), modulus_factor(key.young_modulus_mpa)
         sites = lab.order()
         if hidden.truth_set:
             change_n = factor * _at(self.panels.change_of_law(hidden.truth_set), sites)
         else:
             change_n = self.panels.change_of_lab_law(_law_of(hidden), key.base, lab, factor)
-        return _Change(sites, change_n, factor * _at(self.panels.steps_n[key.base], sites))
+        return Change(sites, change_n, factor * _at(self.panels.steps_n[key.base], sites))
 
-    def _measure_strength(self, key: WorldKey, change: _Change) -> tuple[float, float]:
+    def _measure_strength(self, key: WorldKey, change: Change) -> tuple[float, float]:
         """Raw and visible strength."""
         raw = raw_strength(change.change_n, change.force_n)
         theta = self.panels.sets[key.base].theta

@@ -9,23 +9,11 @@ from fast.flows.report.campaign.content import NOT_MEASURED, Content
 from fast.flows.report.campaign.facts import Tool
 from fast.flows.report.campaign.queries import Result
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import (
-    DASH,
-    Column,
-    Markup,
-    count,
-    folded,
-    moment,
-    number,
-    paragraph,
-    record_table,
-    section,
-    table,
-    text,
-)
+from fast.flows.report.html import Column, Markup, folded, paragraph, record_table, section, table, text
 from fast.flows.report.lineage import lineage_text
 from fast.lake.query.lineage import find_lineage
 from fast.lake.tables.requests import PLACEMENT
+from fast.tasks.templates import DASH, count, moment, number
 
 PAPER = {"grasp_s": "15", "grasps_per_hour": "240, the most", "measured": "8,532", "simulated": "50,608"}  # Results
 

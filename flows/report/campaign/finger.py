@@ -11,7 +11,7 @@ from shapely.plotting import plot_polygon
 from fast.flows.report.campaign.content import NOT_MEASURED, Content
 from fast.flows.report.campaign.facts import Tool
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, columns, number, paragraph, picture, section, table, text
+from fast.flows.report.html import Markup, columns, paragraph, picture, section, table, text
 from fast.flows.report.mesh_picture import Body, render
 from fast.flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
 from fast.models.design.fin_ray import APEX_EXTRA_MM, BASE_HEIGHT_MM, FinRay
@@ -19,6 +19,7 @@ from fast.models.design.finger import finger_bodies
 from fast.models.design.space import BEST_PUBLISHED, DesignSpace
 from fast.models.records import Design
 from fast.models.units import spell_name
+from fast.tasks.templates import number
 
 PICTURE_PX = 1100
 PROFILE_SIZE_IN = (2.9, 5.0)

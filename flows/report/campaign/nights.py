@@ -2,8 +2,9 @@
 
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, count, number, paragraph, section, table, text
+from fast.flows.report.html import Markup, paragraph, section, table, text
 from fast.tasks.campaign.night_story import Night, read_nights, read_verdicts
+from fast.tasks.templates import count, number
 
 TITLE = "How the simulator changed"
 _HEADINGS = (

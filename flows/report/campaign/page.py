@@ -9,6 +9,7 @@ from fast.flows.report.calibration.page import calibration_section
 from fast.flows.report.campaign.account import write_cost, write_paper, write_provenance, write_tools
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.finger import write_best
+from fast.flows.report.campaign.insights import write_insights
 from fast.flows.report.campaign.nights import write_nights
 from fast.flows.report.campaign.objectives import write_objectives
 from fast.flows.report.campaign.quality import headline, write_baselines, write_progress
@@ -17,10 +18,11 @@ from fast.flows.report.campaign.simulation import write_agreement, write_moments
 from fast.flows.report.campaign.surrogate import write_surrogate
 from fast.flows.report.campaign.traces import write_traces
 from fast.flows.report.campaign.work import write_work
-from fast.flows.report.folder import Folder, write_page
-from fast.flows.report.html import Page, moment
+from fast.flows.report.folder import Folder, write_sections
+from fast.flows.report.html import Page
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
+from fast.tasks.templates import moment
 from fast.tasks.traces.anomalies import update_anomalies
 from fast.tasks.traces.features import update_features
 
@@ -28,6 +30,7 @@ _LOG = logging.getLogger(__name__)
 
 NAV = {
     "best": "Best finger",
+    "taught": "What it taught",
     "moments": "A grasp",
     "progress": "Tool quality",
     "objectives": "Objectives",
@@ -48,6 +51,7 @@ NAV = {
 
 SECTIONS = (
     write_best,
+    write_insights,
     write_moments,
     write_progress,
     write_objectives,
@@ -83,7 +87,7 @@ def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake
         footer=f"Campaign {campaign_id}. Written {moment(datetime.now(UTC))} UTC from the lake. In mm, N, J, s, MPa.",
         nav=NAV,
     )
-    return write_page(Folder(Path(out)), content, page, headline, SECTIONS)
+    return write_sections(Folder(Path(out)), content, page, headline, SECTIONS)
 
 
 def add_features(lake: Lake, campaign_id: str) -> None:

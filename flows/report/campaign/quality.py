@@ -14,10 +14,11 @@ from fast.flows.report.campaign.content import NOT_MEASURED, Content
 from fast.flows.report.campaign.facts import Tool, average_quality_n, count_objects_won, find_references, read_tools
 from fast.flows.report.campaign.queries import Result, fetch
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, columns, count, number, paragraph, section, table, tiles
+from fast.flows.report.html import Markup, columns, paragraph, section, table, tiles
 from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, new_axes
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow
+from fast.tasks.templates import count, number
 
 if TYPE_CHECKING:
     from fast.flows.scientist.campaign_runs import StrategyRun

@@ -13,9 +13,10 @@ from fast.flows.report.campaign.facts import Tool
 from fast.flows.report.campaign.queries import Result
 from fast.flows.report.campaign.traces import NO_TRACES, Curve, Window, gather_curves, panel_grid, write_panel
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Column, Markup, columns, number, paragraph, record_table, section
+from fast.flows.report.html import Column, Markup, columns, paragraph, record_table, section
 from fast.flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
 from fast.models.ids import tool_label
+from fast.tasks.templates import number
 
 AT_MOST = 4  # objects of a group that are drawn
 WIDTH_IN, HEIGHT_IN = 1.95, 2.7

@@ -12,13 +12,14 @@ from fast.flows.report.campaign.facts import Agreement, Tool, average_objects, m
 from fast.flows.report.campaign.grasp import Stage, draw_instant
 from fast.flows.report.folder import Folder
 from fast.flows.report.grasp_frames import five_instants, simulate_again
-from fast.flows.report.html import Markup, columns, number, paragraph, section, text
+from fast.flows.report.html import Markup, columns, paragraph, section, text
 from fast.flows.report.style import BEST, FIRST, SIMULATED, WIDTH_IN, new_axes
 from fast.lake.tables.campaign import GraspRow
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup
+from fast.tasks.templates import number
 
 DENSE_PAIRS = 400
 

@@ -11,7 +11,6 @@ from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
 from fast.flows.report.html import Column, Markup, columns, paragraph, record_table, section
 from fast.flows.report.style import BEST, SIMULATED, WIDTH_IN, new_axes
-from fast.models.scientist.surrogate.health import SurrogateHealth
 from fast.models.units import spell_name
 
 _COLUMNS: dict[str, Column] = {
@@ -46,7 +45,6 @@ def write_surrogate(content: Content, folder: Folder) -> Markup:
             "The surrogate is the model that chooses the next tools. It predicts the quality of a design: rho times "
             "what the simulation says, plus the discrepancy, which only measurements show (Eq. 1 of the paper)."
         ),
-        *(paragraph(finding, "note") for finding in _findings(last)),
         record_table(fits.rows, _COLUMNS | (_PRIOR_COLUMNS if has_prior else {})),
         *([paragraph(_prior_words(last, content.prior_campaigns), "note")] if has_prior else []),
         paragraph(
@@ -104,9 +102,3 @@ def _prior_words(fit: Mapping[str, Any], names: Sequence[str]) -> str:
         "Prior: tools of prior campaigns that the fit knew, each campaign with a scale and a mean of its own. No "
         f"prior: the error without them. {now[0].upper()}{now[1:]}."
     )
-
-
-def _findings(fit: Mapping[str, Any]) -> tuple[str, ...]:
-    if fit["shared_variance"] is None:  # recorded before the health card existed
-        return ()
-    return SurrogateHealth(**{name: fit[name] for name in SurrogateHealth.model_fields}).findings

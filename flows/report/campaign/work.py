@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from fast.flows.report.campaign.content import NOT_MEASURED, Content
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, columns, count, number, paragraph, section, table
+from fast.flows.report.html import Markup, columns, paragraph, section, table
 from fast.flows.report.style import BEST, FIRST, MUTED, WIDTH_IN, new_axes
 from fast.models.traces.quality import Interval, difference_of_tools, mean_of_tools
+from fast.tasks.templates import count, number
 
 TITLE = "Grasp work by object"
 N_EXTREMES = 6

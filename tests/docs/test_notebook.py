@@ -11,6 +11,8 @@ NOTEBOOK = json.loads((DOCS / "tutorial" / "first-grasps.ipynb").read_text(encod
 CELLS = ["".join(cell["source"]) for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
 
 
+@pytest.mark.slow  # processes start, and kernels may have to be compiled
+@pytest.mark.timeout(900)
 def test_the_cells_run_in_order(capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, Any] = {}
     for cell in CELLS:

@@ -33,6 +33,7 @@ from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from fast.tasks.campaign.setup import enter
 from fast.tasks.campaign.simulator_versions import at_stage
+from fast.tasks.scientist.insights.advice import describe_stop, has_stopped, note_advice
 from fast.tasks.scientist.propose import propose_stage
 from fast.tasks.simulation.attempt import hang_limit_s
 from fast.tasks.simulation.engine import Engine, open_engine
@@ -52,10 +53,11 @@ class AskedBatch:
 def ask(
     config_path: Path | str, lake: Path | str, out: Path | str | None = None, say: Callable[[str], None] = print
 ) -> AskedBatch | None:
-    """The batch that is to be measured next: the one that is open, or a new one; None when the schedule is complete.
+    """The batch that is to be measured next: the one that is open, or a new one; None when there is none to come.
 
-    Before a guided batch the simulations of the schedule are made, which may take long; `say` hears how far they are.
-    out: a new folder for what printer and bench need; None writes none.
+    There is none when the schedule is complete, or the campaign ends by itself. Before a guided batch the simulations
+    of the schedule are made, which may take long; `say` hears how far they are. out: a new folder for what printer and
+    bench need; None writes none.
 
     Raises:
         UsageError: the config cannot be used, or the folder is there; nothing was written.
@@ -221,6 +223,12 @@ def _propose_next(campaign: Campaign, say: Callable[[str], None]) -> int | None:
             continue
         if stage > 0:
             _simulate(at_stage(campaign, stage - 1), stage - 1, say)
+            advice = note_advice(at_stage(campaign, stage - 1))
+            if has_stopped(campaign, stage):
+                say(describe_stop(campaign))
+                return None
+            if advice is not None:
+                say(advice.sentence)
         return propose_stage(at_stage(campaign, stage), stage)[0]
     return None
 

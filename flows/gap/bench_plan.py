@@ -9,6 +9,7 @@ from fast.hardware.cell.cycle_time import plan_time
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
 from fast.lake.store import Lake
+from fast.models.gap.findings import NextExperiment
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspRequest, GraspSetup, Placement
 from fast.models.units import spell_name, unit_of
@@ -102,3 +103,11 @@ def describe_settings(setup: GraspSetup, placement: Placement) -> list[str]:
 
 def _tell(name: str, value: float) -> str:
     return f"{spell_name(name)} {value:g} {unit_of(name) or ''}".rstrip()
+
+
+def describe_command(asked: NextExperiment, campaign_id: str | None, address: str) -> str:
+    """The command line that answers a question, or writes the plan of its grasps; empty if it has neither."""
+    of = f" --campaign {campaign_id}" if campaign_id else ""
+    if asked.person is not None:
+        return f"fast gap answer {asked.person.kind} VALUE{of} --operator NAME --lake {address}"
+    return f"fast gap next --lake {address} --out asked" if asked.grasps else ""

@@ -121,7 +121,7 @@ def run_gap(
             lake.append(version_rows, current_provenance(seed=order.seed))
         if n_missing(lake, search.plans):
             reporter.announce(_write_cost(lake, search, reporter))
-        simulator = _Simulator(lake, order, reporter, should_stop)
+        simulator = Simulator(lake, order, reporter, should_stop)
         simulator.simulate(WIDE_BANK, search.plans)
         return _run_rounds(lake, search, simulator, reporter)
 
@@ -205,7 +205,7 @@ def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
     )
 
 
-class _Simulator:
+class Simulator:
     """Simulates what a search asks for, as long as its budget lasts."""
 
     def __init__(
@@ -244,7 +244,7 @@ class _Simulator:
             )
 
 
-def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: ProgressReporter) -> GapOutcome:
+def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
     from fast.tasks.gap.ask import list_requests
     from fast.tasks.gap.calibrate import SearchInputs
@@ -364,7 +364,7 @@ def _failed(data: GapData) -> list[str]:
     return [f"{100 * share:.1f} % of the simulations of the bank failed; they are left out."] if share > 0 else []
 
 
-def _spent(simulator: _Simulator, seconds: float) -> dict[str, float]:
+def _spent(simulator: Simulator, seconds: float) -> dict[str, float]:
     return {
         "bank_simulations": float(len(simulator.asked[WIDE_BANK])),
         "local_bank_simulations": float(len(simulator.asked[LOCAL_BANK])),

@@ -33,6 +33,7 @@ Constraint = Callable[[Design], bool]  # whether a design may be made
 # One proposal at a time deserves fewer candidates than a batch that is printed.
 BATCH_CANDIDATES = CandidateSettings()
 SINGLE_CANDIDATES = CandidateSettings(n_random=250, n_local=350)
+MIN_DISTANCE = 0.05  # of tools of a batch, in the unit cube
 _MAX_ROUNDS = 20
 N_NEAR_TOOLS = 300  # candidates near measured tools, where there are several criteria
 _NEAR_SCALES = np.array([0.03, 0.1, 0.2])
@@ -72,7 +73,7 @@ class Room:
     """Points (k x d, unit cube) that were proposed before, whatever became of them: never proposed again."""
     rejected: np.ndarray | None = None
     """Points (k x d, unit cube) that proposals keep away from, as they do from each other and from pending ones."""
-    min_distance: float = 0.05
+    min_distance: float = MIN_DISTANCE
     """How far they keep, Euclidean, in the unit cube."""
 
     def keep(self, points: np.ndarray) -> np.ndarray:

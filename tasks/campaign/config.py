@@ -144,7 +144,9 @@ class CampaignConfig(Record):
         unused: dict[str, Any] = {"execution": True, "lab": True} | ({"material": True} if not self.material else {})
         unused |= {"designs": True} if self.designs is None else {}
         unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
-        unused["schedule"] = {name for name in ("reference_tools", "reference") if not getattr(self.schedule, name)}
+        # When a campaign ends decides no row of it.
+        unused["schedule"] = {"stop", "stop_margin"}
+        unused["schedule"] |= {name for name in ("reference_tools", "reference") if not getattr(self.schedule, name)}
         unused |= {"print": {"recipe"} if self.print else True}  # what its file is called decides nothing
         unused |= {"design": True} if self.design == DesignSettings() else {}
         unused |= {"gap": True} if self.gap == GapSettings() else {}

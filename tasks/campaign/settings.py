@@ -13,6 +13,7 @@ from fast.models.design.reference import REFERENCES
 from fast.models.design.space import FIN_RAYS, DesignSpace, LinearLimit
 from fast.models.own_code import OWN, is_own
 from fast.models.records import EffectValue, Record, Theta
+from fast.models.scientist.insights.rules import MARGIN
 from fast.models.scientist.objectives import LESS_IS_BETTER, MEAN_PEAK, MEASURED, NAMES
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.validation import closest
@@ -276,6 +277,14 @@ class Schedule(Record):
 
     reference: str | None = Field(
         default=None, description="reference finger that is printed as the first tool of the first batch: `fin-ray`"
+    )
+
+    stop: Literal["advice", "by itself", "never"] = Field(
+        default="advice",
+        description="whether another batch is worth it: said after each, acted on after two that say no, or not said",
+    )
+    stop_margin: float = Field(
+        default=MARGIN, gt=0, le=1, description="by which share a batch must beat the best to be worth it"
     )
 
     @field_validator("reference")

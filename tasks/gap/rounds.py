@@ -101,7 +101,7 @@ class Settled:
 def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: BankPlan | None = None) -> Settled:
     """Name what is missing with the wide bank, and again with one around the theta that was found, which is simulated.
 
-    Whether anything is missing is told by the wide bank, from which the rehearsal is.
+    Either bank may raise the alarm, by the lines of the rehearsal.
 
     in_model: effects of the simulator, and those that are taken for granted. former: the bank of the round before,
     which stays if it can.
@@ -113,7 +113,7 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
 
     def answer(plan: BankPlan) -> tuple[SearchInputs, NamingResult]:
         search = _with_bank(wide, plan)
-        return search, name_effect(search.data, wide.rehearsal, in_model, proposed.alarm)
+        return search, name_effect(search.data, wide.rehearsal, in_model, proposed.standing_alarm)
 
     proposed = name_effect(wide.data, wide.rehearsal, in_model)
     search, naming, _ = answer_locally(proposed, former, answer)
@@ -128,7 +128,7 @@ def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingRe
         return naming, None
     moved = simulate_moved(search, hypotheses, list(search.answers.experiments))
     likelihood = search.answers.weigh(hypotheses, moved)
-    if np.ptp(likelihood) == 0.0:  # readings in which none of them has a say
+    if np.ptp(likelihood) == 0.0:  # no grasp that was asked for was made
         return naming, None
     questions = [one for one in read_questions(search.lake, search.campaign_id) if not one.parameter]
     asked = tell_asked(questions, hypotheses, likelihood, search.answers)

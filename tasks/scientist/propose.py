@@ -1,7 +1,7 @@
 """Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -14,7 +14,7 @@ from fast.models.own_code import is_own
 from fast.models.records import Design
 from fast.models.scientist.acquisition.front import Criterion
 from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
-from fast.models.scientist.propose import RANDOM, Room, Rule, propose
+from fast.models.scientist.propose import MIN_DISTANCE, RANDOM, Room, Rule, propose
 from fast.models.scientist.propose import Proposal as ProposedDesign
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -190,12 +190,11 @@ def propose_tools(
             pending,
             np.random.default_rng(seed),
             Rule(scientist.acquisition, min(scientist.best_predicted, n_tools), criteria),
-            replace(
-                find_room(campaign, [*(t.design for t in state.tools), *own]),
-                min_distance=Room.min_distance,
-                rejected=campaign.space.to_unit(
-                    [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
-                ),
+            find_room(
+                campaign,
+                [*(t.design for t in state.tools), *own],
+                [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"],
+                MIN_DISTANCE,
             ),
         )
     )
@@ -224,14 +223,17 @@ def propose_simulation(
     append_simulation(campaign, batch, index, proposal, choice)
 
 
-def find_room(campaign: Campaign, taken: Sequence[Design]) -> Room:
-    """Where designs of a campaign may lie that are not taken, at any distance from others."""
+def find_room(
+    campaign: Campaign, taken: Sequence[Design], rejected: Sequence[Design] = (), min_distance: float = 0.0
+) -> Room:
+    """Where designs of a campaign may lie that are not taken."""
     return Room(
         space=campaign.space,
         printing=campaign.config.proposal_rules,
         constraint=campaign.constraint,
         taken=campaign.space.to_unit(taken),
-        min_distance=0.0,
+        rejected=campaign.space.to_unit(rejected),
+        min_distance=min_distance,
     )
 
 

@@ -19,6 +19,8 @@ from tests.studies.gap.development import measure_gap
 from tests.studies.gap.independent import measure_gap_independent
 from tests.studies.gap.intervals import measure_gap_intervals
 from tests.studies.gap.sealed import measure_gap_sealed
+from tests.studies.gap.shapes import measure_gap_shapes
+from tests.studies.gap.spheres import measure_spheres
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.landscapes.compare import measure_landscapes
 from tests.studies.landscapes.make_bank import measure_landscape_bank
@@ -26,6 +28,7 @@ from tests.studies.platform.day import measure_day
 from tests.studies.platform.environments import measure_environments
 from tests.studies.platform.feature_pairs import measure_feature_pairs
 from tests.studies.platform.paper_schedule import measure_paper_schedule
+from tests.studies.scientist.insights import measure_insights
 from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.simulation.robustness import measure_robustness
 from tests.studies.traces.anomalies import measure_anomalies
@@ -50,11 +53,14 @@ STUDIES: dict[str, Benchmark] = {
     "gap-independent": benchmark(measure_gap_independent, "results", "limit_minutes", "worlds"),
     "gap-intervals": benchmark(measure_gap_intervals, "results", "limit_minutes", "worlds", "workers"),
     "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds", "workers"),
+    "gap-shapes": benchmark(measure_gap_shapes, "panel", "results", "worlds", "workers", "n"),
+    "gap-spheres": benchmark(measure_spheres, "designs"),
     "challenge": benchmark(measure_challenge, "results", "worlds", "figure"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
     ),
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
+    "insights": benchmark(measure_insights, "n", "results"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "landscapes": benchmark(measure_landscapes, "n", "results", "workers", "figure"),
     "landscape-bank": benchmark(measure_landscape_bank, "results", "limit_minutes"),

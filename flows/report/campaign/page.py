@@ -10,6 +10,7 @@ from fast.flows.report.calibration.page import prepare_calibration
 from fast.flows.report.campaign.account import prepare_cost, prepare_paper, prepare_provenance, prepare_tools
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.finger import prepare_best
+from fast.flows.report.campaign.insights import prepare_insights
 from fast.flows.report.campaign.nights import prepare_nights
 from fast.flows.report.campaign.objectives import prepare_objectives
 from fast.flows.report.campaign.quality import prepare_baselines, prepare_headline, prepare_progress
@@ -30,6 +31,7 @@ _LOG = logging.getLogger(__name__)
 # `NAME.html.j2` in this folder shows it, with the campaign's content beside it.
 SECTIONS: dict[str, Callable[[Content, Folder], Mapping[str, Any] | None]] = {
     "best": prepare_best,
+    "taught": prepare_insights,
     "moments": prepare_moments,
     "progress": prepare_progress,
     "objectives": prepare_objectives,

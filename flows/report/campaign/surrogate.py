@@ -10,7 +10,6 @@ from fast.flows.report.campaign import queries
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
 from fast.flows.report.style import BEST, SIMULATED, WIDTH_IN, new_axes
-from fast.models.scientist.surrogate.health import SurrogateHealth
 from fast.models.units import spell_name
 
 
@@ -25,7 +24,6 @@ def prepare_surrogate(content: Content, folder: Folder) -> dict[str, Any]:
     return {
         "source": source,
         "fits": fits,
-        "findings": _findings(fits[-1]),
         "prior_words": _prior_words(fits[-1], content.prior_campaigns) if has_prior else "",
         "drawn": folder.draw("relevance", draw_relevance(fits[-1], content.space.names)),
     }
@@ -57,9 +55,3 @@ def _prior_words(fit: Mapping[str, Any], names: Sequence[str]) -> str:
         "Prior: tools of prior campaigns that the fit knew, each campaign with a scale and a mean of its own. No "
         f"prior: the error without them. {now[0].upper()}{now[1:]}."
     )
-
-
-def _findings(fit: Mapping[str, Any]) -> tuple[str, ...]:
-    if fit["shared_variance"] is None:  # recorded before the health card existed
-        return ()
-    return SurrogateHealth(**{name: fit[name] for name in SurrogateHealth.model_fields}).findings

@@ -62,64 +62,6 @@ class SurrogateHealth(Record):
             return None
         return 1.0 - self.loo_rmse_n / self.measured_only_loo_rmse_n
 
-    @property
-    def findings(self) -> tuple[str, ...]:
-        """What a person should know, a sentence each; empty when all is well."""
-        return tuple(
-            sentence
-            for sentence in (
-                self._simulation_finding(),
-                self._prior_finding(),
-                self._coverage_finding(),
-                self._error_finding(),
-                self._outlier_finding(),
-            )
-            if sentence
-        )
-
-    def _simulation_finding(self) -> str:
-        gain = self.simulation_gain
-        if gain is None or gain >= LEAST_GAIN:
-            return ""
-        return (
-            f"Simulation is not informative: with it the error at measured designs is {self.loo_rmse_n:.2f} N, without "
-            f"it {self.measured_only_loo_rmse_n:.2f} N; calibrate the simulator or find what it lacks."
-        )
-
-    def _prior_finding(self) -> str:
-        gain = self.prior_gain
-        if gain is None:
-            return ""
-        verdict = "help" if gain > 0 else "do not help"
-        return (
-            f"{self.n_prior} tools of prior campaigns {verdict}: with them the error at measured designs is "
-            f"{self.loo_rmse_n:.2f} N, without them {self.without_prior_loo_rmse_n:.2f} N."
-        )
-
-    def _coverage_finding(self) -> str:
-        if self.loo_coverage_90 is None or not is_overconfident(self.loo_coverage_90, self.n_real):
-            return ""
-        return (
-            f"The surrogate is overconfident: {self.loo_coverage_90:.0%} of {self.n_real} measured designs lie in "
-            "their 90 % interval; expect surprises, and look for outliers among the tools."
-        )
-
-    def _error_finding(self) -> str:
-        if self.loo_q2 is None or self.loo_q2 >= LEAST_Q2:
-            return ""
-        return (
-            f"The surrogate predicts {max(self.loo_q2, 0.0):.0%} of the variance between measured designs; its next "
-            "tools are close to guesses."
-        )
-
-    def _outlier_finding(self) -> str:
-        if not self.n_outliers:
-            return ""
-        return (
-            f"{self.n_outliers} of {self.n_real} measured designs lie more than {OUTLIER_SD:g} standard deviations "
-            "from what all others predict; look at these tools and their traces before the next batch."
-        )
-
 
 def is_overconfident(coverage_90: float, n: int) -> bool:
     """Whether so few of n observations lie in their 90 % interval that chance explains it in under 1 % of cases."""

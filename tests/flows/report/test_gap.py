@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from fast.flows.gap.answering import describe_command
+from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.search import write_answer
 from fast.flows.report.gap import answer
 from fast.flows.report.gap.answer import INDEPENDENT, GapPage, ThetaRow

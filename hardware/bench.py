@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from fast.hardware.cell.cell import CellDevices, GraspCell, Item, MeasuredGrasp
+from fast.hardware.cell.live import GraspInView
 from fast.hardware.cell.lost_steps import PositionCheck
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
@@ -162,6 +163,10 @@ class Bench:
     ) -> None:
         """Take the tool of a slot, make the planned grasps in order, hang the tool back; see `GraspCell`."""
         self.cell.measure_tool(slot, plan, setup, on_grasp, should_stop)
+
+    def present_grasp(self) -> GraspInView | None:
+        """The grasp that is made now, or the last one."""
+        return self.cell.present
 
     def check_position(self) -> tuple[float, float, float]:
         """Slip of the gantry by axis, mm; see `PositionCheck`."""

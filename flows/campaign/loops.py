@@ -17,6 +17,7 @@ from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.safe_state import Verb
 from fast.models.records import Design
 from fast.tasks.bench.folder import is_told
+from fast.tasks.bench.live import live_path, show_live
 from fast.tasks.bench.measure import OpenBench
 from fast.tasks.bench.mount import MountPrompts
 from fast.tasks.bench.print import OperatorPrompts
@@ -85,7 +86,8 @@ class CampaignRun:
     @contextmanager
     def heard_bench(self, tools: Sequence[ProposedTool]) -> Iterator[GraspBench]:
         """The bench, opened so that it hears what a person asks."""
-        with self.open_bench(tools) as bench:
+        seen = live_path(self.campaign.lake, self.campaign.campaign_id)
+        with self.open_bench(tools) as bench, show_live(seen, bench):
             self._bench = bench
             if self.asked is not None:
                 bench.ask(self.asked)

@@ -13,6 +13,7 @@ import numpy as np
 from fast.hardware.arm.link import ArmLink, ArmState, write_output
 from fast.hardware.arm.settings import ArmSettings, Point
 from fast.hardware.cell.cell import CLOSED_SETTLE_S, Item, MeasuredGrasp, closing_s
+from fast.hardware.cell.live import GraspInView, read_samples
 from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM
 from fast.hardware.cell.recorder import CONTACT_READINGS
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
@@ -41,6 +42,7 @@ class ArmBench:
     def __init__(self, settings: ArmSettings, tools: Mapping[int, MountedTool]) -> None:
         self.settings = settings
         self._tools = dict(tools)
+        self._present: GraspInView | None = None
         self._link = ArmLink(settings, self._hear)
         self._leave: Leave = lambda: None
         self._asked: Verb | None = None
@@ -83,6 +85,10 @@ class ArmBench:
     def close(self) -> None:
         """Disconnect."""
         self._link.close()
+
+    def present_grasp(self) -> GraspInView | None:
+        """The grasp that is made now, or the last one."""
+        return self._present
 
     def check_position(self) -> tuple[float, float, float]:
         """Distance of the flange from where the controller wants it, x, y, z in mm.
@@ -221,6 +227,8 @@ class ArmBench:
     # A grasp
 
     def _measure(self, tool: MountedTool, grasp: "_ArmGrasp", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+        purpose = "asked for" if grasp.request is not None else ""
+        self._present = GraspInView(tool.tool_id, grasp.object_id, grasp.repeat, grasp.started_at, grasp.read, purpose)
         try:
             self._grasp(tool, grasp)
         except (FastError, KeyboardInterrupt, SystemExit) as error:
@@ -358,6 +366,10 @@ class _ArmGrasp:
     """How it ended: `separated`, `max_lift`, or by a fault."""
     details: dict[str, float | str] = field(default_factory=dict)
     """What else is kept with it."""
+
+    def read(self, first: int) -> Trace:
+        """Samples from number `first` on, from any thread."""
+        return read_samples(self.times_s, self.lifts_mm, self.forces_n, first)
 
     def add(self, states: Sequence[ArmState]) -> None:
         """Samples of the wrist, tared."""

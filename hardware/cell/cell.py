@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from fast.hardware.cell.live import NOTHING, GraspInView
 from fast.hardware.cell.recorder import GraspRecorder
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.clock import Clock
@@ -82,7 +83,7 @@ class CellDevices:
 class GraspCell:
     """Runs grasps on the devices of one bench. Between grasps the gripper is open and the head at travel height.
 
-    `recorded`: settings of the bench that are kept with every grasp's details.
+    `recorded`: settings of the bench that are kept with every grasp's details. `present`: the grasp that is made now.
     """
 
     def __init__(
@@ -104,6 +105,7 @@ class GraspCell:
         self._layout = layout
         self._recorded = dict(recorded or {})
         self._stroke: GraspSetup | None = None
+        self.present: GraspInView | None = None
 
     def measure_tool(
         self,
@@ -179,6 +181,9 @@ class GraspCell:
 
     def _measure(self, tool: MountedTool, grasp: "_GraspInProgress", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
         """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
+        self.present = GraspInView(
+            tool.tool_id, grasp.object_id, grasp.repeat, grasp.started_at, grasp.read, grasp.purpose
+        )
         grasp.details["wire_from_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
         try:
             self._approach(tool, grasp)
@@ -344,6 +349,15 @@ class _GraspInProgress:
     def placement(self) -> Placement:
         """Where the object shall sit between the fingers."""
         return Placement() if self.request is None else self.request.placement
+
+    @property
+    def purpose(self) -> str:
+        """What it is made for, unless it is an ordinary grasp."""
+        return "asked for" if self.request is not None else ""
+
+    def read(self, first: int) -> Trace:
+        """Its samples from number `first` on, from any thread."""
+        return NOTHING if self.recorder is None else self.recorder.read(first)
 
     def result(self) -> MeasuredGrasp:
         """The grasp as measured; failed when a reason was noted."""

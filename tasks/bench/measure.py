@@ -16,6 +16,7 @@ from fast.models.ids import canonical_json
 from fast.models.records import Placement
 from fast.models.traces import initial_force_n, peak_force_n, work_j
 from fast.tasks.bench.again import decide_again, note_due, plan_again
+from fast.tasks.bench.leave_out import is_left_out
 from fast.tasks.bench.plan import ToolWork, plan_tool, seed_of_order
 from fast.tasks.bench.reference_tools import add_references, ask_references, plan_reference
 from fast.tasks.campaign.campaign import Campaign
@@ -93,6 +94,8 @@ def measure_batch(
                 break
             if every and number and number % every == 0:
                 check_position(campaign, bench, batch)
+            if is_left_out(campaign.lake, tool.tool_id):
+                continue
             work_on(bench, plan_tool(campaign, state, tool))
         for work in [] if should_stop() else plan_again(campaign, state, batch):
             work_on(bench, work)

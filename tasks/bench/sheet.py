@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from fast.models.design.fin_ray import BASE_HEIGHT_MM
 from fast.models.design.finger import FingerBodies, finger_bodies
 from fast.models.design.printability import PrintingRules, broken_rules
+from fast.models.design.profile import profile_path
 from fast.models.design.recipe import LINES_PER_WALL, Recipe
 from fast.models.design.reference import find_reference
 from fast.models.design.tray import (
@@ -18,7 +17,6 @@ from fast.models.design.tray import (
     name_trays,
     tray_layout,
 )
-from fast.models.records import Design
 from fast.models.units import spell_name
 from fast.tasks.templates import render
 
@@ -88,17 +86,6 @@ def _mass_g(finger: FingerBodies, recipe: Recipe | None) -> float:
         return finger.mass_g
     bodies = (recipe.compliant, finger.compliant), (recipe.rigid, finger.rigid)
     return sum(told.density_g_per_cm3 * float(body.volume) / 1e3 for told, body in bodies)
-
-
-def profile_path(design: Design) -> str:
-    """SVG path of the finger's profile, base included, z upwards, in mm."""
-    profile = design.draw_section()
-    rings = [np.array(ring.coords) for ring in (profile.exterior, *profile.interiors)]
-    return "".join(_ring(ring, design.height_mm) for ring in rings)
-
-
-def _ring(points: np.ndarray, height_mm: float) -> str:
-    return "M" + "L".join(f"{x:.2f} {height_mm - z:.2f}" for x, z in points) + "Z"
 
 
 def _value(name: str, value: float | str) -> str:

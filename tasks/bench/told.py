@@ -106,11 +106,12 @@ def take_told(
     may_replace: bool = False,
     ask: Ask | None = None,
     is_sure: bool = False,
+    way: str = "--sure",
 ) -> Taken:
     """Write what was told; tools of which a grasp is told count as printed, unless somebody has said otherwise.
 
     is_dry: only check. may_replace: numbers may correct those that were told before. ask: what finds strange numbers;
-    is_sure: they are so, and are marked in the lake.
+    is_sure: they are so, and are marked in the lake; `way` is how a person says so.
 
     Raises:
         UsageError: a grasp was not asked for, is told twice or with other numbers than before, or is implausible;
@@ -129,7 +130,7 @@ def take_told(
         raise UsageError(_say(faults))
     new = [one for one in told if not _is_known(one, before.get(one.key))]
     questions = ask(campaign, tools, new) if ask is not None else []
-    settle(questions, is_sure, "Correct the file")
+    settle(questions, is_sure, "Correct the file", way)
     if new and not is_dry:
         _write(campaign, state, new, before, asked, operator, _mark(questions, new))
     n_traces = sum(one.trace is not None for one in new)

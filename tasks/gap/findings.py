@@ -1,7 +1,7 @@
 """What gap discovery found, in the lake: one line a row in `gap_findings`, and the whole answer as an event."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fast.lake.provenance import Provenance, current_provenance
 from fast.lake.store import Lake
@@ -12,9 +12,11 @@ from fast.models.ids import content_id
 from fast.models.records import EffectValue, Record
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
-from fast.tasks.gap.data import MeasuredGrasps
 from fast.tasks.gap.readings import is_answered
-from fast.tasks.gap.split import Split
+
+if TYPE_CHECKING:  # seconds of imports, which whoever only reads what was found does without
+    from fast.tasks.gap.data import MeasuredGrasps
+    from fast.tasks.gap.split import Split
 
 KIND, STARTED = "gap", "gap_started"
 _N_MADE = "SELECT count(*) AS n FROM asked_grasps WHERE search_id = $search AND state = 'made'"
@@ -38,7 +40,9 @@ class GapRun(Record):
     findings: Findings
 
 
-def make_gap_id(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, settings: Mapping[str, object]) -> str:
+def make_gap_id(
+    measured: "MeasuredGrasps", base: SimulatorVersion, split: "Split", settings: Mapping[str, object]
+) -> str:
     """Id of a search: the same grasps, samples, measured walls, simulator, split, catalogue and settings."""
     catalogue = {name: spec.version for name, spec in CATALOGUE.items()}
     content = [measured.content_id, base.version_id, split.split_id, catalogue, dict(settings)]

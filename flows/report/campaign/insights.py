@@ -14,9 +14,11 @@ from fast.flows.report.folder import Folder
 from fast.flows.report.style import BEST, INK, new_axes
 from fast.lake.tables.imported import is_imported
 from fast.models.errors import ConfigError
-from fast.models.scientist.insights.cards import effect_card, pair_card, say
+from fast.models.scientist.insights.cards import Card, effect_card, pair_card, say
+from fast.models.scientist.insights.classes import ClassEffects
 from fast.models.scientist.insights.effects import LEAST_TOOLS, Effect, Pair
 from fast.models.scientist.insights.rules import LEAST_CHANCE
+from fast.models.scientist.insights.stopping import Outlook
 from fast.models.scientist.objectives import OUTCOMES
 from fast.models.units import spell_name, unit_of
 from fast.models.validation import load_record
@@ -24,17 +26,15 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.scientist.insights.insights import Insights, OutcomeEffects, find_insights
+from fast.tasks.templates import number
 
-FILE = "insights.json"
+FILE, _SIMPLER = "insights.json", "simpler"
 _MOST_DRAWN = 6  # effects; the others are told in a folded list
 _MOST_CLASSES = 4  # parameters in the table by class
 
 
 def prepare_insights(content: Content, folder: Folder) -> dict[str, Any] | None:
-    """All cards with their pictures, and `data/insights.json` with every number; None of imported data.
-
-    Empty where the stored config is one of another version.
-    """
+    """All cards with their pictures, and `data/insights.json` with every number; None of imported data."""
     (folder.root / "data" / FILE).unlink(missing_ok=True)
     stored = content.campaign.config_toml
     if is_imported(stored):
@@ -45,14 +45,17 @@ def prepare_insights(content: Content, folder: Folder) -> dict[str, Any] | None:
         return {}
     found = find_insights(at_present(Campaign(content.lake, config)))
     (folder.root / "data" / FILE).write_text(found.model_dump_json(indent=1), encoding="utf-8")
+    cards = found.cards
     return {
-        "cards": found.cards,
-        "leads": [card for card in found.cards if card.name.split(" of ")[0] == "effects"],
-        "outlook": found.outlook,
-        "stop": next((card for card in found.cards if card.name == "next batch"), None),
-        "least_chance": LEAST_CHANCE,
+        "file": FILE,
+        "matters": [card for card in cards if card.name.split(" of ")[0] == "effects"],
+        "gaps": [card for card in cards if card.topic == "gap"],
+        "next_batch": next((card for card in cards if card.name == "next batch"), None) if found.outlook else None,
+        "tiles": _tiles(found.outlook) if found.outlook else [],
+        "nights": [card for card in cards if card.name == "night"] if found.outlook else [],
         "outcomes": [_prepare_effects(one, folder, len(found.outcomes) > 1) for one in found.outcomes],
-        "simpler": _save_simpler(found, folder),
+        "simpler": _prepare_simpler(found, folder),
+        "health": [card for card in cards if card.topic == "health"],
     }
 
 
@@ -62,58 +65,46 @@ def read_written(report: Path) -> dict[str, Any] | None:
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
 
 
+def _tiles(outlook: Outlook) -> list[tuple[str, str]]:
+    n = outlook.n_worth
+    until = f"more than {len(outlook.ahead)}" if n is None else str(n)
+    return [
+        (f"{outlook.chance:.0%}", f"chance that the next batch beats the best by {outlook.margin:.0%}"),
+        (number(outlook.ahead[0].gain_n, 1, "N"), "what it adds, in the median"),
+        (until, f"batches until the chance falls below {LEAST_CHANCE:.0%}"),
+    ]
+
+
 def _prepare_effects(found: OutcomeEffects, folder: Folder, is_one_of_several: bool) -> dict[str, Any]:
     """Curves of the strongest effects, how much of the differences each parameter has, and pairs."""
-    told = {
-        "about": OUTCOMES[found.outcome].about if is_one_of_several else "",
-        "n_tools": found.n_tools,
-        "least_tools": LEAST_TOOLS,
-    }
-    if found.n_tools < LEAST_TOOLS:
-        return told
     unit, suffix = unit_of(found.outcome) or "", f"_{found.outcome}" if is_one_of_several else ""
-    said = {e.parameter: effect_card(e, found.best, found.n_tools, unit).sentence for e in found.effects}
+    of = OUTCOMES[found.outcome].about if is_one_of_several else ""
+    if found.n_tools < LEAST_TOOLS:
+        return {"of": of, "n_tools": found.n_tools, "least_tools": LEAST_TOOLS}
+    by_name = {card.name: card for card in _cards_of(found, unit)}
     sure = [effect for effect in found.effects if effect.size.is_sure][:_MOST_DRAWN]
     limits = _limits(sure)
-    shown = [effect.parameter for effect in sure[:_MOST_CLASSES] or found.effects[:_MOST_CLASSES]]
-    return told | {
-        "effects": [
-            (said[e.parameter], folder.draw(f"effect_{e.parameter}{suffix}", draw_effect(e, unit, limits)))
-            for e in sure
-        ],
-        "rest": [said[effect.parameter] for effect in found.effects if effect not in sure],
+    curves = [
+        {
+            "drawn": folder.draw(f"effect_{effect.parameter}{suffix}", draw_effect(effect, unit, limits)),
+            "sentence": by_name[effect.parameter].sentence,
+        }
+        for effect in sure
+    ]
+    return {
+        "of": of,
+        "n_tools": found.n_tools,
+        "curves": curves,
+        "rest": [by_name[effect.parameter].sentence for effect in found.effects if effect not in sure],
         "shares": folder.draw(f"shares{suffix}", draw_shares(found.effects)),
         "pair": _prepare_pair(found, folder, unit, suffix),
-        "class_columns": {"class": "object_class", "objects": ["n_objects", 0], "mean (N)": ["mean_n", 1]}
-        | {f"{spell_name(name)} (N)": [name] for name in shown},
-        "classes": [
-            {"object_class": one.object_class, "n_objects": one.n_objects, "mean_n": one.mean_n}
-            | {name: say(one.sizes[name]) for name in shown}
-            for one in sorted(found.classes, key=lambda one: one.object_class)
-        ],
+        "classes": _prepare_classes(found.classes, found.effects) if found.classes else None,
     }
 
 
-def _prepare_pair(found: OutcomeEffects, folder: Folder, unit: str, suffix: str) -> dict[str, str] | None:
-    """The surest pair of parameters that change each other's effect; None where none is known."""
-    pair = next((pair for pair in found.pairs if pair.grid and pair.change.is_sure), None)
-    if pair is None:
-        return None
-    return {
-        "drawn": folder.draw(f"pair_{pair.first}_{pair.second}{suffix}", draw_pair(pair, unit)),
-        "alternative": f"Mean outcome over {spell_name(pair.first)} and {spell_name(pair.second)}",
-        "sentence": pair_card(pair, unit).sentence,
-    }
-
-
-def _save_simpler(found: Insights, folder: Folder) -> list[str]:
-    """Simpler fingers that are as good, in words; their designs as a file that a campaign can print from."""
-    if not found.simpler:
-        return []
-    rows = [{"name": f"simpler: {one.finding.criterion}", "batch": None, **one.design} for one in found.simpler]
-    folder.numbers("simpler", rows)
-    sentences = {card.name: card.sentence for card in found.cards if card.topic == "simplest"}
-    return [sentences[one.finding.criterion] for one in found.simpler]
+def _cards_of(found: OutcomeEffects, unit: str) -> list[Card]:
+    cards = [effect_card(effect, found.best, found.n_tools, unit) for effect in found.effects]
+    return [card.model_copy(update={"name": card.name.removeprefix("effect ")}) for card in cards]
 
 
 def _limits(effects: Sequence[Effect]) -> tuple[float, float]:
@@ -158,3 +149,39 @@ def draw_pair(pair: Pair, unit: str) -> Figure:
     axes.set_ylabel(spell_name(pair.first, with_unit=True))
     figure.colorbar(filled, ax=axes, label=unit)
     return figure
+
+
+def _prepare_pair(found: OutcomeEffects, folder: Folder, unit: str, suffix: str) -> dict[str, str] | None:
+    """The strongest pair that is sure, as contours."""
+    pair = next((pair for pair in found.pairs if pair.grid and pair.change.is_sure), None)
+    if pair is None:
+        return None
+    return {
+        "drawn": folder.draw(f"pair_{pair.first}_{pair.second}{suffix}", draw_pair(pair, unit)),
+        "names": f"{spell_name(pair.first)} and {spell_name(pair.second)}",
+        "sentence": pair_card(pair, unit).sentence,
+    }
+
+
+def _prepare_classes(classes: Sequence[ClassEffects], effects: Sequence[Effect]) -> dict[str, Any]:
+    """A row for each class of object, a column for each of the strongest parameters."""
+    shown = [effect.parameter for effect in effects if effect.size.is_sure][:_MOST_CLASSES]
+    shown = shown or [effect.parameter for effect in effects[:_MOST_CLASSES]]
+    columns: dict[str, Any] = {"class": "object_class", "objects": ["n_objects", 0], "mean (N)": ["mean_n", 1]}
+    columns |= {f"{spell_name(name)} (N)": [name] for name in shown}
+    rows = [
+        {"object_class": one.object_class, "n_objects": one.n_objects, "mean_n": one.mean_n}
+        | {name: say(one.sizes[name]) for name in shown}
+        for one in sorted(classes, key=lambda one: one.object_class)
+    ]
+    return {"columns": columns, "rows": rows}
+
+
+def _prepare_simpler(found: Insights, folder: Folder) -> list[str]:
+    """Simpler fingers that are as good, and their designs as a file that a campaign can print from."""
+    if not found.simpler:
+        return []
+    sentences = {card.name: card.sentence for card in found.cards if card.topic == "simplest"}
+    rows = [{"name": f"simpler: {one.finding.criterion}", "batch": None, **one.design} for one in found.simpler]
+    folder.numbers(_SIMPLER, rows)
+    return [sentences[one.finding.criterion] for one in found.simpler]

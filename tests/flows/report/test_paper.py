@@ -110,7 +110,7 @@ def test_closure_and_pull_up_are_drawn_at_five_instants(content, folder):
     won = [row for row in content.work.rows if (row["batch"], row["slot"]) == (content.best.batch, content.best.slot)]
     held = max(won, key=lambda row: row["peak_force_n"])
     assert f"({held['object_id']}), in the simulator" in html
-    assert f"{held['peak_force_n']:.1f}\u00a0N on the bench" in html
+    assert f"{held['peak_force_n']:.1f} N on the bench" in html
 
 
 def test_a_grasp_that_the_simulator_does_not_get_through_is_said(content, folder, monkeypatch):

@@ -1,6 +1,6 @@
 """The Bayesian scientist: which designs to simulate or print next."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -63,6 +63,7 @@ def propose(
     n_best: int = 0,
     space: DesignSpace = FIN_RAYS,
     criteria: Sequence[Criterion] = (),
+    pinned: Mapping[int, float] = {},
 ) -> list[Proposal]:
     """The next n designs of `space` (d parameters) for one fidelity (0 sim, 1 real), best first.
 
@@ -75,6 +76,7 @@ def propose(
     `module:function` of one's own. The first `n_best` are those with the largest predicted force instead; the others
     are chosen given them. Deterministic given the arguments and the state of `rng`. `surrogate` may be None for
     `acquisition="random"` only. With `criteria` tools are chosen by hypervolume improvement of these instead.
+    pinned: unit-cube values that all proposals have, by column.
 
     Raises:
         UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, no room for n designs, or a
@@ -90,7 +92,7 @@ def propose(
     known = np.concatenate([_known(surrogate, fidelity, nothing), nothing if taken is None else taken])
     neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], nothing if rejected is None else rejected])
     spacing = Spacing(known, neighbours, min_distance)
-    allowed = partial(keep_allowed, rules=printing, constraint=constraint, space=space)
+    allowed = partial(keep_allowed, rules=printing, constraint=constraint, space=space, pinned=pinned)
     if surrogate is None or acquisition == RANDOM:
         return _propose_random(n, spacing, rng, allowed, space)
     select: Callable[..., list[tuple[int, float]]] = _selection(acquisition, surrogate)
@@ -193,8 +195,17 @@ def keep_allowed(
     rules: PrintingRules | None,
     constraint: Constraint | None,
     space: DesignSpace = FIN_RAYS,
+    pinned: Mapping[int, float] = {},
 ) -> np.ndarray:
-    """Those of the points (m x d) whose designs keep the rules of printing and the constraint."""
+    """Those of the points (m x d) whose designs keep the rules of printing and the constraint.
+
+    pinned: values that some columns are set to before; limits of the space are looked at again then.
+    """
+    if pinned:
+        points = points.copy()
+        points[:, list(pinned)] = list(pinned.values())
+        points = space.snap(points)
+        points = points[space.keeps_limits(points)]
     kept = points if rules is None else points[printable(points, rules, space)]
     if constraint is None:
         return kept

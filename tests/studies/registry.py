@@ -73,7 +73,7 @@ STUDIES: dict[str, Benchmark] = {
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
     "scientist-peers": benchmark(measure_scientist_peers, "limit_minutes", "figure"),
     "prior": benchmark(measure_prior),
-    "insights": benchmark(measure_insights, "n", "results"),
+    "insights": benchmark(measure_insights, "n", "results", "limit_minutes"),
     "object-models": benchmark(measure_object_models, "results", "worlds"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "landscapes": benchmark(measure_landscapes, "n", "results", "workers", "figure"),

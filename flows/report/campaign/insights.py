@@ -3,6 +3,7 @@
 import json
 import tomllib
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +105,7 @@ def _effects(found: OutcomeEffects, folder: Folder, is_one_of_several: bool) -> 
     head = f": {OUTCOMES[found.outcome].about}" if is_one_of_several else ""
     if found.n_tools < LEAST_TOOLS:
         words = f"{found.n_tools} tools are too few for an effect; it takes {LEAST_TOOLS} at least."
-        return Markup(f"<h3>What each parameter does{text(head)}</h3>{paragraph(words)}")
+        return Markup(f"<h3>What each parameter does{escape(head)}</h3>{paragraph(words)}")
     by_name = {card.name: card for card in _cards_of(found, unit)}
     sure = [effect for effect in found.effects if effect.size.is_sure][:_MOST_DRAWN]
     limits = _limits(sure)
@@ -116,7 +117,7 @@ def _effects(found: OutcomeEffects, folder: Folder, is_one_of_several: bool) -> 
     ]
     rest = [by_name[effect.parameter] for effect in found.effects if effect not in sure]
     parts = [
-        Markup(f"<h3>What each parameter does{text(head)}</h3>"),
+        Markup(f"<h3>What each parameter does{escape(head)}</h3>"),
         paragraph(
             "Line and band: mean over fingers of all kinds that have this value of the parameter, and its 90 % "
             "interval. Dashed: the best finger, with this parameter alone changed.",

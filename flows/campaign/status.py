@@ -1,6 +1,5 @@
 """Where a campaign stands, in a dictionary for machines and a few lines for people; from the lake alone."""
 
-import tomllib
 from typing import Any
 
 from fast.flows.campaign.progress import count_work
@@ -10,10 +9,9 @@ from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
 from fast.lake.tables.imported import IMPORTED, importing_campaign, is_imported
-from fast.models.validation import load_record
 from fast.tasks.bench.folder import is_told
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.requests import GAP_LEASE, lease_name, requested_verb
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.campaign.state import rank_tools
@@ -34,7 +32,7 @@ _LAST_EVENT = f"""
 def read_campaign(lake: Lake, campaign_id: str) -> Campaign:
     """A campaign with the config it was started with, from the lake."""
     text = _stored_toml(lake, campaign_id)
-    return Campaign(lake, load_record(CampaignConfig, tomllib.loads(text), f"stored config of {campaign_id}"))
+    return Campaign(lake, read_stored_config(text, campaign_id))
 
 
 def _stored_toml(lake: Lake, campaign_id: str) -> str:

@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 from fast.models.design.space import DesignSpace
 from fast.models.errors import UsageError
 from fast.models.records import Record
-from fast.models.scientist.propose import propose
+from fast.models.scientist.propose import Room, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
 
@@ -123,7 +123,9 @@ def _propose(
     data = real if strategy == MEASURED_ONLY else _both(real, sim)
     surrogate = fit_surrogate(data)
     surrogate = trust_simulations(surrogate) if data.is_log else surrogate
-    proposals = propose(surrogate, REAL, n, np.zeros((0, space.n_dims + 1)), rng, min_distance=0.0, space=space)
+    proposals = propose(
+        surrogate, REAL, n, np.zeros((0, space.n_dims + 1)), rng, room=Room(space=space, min_distance=0.0)
+    )
     return space.to_unit([one.design for one in proposals])
 
 

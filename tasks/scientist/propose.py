@@ -1,7 +1,7 @@
 """Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -13,7 +13,7 @@ from fast.models.own_code import is_own
 from fast.models.records import Design
 from fast.models.scientist.acquisition.front import Criterion
 from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
-from fast.models.scientist.propose import RANDOM, keep_allowed, propose
+from fast.models.scientist.propose import MIN_DISTANCE, RANDOM, Room, Rule, propose
 from fast.models.scientist.propose import Proposal as ProposedDesign
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -137,13 +137,13 @@ def _random_tools(
     Raises:
         UsageError: hardly any design keeps the rules.
     """
-    rules, constraint = campaign.config.proposal_rules, campaign.constraint
-    if n == 0 or (rules is None and constraint is None and not pinned):
+    room = replace(find_room(campaign, ()), pinned=pinned)
+    if n == 0 or (room.printing is None and room.constraint is None and not pinned):
         return campaign.space.random_designs(n, rng)
     designs: list[Design] = []
     for _ in range(_MAX_DRAWS):
         points = campaign.space.random_unit(n, rng)
-        designs += campaign.space.from_unit(keep_allowed(points, rules, constraint, campaign.space, pinned))
+        designs += campaign.space.from_unit(room.keep(points))
         if len(designs) >= n:
             return designs[:n]
     raise UsageError(
@@ -197,6 +197,12 @@ def propose_tools(
     if is_own(scientist.surrogate):
         model = make_own_surrogate(scientist.surrogate, data.of_this_campaign(), seed)
     rng, alike = np.random.default_rng(seed), campaign.config.schedule.alike
+    room = find_room(
+        campaign,
+        [*(t.design for t in state.tools), *own],
+        [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"],
+        MIN_DISTANCE,
+    )
 
     def choose(n: int, pending: np.ndarray, n_best: int, pinned: Mapping[int, float]) -> list[ProposedDesign]:
         return propose(
@@ -205,18 +211,8 @@ def propose_tools(
             n,
             pending,
             rng,
-            min_distance=scientist.min_distance,
-            acquisition=scientist.acquisition,
-            taken=campaign.space.to_unit([*(t.design for t in state.tools), *own]),
-            rejected=campaign.space.to_unit(
-                [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
-            ),
-            printing=campaign.config.proposal_rules,
-            constraint=campaign.constraint,
-            n_best=min(n_best, n),
-            space=campaign.space,
-            criteria=criteria,
-            pinned=pinned,
+            Rule(scientist.acquisition, min(n_best, n), criteria),
+            replace(room, pinned=pinned),
         )
 
     # Where a batch shares values, its first tool is chosen freely, and the others given it.
@@ -246,15 +242,25 @@ def propose_simulation(
         1,
         pending,
         np.random.default_rng(seed),
-        min_distance=0.0,
-        acquisition=scientist.simulation_acquisition,
-        taken=campaign.space.to_unit(simulated_designs(campaign, state)),
-        printing=campaign.config.proposal_rules,
-        constraint=campaign.constraint,
-        space=campaign.space,
+        Rule(scientist.simulation_acquisition),
+        find_room(campaign, simulated_designs(campaign, state)),
     )[0]
     choice = Choice(scientist.simulation_acquisition, seed, surrogate.data, len(pending), (fit_id,))
     append_simulation(campaign, batch, index, proposal, choice)
+
+
+def find_room(
+    campaign: Campaign, taken: Sequence[Design], rejected: Sequence[Design] = (), min_distance: float = 0.0
+) -> Room:
+    """Where designs of a campaign may lie that are not taken."""
+    return Room(
+        space=campaign.space,
+        printing=campaign.config.proposal_rules,
+        constraint=campaign.constraint,
+        taken=campaign.space.to_unit(taken),
+        rejected=campaign.space.to_unit(rejected),
+        min_distance=min_distance,
+    )
 
 
 def pending_points(campaign: Campaign, state: CampaignState, fidelity: int) -> np.ndarray:

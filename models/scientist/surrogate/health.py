@@ -16,30 +16,37 @@ OUTLIER_SD = 4.0
 
 
 class SurrogateHealth(Record):
-    """How well the surrogate predicts what it has seen, each observation left out in turn.
-
-    Coverage is the share of observations inside their own central 90 % interval: far below 0.9 means overconfident.
-    `loo_q2` is the share of the variance predicted. `measured_only_loo_rmse_n` is the error of a surrogate that was
-    fitted to the measurements alone. `shared_variance` is the share of the measured outcome's prior variance that comes
-    through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 + sd_e^2). `n_prior` designs were measured in prior campaigns;
-    `without_prior_loo_rmse_n` is the error of a surrogate fitted without them. `n_outliers` counts measured designs
-    more than `OUTLIER_SD` from their prediction. None: fewer than two observations.
-    """
+    """How well the surrogate predicts what it has seen, each observation left out in turn. None: fewer than two."""
 
     n_real: int
+    """Measured designs."""
     n_sim: int
+    """Simulated designs."""
     rho: float
+    """Scale from simulation to measurement."""
     shared_variance: float
+    """Share of the measured outcome's prior variance that comes through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 +
+    sd_e^2)."""
     loo_rmse_n: float | None
+    """Error of measured designs that were left out."""
     loo_coverage_90: float | None
+    """Share of them inside their own central 90 % interval: far below 0.9 is overconfident."""
     loo_q2: float | None
+    """Share of their variance that is predicted."""
     sim_loo_rmse_n: float | None
+    """The same of simulated designs."""
     sim_loo_coverage_90: float | None
+    """The same of simulated designs."""
     sim_loo_q2: float | None
+    """The same of simulated designs."""
     measured_only_loo_rmse_n: float | None
+    """Error of a surrogate that was fitted to the measurements alone."""
     n_outliers: int = 0
+    """Measured designs more than `OUTLIER_SD` from their prediction."""
     n_prior: int = 0
+    """Designs measured in prior campaigns."""
     without_prior_loo_rmse_n: float | None = None
+    """Error of a surrogate fitted without them."""
 
     @property
     def prior_gain(self) -> float | None:

@@ -8,7 +8,7 @@ from fast.models.design.space import FIN_RAYS, PARAMETERS, DesignSpace
 from fast.models.errors import UsageError
 from fast.models.scientist.acquisition.candidates import mutate
 from fast.models.scientist.propose import NO_PENDING as NOTHING
-from fast.models.scientist.propose import RANDOM, keep_allowed, propose
+from fast.models.scientist.propose import RANDOM, Room, Rule, propose
 
 WALLS = ("front_thickness_mm", "back_thickness_mm")
 
@@ -23,7 +23,7 @@ def test_equal_parameters_share_a_range_and_a_value_wherever_points_come_from() 
     for found in (points, mutate(points, np.full(50, 0.2), rng, space), space.with_all_levels(points[:2])[0]):
         assert (found[:, columns[0]] == found[:, columns[1]]).all()
     assert all(design.front_thickness_mm == design.back_thickness_mm for design in space.from_unit(points))
-    chosen = propose(None, 1, 4, NOTHING, rng, acquisition=RANDOM, space=space)
+    chosen = propose(None, 1, 4, NOTHING, rng, Rule(RANDOM), Room(space=space))
     assert all(one.design.front_thickness_mm == one.design.back_thickness_mm for one in chosen)
 
 
@@ -44,6 +44,6 @@ def test_what_cannot_be_equal_is_refused(ranges, equal, words) -> None:
 def test_pinned_columns_have_their_value_and_keep_the_limits() -> None:
     points = FIN_RAYS.random_unit(20, np.random.default_rng(1))
     column = PARAMETERS.index("rib_count")
-    kept = keep_allowed(points, None, None, FIN_RAYS, {column: 1.0})
+    kept = Room(pinned={column: 1.0}).keep(points)
     assert (kept[:, column] == 1.0).all()
     assert len(kept) == 20

@@ -8,7 +8,7 @@ import numpy as np
 from fast.models.design.space import random_unit, to_unit
 from fast.models.records import Record
 from fast.models.scientist.acquisition.candidates import mutate
-from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.propose import NO_PENDING, Room, Rule, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -169,9 +169,8 @@ class _Search:
             n,
             NO_PENDING,
             self._rng,
-            min_distance=0.05 if fidelity == REAL else 0.0,
-            acquisition=rule,
-            n_best=self._strategy.n_best if fidelity == REAL else 0,
+            Rule(acquisition=rule, n_best=self._strategy.n_best if fidelity == REAL else 0),
+            Room(min_distance=0.05 if fidelity == REAL else 0.0),
         )
         return to_unit([proposal.design for proposal in proposals])
 

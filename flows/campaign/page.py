@@ -27,6 +27,7 @@ from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.campaign.state import format_ranking, rank_tools
 from fast.tasks.gap.findings import GapRun, find_newest_run
 from fast.tasks.gap.readings import is_answered
+from fast.tasks.scientist.insights.advice import read_advice
 
 logger = logging.getLogger(__name__)
 
@@ -117,9 +118,11 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
         lines.append(_describe_gap(campaign))
     if campaign.config.night.active:
         lines += describe_nights(campaign)
+    said = read_advice(campaign.lake, campaign.campaign_id)
     if tools:
         best = tools[0]
         lines.append(f"Best so far: **{best['tool_id']}**, {best['tool_quality_n']:.2f} N mean peak pull-off force.")
+    lines += [f"{one.sentence}\n\nHealth, {one.tone}: {one.health}" for one in said[:1]]
     if picture:
         lines.append(f"![Tool quality by batch, and the best so far]({picture})")
     if tools:

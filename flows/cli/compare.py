@@ -15,8 +15,12 @@ WIDTH = 100  # columns of text
 
 
 def compare(
-    config: Annotated[Path, Parameter(help="Campaign config with a virtual bench.")],
+    config: Annotated[Path | None, Parameter(help="Campaign config with a virtual bench.")] = None,
     *,
+    lake: Annotated[
+        Path | None, Parameter(help="Replay strategies on what was measured in this lake, instead of on a bench.")
+    ] = None,
+    campaign: Annotated[str | None, Parameter(help="Campaign of --lake; not needed where there is one.")] = None,
     races: Annotated[int, Parameter(help="Seeds of each strategy.", validator=AT_LEAST_ONE)] = 2,
     strategies: Annotated[str | None, Parameter(help="Names separated by `;`; default: all.")] = None,
     lakes: Annotated[Path, Parameter(help="Folder of the lakes of the campaigns; may be continued.")] = Path(
@@ -29,8 +33,16 @@ def compare(
     """Compare the scientist's strategies as whole campaigns, with paired seeds.
 
     They have the schedule of their config, the same number of measured tools for each strategy, and the same first
-    designs.
+    designs. With --lake they are replayed on the tools of a campaign, where the nearest measured design stands for one
+    that is proposed; the error of that is said.
     """
+    from fast.models.errors import UsageError
+
+    if lake is not None and config is None:
+        _replay(lake, campaign, races, json)
+        return
+    if config is None or lake is not None:
+        raise UsageError("give a config, or --lake with what was measured; one of them.")
     from fast.flows.scientist.campaign_runs import PlannedCampaign, run_campaigns
     from fast.flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
     from fast.flows.scientist.strategies import REFERENCE, STRATEGIES
@@ -61,6 +73,23 @@ def compare(
         with figure_style():
             campaigns_figure(runs, REFERENCE).savefig(figure, dpi=160)
         tell(f"{figure} drawn")
+
+
+def _replay(lake: Path, campaign: str | None, races: int, as_json: bool) -> None:
+    """Strategies on what a campaign has measured."""
+    from fast.flows.campaign.status import read_campaign
+    from fast.flows.cli.campaign import open_lake, resolve_campaign
+    from fast.tasks.campaign.simulator_versions import at_present
+    from fast.tasks.scientist.backtest import backtest
+
+    found = open_lake(lake)
+    rows = backtest(at_present(read_campaign(found, resolve_campaign(found, campaign))), races, tell)
+    errors = [row["stand_in_n"] for row in rows if row["stand_in_n"] is not None]
+    note = (
+        f"The nearest measured design stands for each proposal; by the surrogate of all data it is "
+        f"{min(errors):.1f} to {max(errors):.1f} off, in N or J. Strategies that differ by less are not told apart."
+    )
+    show({"replays": rows, "note": note}, f"{table_text(rows, width=WIDTH)}\n\n{note}", as_json)
 
 
 def _names(text: str | None, known: Sequence[str]) -> list[str]:

@@ -36,7 +36,7 @@ class LinearLimit(Record):
 class DesignSpace:
     """The designs of a family that may be made. `lower`, `upper` (d): ranges; whole numbers and places of choices too.
 
-    `n_levels` (d): how many values a parameter has, 0 for a continuous one.
+    `n_levels` (d): how many values a parameter has, 0 for a continuous one. `tied`: columns that are equal.
     """
 
     family: type[Design]
@@ -44,24 +44,42 @@ class DesignSpace:
     upper: np.ndarray
     n_levels: tuple[int, ...]
     limits: tuple[LinearLimit, ...] = ()
+    tied: tuple[tuple[int, ...], ...] = ()
 
     @classmethod
     def of(
-        cls, family: type[Design], ranges: Mapping[str, tuple[float, float]] = {}, limits: Sequence[LinearLimit] = ()
+        cls,
+        family: type[Design],
+        ranges: Mapping[str, tuple[float, float]] = {},
+        limits: Sequence[LinearLimit] = (),
+        equal: Sequence[Sequence[str]] = (),
     ) -> "DesignSpace":
-        """The space of a family, narrowed to `ranges` and by `limits`.
+        """The space of a family, narrowed to `ranges` and by `limits`; parameters of each of `equal` have one value.
 
         Raises:
-            UsageError: a parameter is unknown, or a range leaves that of the family or is empty.
+            UsageError: a parameter is unknown, a range leaves that of the family or is empty, or parameters cannot be
+                equal.
         """
         names = list(family.model_fields)
-        for name in [*ranges, *(name for limit in limits for name in limit.of)]:
+        for name in [*ranges, *(name for limit in limits for name in limit.of), *(n for group in equal for n in group)]:
             if name not in names:
                 raise UsageError(f"the family `{family.family}` has no parameter `{name}`; {closest(name, names)}")
             if name in ranges and _choices(family, name):
                 raise UsageError(f"`{name}` is a choice and has no range; take it out of the ranges.")
-        low, high, levels = zip(*(_range(family, name, ranges.get(name)) for name in names), strict=True)
-        return cls(family, np.array(low), np.array(high), tuple(levels), tuple(limits))
+        low, high, all_levels = zip(*(_range(family, name, ranges.get(name)) for name in names), strict=True)
+        levels = list(all_levels)
+        lower, upper = np.array(low), np.array(high)
+        tied = tuple(tuple(names.index(name) for name in group) for group in equal)
+        for group, columns in zip(equal, tied, strict=True):
+            _check_equal(family, group, [levels[column] for column in columns])
+            ends = lower[list(columns)].max(), upper[list(columns)].min()
+            if ends[0] > ends[1]:
+                raise UsageError(
+                    f"{' and '.join(group)} have no value in common, so they cannot be equal; widen a range."
+                )
+            lower[list(columns)], upper[list(columns)] = ends
+            levels = [int(ends[1] - ends[0]) + 1 if n and i in columns else n for i, n in enumerate(levels)]
+        return cls(family, lower, upper, tuple(levels), tuple(limits), tied)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -90,12 +108,12 @@ class DesignSpace:
         return [self._design(row) for row in values.reshape(-1, self.n_dims)]
 
     def snap(self, points: np.ndarray) -> np.ndarray:
-        """Unit-cube points with stepped parameters moved to their nearest level, n x d."""
+        """Unit-cube points with stepped parameters moved to their nearest level and tied ones to the first, n x d."""
         snapped = np.array(points, dtype=float)
         for column in self.stepped:
             steps = max(self.n_levels[column] - 1, 1)
             snapped[..., column] = np.round(snapped[..., column] * steps) / steps
-        return snapped
+        return self._tie(snapped)
 
     def draw_level(self, column: int, n: int, rng: np.random.Generator) -> np.ndarray:
         """N random levels of a stepped parameter, in the unit cube."""
@@ -134,7 +152,7 @@ class DesignSpace:
             repeated = np.repeat(points[:, None, :], levels, axis=1)
             repeated[:, :, column] = np.arange(levels) / max(levels - 1, 1)
             variants.append(repeated)
-        return np.concatenate([np.zeros((len(points), 0, self.n_dims)), *variants], axis=1)
+        return self._tie(np.concatenate([np.zeros((len(points), 0, self.n_dims)), *variants], axis=1))
 
     def keeps_limits(self, points: np.ndarray) -> np.ndarray:
         """Mask (n) of unit-cube points (n, d) that keep the linear limits."""
@@ -161,6 +179,12 @@ class DesignSpace:
         points = rng.random((n, self.n_dims))
         for column in self.stepped:
             points[:, column] = self.draw_level(column, n, rng)
+        return self._tie(points)
+
+    def _tie(self, points: np.ndarray) -> np.ndarray:
+        """The points with tied parameters at the value of the first of them; changed in place."""
+        for first, *others in self.tied:
+            points[..., others] = points[..., [first]]
         return points
 
     def _values(self, design: Design) -> list[float]:
@@ -185,6 +209,20 @@ class DesignSpace:
             place, choices = round(row[column]), self._choices[column]
             values[self.names[column]] = choices[place] if choices else place
         return self.family(**values)
+
+
+def _check_equal(family: type[Design], group: Sequence[str], n_levels: Sequence[int]) -> None:
+    """See that parameters can have one value.
+
+    Raises:
+        UsageError: fewer than two, a choice, or another unit.
+    """
+    units = {unit_of(name) for name in group}
+    is_stepped = {n > 0 for n in n_levels}
+    if len(set(group)) < 2 or any(_choices(family, name) for name in group) or len(units) > 1 or len(is_stepped) > 1:
+        raise UsageError(
+            f"{', '.join(group)} cannot be equal; name two or more different parameters of one unit, none a choice."
+        )
 
 
 def _choices(family: type[Design], name: str) -> tuple[Any, ...]:

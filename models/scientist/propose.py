@@ -1,7 +1,7 @@
 """The Bayesian scientist: which designs to simulate or print next."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -75,9 +75,16 @@ class Room:
     """Points (k x d, unit cube) that proposals keep away from, as they do from each other and from pending ones."""
     min_distance: float = MIN_DISTANCE
     """How far they keep, Euclidean, in the unit cube."""
+    pinned: Mapping[int, float] = field(default_factory=dict)
+    """Unit-cube values that all proposals have, by column."""
 
     def keep(self, points: np.ndarray) -> np.ndarray:
-        """Those of the points (m x d) that keep the rules of printing and the constraint."""
+        """Those of the points (m x d), their pinned columns set, that keep the rules of printing and the constraint."""
+        if self.pinned:
+            points = points.copy()
+            points[:, list(self.pinned)] = list(self.pinned.values())
+            points = self.space.snap(points)
+            points = points[self.space.keeps_limits(points)]
         return keep_allowed(points, self.printing, self.constraint, self.space)
 
 

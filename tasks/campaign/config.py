@@ -16,7 +16,7 @@ from fast.models.material import TABLE_3, MaterialLot
 from fast.models.records import GraspSetup, Record
 from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
-from fast.models.validation import load_record, parse_toml
+from fast.models.validation import closest, load_record, parse_toml
 from fast.tasks.campaign.retired import drop_retired, refuse_retired
 from fast.tasks.campaign.settings import (
     DesignSettings,
@@ -146,9 +146,11 @@ class CampaignConfig(Record):
         unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
         # When a campaign ends decides no row of it.
         unused["schedule"] = {"stop", "stop_margin"}
-        unused["schedule"] |= {name for name in ("reference_tools", "reference") if not getattr(self.schedule, name)}
+        unused["schedule"] |= {
+            name for name in ("reference_tools", "reference", "alike") if not getattr(self.schedule, name)
+        }
         unused |= {"print": {"recipe"} if self.print else True}  # what its file is called decides nothing
-        unused |= {"design": True} if self.design == DesignSettings() else {}
+        unused |= {"design": True if self.design == DesignSettings() else set() if self.design.equal else {"equal"}}
         unused |= {"gap": True} if self.gap == GapSettings() else {}
         unused |= {"night": True} if self.night == NightSettings() else {}
         own = {"surrogate", "constraint", "best_predicted", "prior_campaigns", "objectives", "at_least", "at_most"}
@@ -389,6 +391,9 @@ def _check_design(config: CampaignConfig) -> None:
 
     from fast.models.design.families import check_section
 
+    for name in config.schedule.alike:
+        if name not in config.design.space.names:
+            raise UsageError(f"schedule.alike names `{name}`; {closest(name, list(config.design.space.names))}")
     if config.design == DesignSettings():
         return
     for design in config.design.space.random_designs(_N_TRIED, np.random.default_rng(config.seed)):

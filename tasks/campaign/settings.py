@@ -152,13 +152,14 @@ class SimulatorSettings(Record):
 
 
 class DesignSettings(Record):
-    """Which fingers may be made: a family, its ranges where they are narrower, and limits on sums of parameters."""
+    """Which fingers may be made: a family, narrower ranges, limits on sums of parameters, and which are equal."""
 
     family: str = Field(default="fin-ray", description="`fin-ray`, `graded-fin-ray`, `free-form` or `module:Class`")
     ranges: dict[str, tuple[float, float]] = Field(
         default_factory=dict, description="lowest and highest value of a parameter, within the family's range"
     )
     limits: tuple[LinearLimit, ...] = Field(default=(), description="on weighted sums of parameters")
+    equal: tuple[tuple[str, ...], ...] = Field(default=(), description="parameters that have one value, by group")
 
     @property
     def space(self) -> DesignSpace:
@@ -169,7 +170,7 @@ class DesignSettings(Record):
         """
         if self == DesignSettings():
             return FIN_RAYS
-        return DesignSpace.of(find_family(self.family), self.ranges, self.limits)
+        return DesignSpace.of(find_family(self.family), self.ranges, self.limits, self.equal)
 
 
 class ScientistSettings(Record):
@@ -287,6 +288,9 @@ class Schedule(Record):
         default=None, description="reference finger that is printed as the first tool of the first batch: `fin-ray`"
     )
 
+    alike: tuple[str, ...] = Field(
+        default=(), description="parameters that have one value in all tools of a batch: one thickness for a tray"
+    )
     stop: Literal["advice", "by itself", "never"] = Field(
         default="advice",
         description="whether another batch is worth it: said after each, acted on after two that say no, or not said",

@@ -1,13 +1,12 @@
 """Ask the scientist: tools for the next batch, one more design to simulate. Decisions go to the lake."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
 from fast.lake.tables.campaign import BatchRow, DesignRow, ProposalRow
-from fast.models.design.printability import broken_rules
 from fast.models.errors import FastError, UsageError
 from fast.models.ids import content_id
 from fast.models.own_code import is_own
@@ -89,45 +88,62 @@ def propose_initial_simulations(campaign: Campaign) -> None:
 
 def draw_first_designs(campaign: Campaign) -> list[Design]:
     """Designs of the initial batches as the campaign will propose them: one's own, and random ones."""
-    own = [
-        one.design for batch in campaign.config.schedule.batches_of(0) for one in campaign.own_designs.get(batch, ())
-    ]
-    n_random = sum(_count_random(campaign).values())
-    rng = np.random.default_rng(campaign.seed(_INITIAL_TOOLS))
-    return [*own, *_random_tools(campaign, n_random, rng)]
-
-
-def _count_random(campaign: Campaign) -> dict[int, int]:
-    """Random tools of each initial batch."""
-    schedule = campaign.config.schedule
-    return {b: schedule.tools_of(b) - len(campaign.own_designs.get(b, ())) for b in schedule.batches_of(0)}
+    batches = campaign.config.schedule.batches_of(0)
+    own = [one.design for batch in batches for one in campaign.own_designs.get(batch, ())]
+    return [*own, *(design for designs in _draw_initial(campaign).values() for design in designs)]
 
 
 def propose_initial_tools(campaign: Campaign) -> None:
     """Designs of one's own and random ones to print, for the initial batches that have none yet."""
-    seed = campaign.seed(_INITIAL_TOOLS)
-    n_random = _count_random(campaign)
-    designs = iter(_random_tools(campaign, sum(n_random.values()), np.random.default_rng(seed)))
     state = campaign.state()
-    for batch, n in n_random.items():
-        chosen = [ProposedDesign(design=design, value=0.0) for design in islice(designs, n)]
+    for batch, designs in _draw_initial(campaign).items():
+        chosen = [ProposedDesign(design=design, value=0.0) for design in designs]
         if not state.tools_of(batch):
-            append_tools(campaign, batch, chosen, Choice(RANDOM, seed))
+            append_tools(campaign, batch, chosen, Choice(RANDOM, campaign.seed(_INITIAL_TOOLS)))
 
 
-def _random_tools(campaign: Campaign, n: int, rng: np.random.Generator) -> list[Design]:
+def _draw_initial(campaign: Campaign) -> dict[int, list[Design]]:
+    """Random designs of each initial batch, beside those of one's own; alike where the schedule wants it."""
+    schedule, rng = campaign.config.schedule, np.random.default_rng(campaign.seed(_INITIAL_TOOLS))
+    own = {batch: [one.design for one in campaign.own_designs.get(batch, ())] for batch in schedule.batches_of(0)}
+    n_random = {batch: schedule.tools_of(batch) - len(designs) for batch, designs in own.items()}
+    if not schedule.alike:
+        designs = iter(_random_tools(campaign, sum(n_random.values()), rng))
+        return {batch: list(islice(designs, n)) for batch, n in n_random.items()}
+    found = {}
+    for batch, n in n_random.items():
+        first = [] if own[batch] or not n else _random_tools(campaign, 1, rng)
+        pinned = _pin(campaign, [*own[batch], *first])
+        found[batch] = [*first, *_random_tools(campaign, n - len(first), rng, pinned)]
+    return found
+
+
+def _pin(campaign: Campaign, designs: Sequence[Design]) -> dict[int, float]:
+    """Unit-cube values that the tools of a batch share with the first of these designs, by column; none without any."""
+    if not designs:
+        return {}
+    point = campaign.space.to_unit(designs[:1])[0]
+    columns = [campaign.space.names.index(name) for name in campaign.config.schedule.alike]
+    return {column: float(point[column]) for column in columns}
+
+
+def _random_tools(
+    campaign: Campaign, n: int, rng: np.random.Generator, pinned: Mapping[int, float] = {}
+) -> list[Design]:
     """Random designs to print, without those that break a rule of printing or a constraint of one's own.
+
+    pinned: unit-cube values that all have, by column.
 
     Raises:
         UsageError: hardly any design keeps the rules.
     """
-    rules, constraint = campaign.config.proposal_rules, campaign.constraint
-    if n == 0 or (rules is None and constraint is None):
+    room = replace(find_room(campaign, ()), pinned=pinned)
+    if n == 0 or (room.printing is None and room.constraint is None and not pinned):
         return campaign.space.random_designs(n, rng)
     designs: list[Design] = []
     for _ in range(_MAX_DRAWS):
-        drawn = [d for d in campaign.space.random_designs(n, rng) if rules is None or not broken_rules(d, rules)]
-        designs += [d for d in drawn if constraint is None or constraint(d)]
+        points = campaign.space.random_unit(n, rng)
+        designs += campaign.space.from_unit(room.keep(points))
         if len(designs) >= n:
             return designs[:n]
     raise UsageError(
@@ -180,24 +196,34 @@ def propose_tools(
     model: Surrogate | OwnSurrogate = surrogate
     if is_own(scientist.surrogate):
         model = make_own_surrogate(scientist.surrogate, data.of_this_campaign(), seed)
-    proposals = (
-        []
-        if n_tools == 0
-        else propose(
+    rng, alike = np.random.default_rng(seed), campaign.config.schedule.alike
+    room = find_room(
+        campaign,
+        [*(t.design for t in state.tools), *own],
+        [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"],
+        MIN_DISTANCE,
+    )
+
+    def choose(n: int, pending: np.ndarray, n_best: int, pinned: Mapping[int, float]) -> list[ProposedDesign]:
+        return propose(
             model,
             1,
-            n_tools,
+            n,
             pending,
-            np.random.default_rng(seed),
-            Rule(scientist.acquisition, min(scientist.best_predicted, n_tools), criteria),
-            find_room(
-                campaign,
-                [*(t.design for t in state.tools), *own],
-                [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"],
-                MIN_DISTANCE,
-            ),
+            rng,
+            Rule(scientist.acquisition, min(n_best, n), criteria),
+            replace(room, pinned=pinned),
         )
-    )
+
+    # Where a batch shares values, its first tool is chosen freely, and the others given it.
+    n_free = n_tools if not alike else int(not own and n_tools > 0)
+    proposals = choose(n_free, pending, scientist.best_predicted, {}) if n_free else []
+    if len(proposals) < n_tools:
+        first = [one.design for one in proposals]
+        chosen = np.column_stack([campaign.space.to_unit(first), np.ones(len(first))])
+        n_best = max(scientist.best_predicted - len(first), 0)
+        pinned = _pin(campaign, [*own, *first])
+        proposals += choose(n_tools - len(first), np.vstack([pending, chosen]), n_best, pinned)
     fit_id = tools_fit_id(campaign, batch, data)
     rule = HYPERVOLUME if criteria else scientist.acquisition
     append_tools(campaign, batch, proposals, Choice(rule, seed, data, len(pending), (fit_id,)))

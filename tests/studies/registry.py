@@ -60,7 +60,7 @@ STUDIES: dict[str, Benchmark] = {
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
     ),
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
-    "insights": benchmark(measure_insights, "n", "results"),
+    "insights": benchmark(measure_insights, "n", "results", "limit_minutes"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "landscapes": benchmark(measure_landscapes, "n", "results", "workers", "figure"),
     "landscape-bank": benchmark(measure_landscape_bank, "results", "limit_minutes"),

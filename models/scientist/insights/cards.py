@@ -168,10 +168,10 @@ def night_card(outlook: Outlook) -> Card | None:
 
 
 _WORDS = {
-    FEWEST_RIBS: ("fewer ribs", "{:.0f} instead of {:.0f}", 1.0),
-    LEAST_MATERIAL: ("less material", "{:.1f} g a finger instead of {:.1f} g", 1.0),
+    FEWEST_RIBS: ("with fewer ribs", "{:.0f} instead of {:.0f}", 1.0),
+    LEAST_MATERIAL: ("with less material", "{:.1f} g a finger instead of {:.1f} g", 1.0),
     MOST_TOLERANCE: (
-        f"less lost when walls come out {PRINT_ERROR_MM:g} mm off",
+        f"that loses less when walls come out {PRINT_ERROR_MM:g} mm off",
         "{:.1f} % of the force instead of {:.1f} %",
         100.0,
     ),
@@ -186,7 +186,7 @@ def simplest_card(one: Simpler) -> Card:
         topic="simplest",
         name=one.criterion,
         sentence=(
-            f"A finger with {what} ({numbers.format(factor * one.value, factor * one.best_value)}) holds "
+            f"A finger {what} ({numbers.format(factor * one.value, factor * one.best_value)}) holds "
             f"{100 * one.share.middle:.0f} % [{100 * one.share.low:.0f}, {100 * one.share.high:.0f}] of the best one's "
             f"force; that it loses no more than {LOSS:.0%} is {one.sure:.0%} likely."
         ),

@@ -16,7 +16,7 @@ from fast.models.design.space import DesignSpace
 from fast.models.records import Record
 from fast.models.scientist.insights.worlds import Worlds
 
-N_FINGERS, N_LEVELS = 192, 7
+N_FINGERS, N_LEVELS = 128, 7
 N_PAIRED = 6  # parameters with the largest share of the variance, whose pairs are looked at
 LEAST_TOOLS = 10  # below it intervals were not tried (docs/benchmarks/insights.json)
 MOST_TOOLS = 1000  # a number of tools above it is as good as never
@@ -134,7 +134,7 @@ class Grid:
         points = self.fingers.copy()
         for column, level in changes:
             points[:, column] = level
-        return points
+        return self.space.snap(points)
 
     def values(self, column: int) -> tuple[float, ...]:
         """Levels of a parameter in its unit."""
@@ -148,9 +148,10 @@ def find_effects(worlds: Worlds, space: DesignSpace, best: np.ndarray, grid: Gri
     best: unit-cube point of the best finger, d.
     """
     n_tools = worlds.surrogate.data.n_real
+    followers = {column for _, *others in space.tied for column in others}
     effects = []
     for column, levels in enumerate(grid.levels):
-        if len(levels) < 2:
+        if len(levels) < 2 or column in followers:
             continue
         n = len(grid.fingers)
         points = np.concatenate([grid.with_level([(column, level)]) for level in levels])
@@ -262,7 +263,7 @@ def describe_shape(effect: Effect) -> str:
     best, worst = effect.best_level, effect.worst_level
     near = np.flatnonzero(mean >= mean[best] - _PLATEAU * (mean[best] - mean[worst]))
     if len(levels) == 2:
-        return f"{levels[best]:g} is better than {levels[worst]:g}"
+        return f"{levels[best]:.3g} is better than {levels[worst]:.3g}"
     edge = int(near.min() if worst == 0 else near.max())
     run = mean[: edge + 1] if worst == 0 else mean[edge:][::-1]
     rises = bool((np.diff(run) >= -_PLATEAU * (mean[best] - mean[worst])).all())
@@ -272,8 +273,8 @@ def describe_shape(effect: Effect) -> str:
         word = "more" if worst == 0 else "less"
         if edge in (0, len(levels) - 1):
             return f"{word} is better"
-        return f"{word} is better {'up' if worst == 0 else 'down'} to {levels[edge]:g}, then nothing"
-    return f"best at about {levels[best]:g}, worst at about {levels[worst]:g}"
+        return f"{word} is better {'up' if worst == 0 else 'down'} to {levels[edge]:.3g}, then nothing"
+    return f"best at about {levels[best]:.3g}, worst at about {levels[worst]:.3g}"
 
 
 def _strength(pair: Pair) -> float:

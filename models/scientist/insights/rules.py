@@ -2,4 +2,4 @@
 
 MARGIN = 0.05  # by which a batch must beat the best to be worth it, unless the lab says otherwise
 LEAST_CHANCE = 0.1  # below it another batch is not worth its work
-IN_A_ROW = 2  # batches below it, after which a campaign stops by itself
+STOP_CHANCE, IN_A_ROW = 0.03, 2  # chance that so many batches in a row are below, when a campaign stops by itself

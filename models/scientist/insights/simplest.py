@@ -21,7 +21,7 @@ from fast.models.scientist.surrogate.observations import REAL
 from fast.models.scientist.surrogate.posterior import Surrogate, prior_covariance, prior_variance
 
 LOSS = 0.02  # of the best finger's force that simplicity may cost
-SURE = 0.85  # how probable it must be that it costs no more
+SURE = 0.95  # how probable it must be that it costs no more
 FEWEST_RIBS, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST = "fewest ribs", "least material", "most tolerance", "nearest"
 PRINT_ERROR_MM = 0.1  # by which walls and ribs come out thicker or thinner
 _LEAST_GAIN = 0.02  # of a criterion's value: a finger that is simpler by less is the same finger

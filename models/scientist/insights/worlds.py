@@ -18,13 +18,16 @@ from scipy.special import ndtri
 from scipy.stats import chi2
 
 from fast.models.gaussian_process.matern import matern52
+from fast.models.scientist.surrogate.fit import SUBSET_SIZE
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.parameters import SurrogateParameters
 from fast.models.scientist.surrogate.posterior import Surrogate, loadings, observation_variance
+from fast.models.scientist.surrogate.uncertainty import draw_parameters
 
 N_WORLDS = 128
+N_GROUPS, N_GROUPS_OF_MANY = 8, 2  # of worlds with parameters of their own; many data leave less open, and cost more
 _N_FREQUENCIES = 512  # of each process: correlations of the prior are right to 4 %
-_N_COMPARED = 200  # points at which the spread is compared with that of the posterior
+_N_COMPARED = 64  # points at which the spread is compared with that of the posterior
 _DEGREES = 5.0  # twice the smoothness of Matern-5/2: its spectral density is a t distribution of so many degrees
 _BLOCK = 4096  # points asked at once
 _WIDEST = 2.0  # a surrogate that is wrong by more is no base for advice; its health says so
@@ -63,46 +66,36 @@ class _Prior:
 class Worlds:
     """N_WORLDS functions of the design, on the bench and in the simulator, each as likely as the others.
 
-    widen: how much wider than the posterior they spread around its mean.
+    surrogate: the fit. widen: how much wider than the posterior they spread around its mean. Groups of them have
+    parameters of their own, drawn around those of the fit, which the data do not know exactly.
     """
 
     surrogate: Surrogate
     widen: float
-    _prior_h: _Prior
-    _prior_e: _Prior
-    _weights: np.ndarray  # n_data x (n + 1): of every world, and of the mean
+    groups: tuple["_Group", ...]
 
     @classmethod
     def draw(
         cls, surrogate: Surrogate, rng: np.random.Generator, n: int = N_WORLDS, widen: float | None = None
     ) -> "Worlds":
-        """Draw n worlds; `widen` is `widening` of the surrogate unless given."""
-        p, data = surrogate.parameters, surrogate.data
-        h = _Prior.draw(np.array(p.lengthscales_h), p.sd_h, n, rng)
-        e = _Prior.draw(np.array(p.lengthscales_e), p.sd_e, n, rng)
-        of_h, of_e = loadings(p, data.s)
-        drawn = of_h[:, None] * h.at(data.x) + of_e[:, None] * e.at(data.x)
-        noise = np.sqrt(observation_variance(p, data.s) + data.noise_variance)
-        drawn += noise[:, None] * rng.normal(size=drawn.shape)
-        drawn += _own_of_priors(p, data, n, rng)
-        weights = cho_solve((surrogate.factor, True), -drawn, check_finite=False)
+        """Draw n worlds; `widen` is `widening` of the surrogate; where it is given, all have the fit's parameters."""
         given = widening(surrogate) if widen is None else widen
-        return cls(surrogate, given, h, e, np.column_stack([weights, surrogate.weights]))
+        if widen is not None:
+            return cls(surrogate, given, (_Group.draw(surrogate, rng, n),))
+        n_groups = N_GROUPS if len(surrogate.data) <= SUBSET_SIZE else N_GROUPS_OF_MANY
+        parameters = draw_parameters(surrogate, n_groups, rng)
+        models = [Surrogate.condition(surrogate.data, one) for one in parameters]
+        return cls(surrogate, given, tuple(_Group.draw(model, rng, n // n_groups) for model in models))
 
     @property
     def n(self) -> int:
         """How many there are."""
-        return self._weights.shape[1] - 1
+        return sum(group.n for group in self.groups)
 
     def at(self, x: np.ndarray) -> Outcomes:
         """What the worlds say of m points (m x d), without noise."""
-        blocks = [self._block(x[start : start + _BLOCK]) for start in range(0, len(x), _BLOCK)]
-        mean, apart = (np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
-        some = np.linspace(0, len(x) - 1, min(len(x), _N_COMPARED)).astype(int)
-        for s in (REAL, SIM):
-            sd = self.surrogate.predict(x[some], s)[1]
-            apart[s] *= self.widen * np.sqrt(np.mean(sd**2) / max(float(np.mean(apart[s][some] ** 2)), 1e-300))
-        return Outcomes(mean[REAL] + apart[REAL], mean[SIM] + apart[SIM])
+        told = [group.at(x, self.widen) for group in self.groups]
+        return Outcomes(*(np.concatenate(part, axis=1) for part in zip(*told, strict=True)))
 
     def forces_n(self, x: np.ndarray) -> np.ndarray:
         """Measured outcome of m points in every world, m x n, in N (or the unit of the outcome)."""
@@ -112,23 +105,59 @@ class Worlds:
         """Simulated outcome of m points in every world, m x n, in N."""
         return self.surrogate.data.force_n(self.at(x).sim)
 
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Worlds with the parameters of one surrogate; weights: n_data x (n + 1), of every world and of the mean."""
+
+    surrogate: Surrogate
+    prior_h: _Prior
+    prior_e: _Prior
+    weights: np.ndarray
+
+    @classmethod
+    def draw(cls, surrogate: Surrogate, rng: np.random.Generator, n: int) -> "_Group":
+        p, data = surrogate.parameters, surrogate.data
+        h = _Prior.draw(np.array(p.lengthscales_h), p.sd_h, n, rng)
+        e = _Prior.draw(np.array(p.lengthscales_e), p.sd_e, n, rng)
+        of_h, of_e = loadings(p, data.s)
+        drawn = of_h[:, None] * h.at(data.x) + of_e[:, None] * e.at(data.x)
+        noise = np.sqrt(observation_variance(p, data.s) + data.noise_variance)
+        drawn += noise[:, None] * rng.normal(size=drawn.shape)
+        drawn += _own_of_priors(p, data, n, rng)
+        weights = cho_solve((surrogate.factor, True), -drawn, check_finite=False)
+        return cls(surrogate, h, e, np.column_stack([weights, surrogate.weights]))
+
+    @property
+    def n(self) -> int:
+        return self.weights.shape[1] - 1
+
+    def at(self, x: np.ndarray, widen: float) -> Outcomes:
+        blocks = [self._block(x[start : start + _BLOCK]) for start in range(0, len(x), _BLOCK)]
+        mean, apart = (np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
+        some = np.linspace(0, len(x) - 1, min(len(x), _N_COMPARED)).astype(int)
+        for s in (REAL, SIM):
+            sd = self.surrogate.predict(x[some], s)[1]
+            apart[s] *= widen * np.sqrt(np.mean(sd**2) / max(float(np.mean(apart[s][some] ** 2)), 1e-300))
+        return Outcomes(mean[REAL] + apart[REAL], mean[SIM] + apart[SIM])
+
     def _block(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean (2 x m x 1), and how far each world is from it (2 x m x n), simulated first."""
         p, data = self.surrogate.parameters, self.surrogate.data
         of_h, of_e = loadings(p, data.s)
-        h = matern52(x, data.x, np.array(p.lengthscales_h), p.sd_h) @ (of_h[:, None] * self._weights)
+        h = matern52(x, data.x, np.array(p.lengthscales_h), p.sd_h) @ (of_h[:, None] * self.weights)
         rows = np.flatnonzero(of_e)
-        e = matern52(x, data.x[rows], np.array(p.lengthscales_e), p.sd_e) @ (of_e[rows, None] * self._weights[rows])
+        e = matern52(x, data.x[rows], np.array(p.lengthscales_e), p.sd_e) @ (of_e[rows, None] * self.weights[rows])
         mean = np.array([p.mean_sim + h[:, -1:], p.mean_real + p.rho * h[:, -1:] + e[:, -1:]])
-        h, e = h[:, :-1] + self._prior_h.at(x), e[:, :-1] + self._prior_e.at(x)
+        h, e = h[:, :-1] + self.prior_h.at(x), e[:, :-1] + self.prior_e.at(x)
         return mean, np.array([h, p.rho * h + e])
 
 
 def widening(surrogate: Surrogate) -> float:
     """By which factor measured tools, each predicted from the others, lie further off than the surrogate says; >= 1.
 
-    The nine tenths of the standardised errors that are smallest end at 1.64 where the surrogate is right. Parameters
-    of the surrogate were fitted with the left-out tool, so that few tools look better than they are: the factor
+    The nine tenths of the standardised errors that are smallest end at 1.64 where the surrogate is right. Parameters of
+    the surrogate were fitted with the left-out tool, so that few tools look better than they are: the factor
     sqrt(n / (n - d)) of a linear fit stands for that.
     """
     left_out, is_real = surrogate.leave_one_out(), surrogate.data.s == REAL

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
 from fast.models.records import Record
-from fast.models.scientist.insights.rules import IN_A_ROW, LEAST_CHANCE
+from fast.models.scientist.insights.rules import IN_A_ROW, STOP_CHANCE
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.state import tuples
@@ -35,9 +35,9 @@ class Advice(Record):
     tone: str
 
     @property
-    def is_worth(self) -> bool:
-        """Whether the next batch is."""
-        return self.chance >= LEAST_CHANCE
+    def is_end(self) -> bool:
+        """Whether the chance is so low that a campaign ends by itself, if it stays so."""
+        return self.chance < STOP_CHANCE
 
 
 def note_advice(campaign: Campaign) -> Advice | None:
@@ -97,7 +97,7 @@ def has_stopped(campaign: Campaign, stage: int | None = None) -> bool:
     if schedule.stop != "by itself":
         return False
     said = read_advice(campaign.lake, campaign.campaign_id)
-    if len(said) < IN_A_ROW or any(advice.is_worth for advice in said[:IN_A_ROW]):
+    if len(said) < IN_A_ROW or not all(advice.is_end for advice in said[:IN_A_ROW]):
         return False
     proposed = {tool.batch for tool in campaign.state().tools}
     stages = range(schedule.n_stages) if stage is None else [stage]

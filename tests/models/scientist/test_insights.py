@@ -184,7 +184,7 @@ def test_a_simulator_that_is_right_but_for_a_factor_disagrees_about_nothing(grid
 
 
 def test_the_next_batch_is_worth_it_until_the_best_is_found() -> None:
-    """Seven tools near the worst corner leave all to be found; with the best corner measured nothing is left."""
+    """Eight random tools leave much to be found; with the best corner measured nothing is left."""
     few = observed(8, seed=3)
     corner = np.zeros((3, 9))
     corner[:, [RIBS, ANGLE]] = 1.0
@@ -194,7 +194,7 @@ def test_the_next_batch_is_worth_it_until_the_best_is_found() -> None:
         np.concatenate([many.x, corner]), np.full(83, REAL), np.concatenate([many.y, force_n(corner)]), np.zeros(83)
     )
     early, late = (look_ahead(fit_surrogate(data), FIN_RAYS, 10, np.random.default_rng(12)) for data in (few, done))
-    assert early.chance > 0.6
+    assert early.chance > 0.3
     assert late.chance < 0.1
     assert (early.is_worth, late.is_worth, late.n_worth) == (True, False, 0)
     assert early.ahead[-1].chance < early.chance

@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from fast.models.blas import one_blas_thread
+from fast.models.design.printability import estimate_mass_g
 from fast.models.design.space import BEST_PUBLISHED, FIN_RAYS
 from fast.models.ids import seed_from
 from fast.models.records import Record
 from fast.models.scientist.insights.effects import Grid, Interval, find_disagreements, find_effects, find_pairs
-from fast.models.scientist.insights.rules import IN_A_ROW, LEAST_CHANCE, MARGIN
+from fast.models.scientist.insights.rules import IN_A_ROW, MARGIN, STOP_CHANCE
 from fast.models.scientist.insights.simplest import LOSS, find_simpler
 from fast.models.scientist.insights.stopping import look_ahead
 from fast.models.scientist.insights.worlds import Worlds, widening
@@ -74,7 +75,10 @@ class Taught(Record):
 
 
 def measure_insights(options: Options) -> Tables:
-    """Effects, advice to stop and simplest fingers against the truth of landscapes; --n seeds at most."""
+    """Effects, advice to stop and simplest fingers against the truth of landscapes; --n seeds at most.
+
+    When the time is up, the tables are of the races that are known by then.
+    """
     known = {_key(one): one for one in read_records(options.results, Taught, "race of the insights")}
     bank = LandscapeBank.read(BANK)
     races = [
@@ -84,15 +88,19 @@ def measure_insights(options: Options) -> Tables:
         if seed < n
         for number in range(len(bank.truths))
     ]
-    found = []
+    started = time.monotonic()
     with RecordFile(options.results) as file:
         for done, (number, name, seed) in enumerate(races):
             key = bank.landscape_name(number), name, seed
-            if key not in known:
-                known[key] = ask_race(number, name, seed)
-                file.append(known[key])
-                options.tell(f"{done + 1} of {len(races)}: {key[0]}, {name}, seed {seed}: {known[key].cpu_s:.1f} s")
-            found.append(known[key])
+            if key in known:
+                continue
+            if time.monotonic() - started >= 60.0 * options.limit_minutes:
+                options.tell(f"the time is up; {len(known)} of {len(races)} races are known, the tables are of these")
+                break
+            known[key] = ask_race(number, name, seed)
+            file.append(known[key])
+            options.tell(f"{done + 1} of {len(races)}: {key[0]}, {name}, seed {seed}: {known[key].cpu_s:.1f} s")
+    found = list(known.values())
     return {
         "effects": effect_rows(found),
         "chances": chance_rows(found),
@@ -179,6 +187,8 @@ def effect_rows(found: Sequence[Taught]) -> Rows:
         for name in (*N_SEEDS, "all"):
             races = [race for race in found if name in (race.strategy, "all")]
             answers = [answer for race in races for answer in race.answers if answer.kind == kind]
+            if not answers:
+                continue
             for n in (*sorted({answer.n_tools for answer in answers}), "all"):
                 some = [answer for answer in answers if n in (answer.n_tools, "all")]
                 rows.append(
@@ -217,6 +227,8 @@ def stopping_rows(found: Sequence[Taught]) -> Rows:
     rows = []
     for name in (*N_SEEDS, "all"):
         races = [race for race in found if name in (race.strategy, "all")]
+        if not races:
+            continue
         loss, saved = zip(*map(stop, races), strict=True)
         rows.append(
             {
@@ -234,7 +246,7 @@ def stopping_rows(found: Sequence[Taught]) -> Rows:
 def stop(race: Taught) -> tuple[float, float]:
     """Loss of the final force, and share of the prints that are saved, when the race stops by itself."""
     schedule = RunSchedule()
-    below = [chance < LEAST_CHANCE for chance in race.chances]
+    below = [chance < STOP_CHANCE for chance in race.chances]
     ends = (n for n in range(IN_A_ROW - 1, len(below)) if all(below[n - IN_A_ROW + 1 : n + 1]))
     end = next(ends, len(below))  # batches that are printed
     n_all = schedule.initial_tools + schedule.rounds * schedule.tools_per_round
@@ -248,6 +260,8 @@ def simplest_rows(found: Sequence[Taught]) -> Rows:
     rows = []
     for name in (*dict.fromkeys(criterion for criterion, _ in all_of), "all"):
         shares = np.array([share for criterion, share in all_of if name in (criterion, "all")])
+        if not len(shares):
+            continue
         as_good = float(np.mean(shares >= 1.0 - LOSS))
         rows.append({"simplest": name, "n": len(shares), "as_good": as_good, "share": float(np.median(shares))})
     return rows
@@ -256,6 +270,7 @@ def simplest_rows(found: Sequence[Taught]) -> Rows:
 def cost_rows() -> Rows:
     """CPU of all cards at the paper's size."""
     data = made_up_data(110, 1000)
+    estimate_mass_g(BEST_PUBLISHED)  # imports what it takes
     with one_blas_thread():
         surrogate, fit_s = timed(partial(fit_surrogate, data))
         _, cards_s = timed(partial(_all_cards, surrogate))

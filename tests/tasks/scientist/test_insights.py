@@ -13,6 +13,7 @@ from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.settings import Schedule
+from fast.tasks.scientist.backtest import backtest
 from fast.tasks.scientist.insights.advice import ADVICE, Advice, describe_stop, has_stopped, note_advice, read_advice
 from fast.tasks.scientist.insights.facts import read_cost, read_facts
 from fast.tasks.scientist.insights.insights import Insights, find_insights
@@ -134,11 +135,12 @@ def said(campaign: Campaign, *chances: float) -> Campaign:
 @pytest.mark.parametrize(
     ("stop", "chances", "ends"),
     [
-        ("by itself", (0.05, 0.02), True),
+        ("by itself", (0.02, 0.01), True),
         ("by itself", (0.3, 0.02), False),
         ("by itself", (0.02,), False),
         ("by itself", (0.02, 0.3), False),
-        ("advice", (0.05, 0.02), False),
+        ("advice", (0.02, 0.01), False),
+        ("by itself", (0.05, 0.02), False),
     ],
 )
 def test_a_campaign_ends_by_itself_after_two_batches_that_say_no(tmp_path: Path, stop, chances, ends) -> None:
@@ -147,7 +149,7 @@ def test_a_campaign_ends_by_itself_after_two_batches_that_say_no(tmp_path: Path,
     assert has_stopped(campaign, 1) is ends
     assert has_stopped(campaign, 0) is False  # its tools are there
     if ends:
-        assert "was 5% and 2% after the last 2 batches" in describe_stop(campaign)
+        assert "was 2% and 1% after the last 2 batches" in describe_stop(campaign)
 
 
 def test_the_end_is_no_part_of_what_decides_results() -> None:
@@ -176,4 +178,13 @@ def test_advice_is_the_sentence_of_the_card() -> None:
     )
     advice = make_advice(Insights(campaign_id="small", n_tools=12, cards=cards, outlook=outlook), 2)
     assert (advice.sentence, advice.tone, advice.health) == ("Stop printing. It is 4%.", "yellow", "It drifts.")
-    assert not advice.is_worth
+    assert not advice.is_end
+
+
+def test_strategies_are_replayed_on_the_campaign(campaign: Campaign) -> None:
+    rows = backtest(campaign, 1, lambda line: None)
+    assert [(row["objective"], row["strategy"], row["n_batch"]) for row in rows] == [
+        ("mean_peak_n", "random", 6), ("mean_peak_n", "measured only", 6),
+        ("mean_peak_n", "random", 3), ("mean_peak_n", "measured only", 3),
+    ]  # fmt: skip
+    assert all(0.5 < row["share"] <= 1.0 for row in rows)

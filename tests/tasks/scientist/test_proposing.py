@@ -1,5 +1,6 @@
 """How simulations are chosen: with the last fit until the data have grown, the same after a restart."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationS
 from fast.tasks.bench.measured_tools import MeasuredTool
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.own_designs import OwnDesign
 from fast.tasks.campaign.settings import ScientistSettings
 from fast.tasks.scientist.criteria import list_outcomes
 from fast.tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
@@ -233,3 +235,33 @@ def test_an_objective_that_the_grasps_do_not_have_is_one_sentence(measured_campa
 def test_wrong_objectives_are_refused(changes, words):
     with pytest.raises(ValueError, match=words):
         ScientistSettings.model_validate(changes)
+
+
+@pytest.mark.parametrize("is_own", [False, True])
+def test_tools_of_a_batch_are_alike_where_the_schedule_wants_it(tmp_path, is_own):
+    """Two initial batches differ in their thickness, all tools of one have the same; so have those that are chosen."""
+    schedule = {
+        "initial_tools": 6, "tools_per_batch": 3, "guided_batches": 1, "initial_simulations": 0,
+        "simulations_per_batch": 0, "alike": ("front_thickness_mm", "rib_count"),
+    }  # fmt: skip
+    campaign = small_campaign(tmp_path, schedule=schedule, simulator={"simulate_tools": False})
+    if is_own:
+        own = OwnDesign("mine.csv", "mine", random_designs(1, np.random.default_rng(5))[0], 3)
+        campaign = replace(campaign, own_designs={3: (own,)})
+    propose_initial(campaign)
+    for batch in (1, 2):
+        confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
+    for number, tool in enumerate(campaign.state().tools):
+        for object_id, repeat in campaign.config.objects.cells(0):
+            append_grasp(campaign, tool, object_id, repeat, 10.0 + number)
+    propose_guided(campaign, 3)
+    values = {
+        batch: {(t.design.front_thickness_mm, t.design.rib_count) for t in campaign.state().tools_of(batch)}
+        for batch in (1, 2, 3)
+    }
+    assert [len(found) for found in values.values()] == [1, 1, 1]
+    assert values[1] != values[2]
+    if is_own:
+        assert values[3] == {(own.design.front_thickness_mm, own.design.rib_count)}
+    widths = {tool.design.width_mm for tool in campaign.state().tools}
+    assert len(widths) == 9

@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fast.flows.library import Campaign, find_gap, simulate
+    from fast.flows.library import Campaign, find_gap, simulate, simulate_many
     from fast.lake.store import Lake
     from fast.models.design.fin_ray import FinRay
     from fast.models.design.space import BEST_PUBLISHED
@@ -37,6 +37,7 @@ _HOMES = {
     "find_gap": "flows.library",
     "get_object": "models.objects.catalogue",
     "simulate": "flows.library",
+    "simulate_many": "flows.library",
 }
 
 __all__ = [
@@ -53,6 +54,7 @@ __all__ = [
     "find_gap",
     "get_object",
     "simulate",
+    "simulate_many",
 ]
 
 

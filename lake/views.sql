@@ -212,7 +212,7 @@ CREATE VIEW repeatability AS
     SELECT g.*, d.trace_distance_n FROM groups AS g JOIN distances AS d USING (tool_id, object_id, setup_id);
 
 -- One row per tool with at least one valid grasp. `tool_quality_n` is the mean over the objects measured;
--- with objects missing (`n_missing`, of the 36 of the catalogue) it is not comparable before imputation (models.surrogate.imputation).
+-- with objects missing (`n_missing`, of the 36 of the catalogue) it is not comparable with others.
 CREATE VIEW tool_quality AS
     WITH quality AS (
         SELECT

@@ -120,10 +120,8 @@ def _list_figures(graded: Sequence[Graded]) -> Rows:
             rows.append(row | {"bound": _see_at_best(seen)})
     for size in SILENT:
         large = [one for one in hidden if one.visible >= size]
-        row, best = _count(f"“nothing” said at {size:.0%} or more", large, lambda one: not one.answer.missing), None
-        if (power := _see_at_best(large)) is not None:
-            best = round(1.0 - power, 3)
-        rows.append(row | {"bound": best})
+        row, power = _count(f"“nothing” said at {size:.0%} or more", large, _is_silent), _see_at_best(large)
+        rows.append(row | {"bound": None if power is None else round(1.0 - power, 3)})
     rows.append(_count("family right, given an alarm", listed, lambda one: one.said == one.family))
     rows.append(
         _count("wrong family for a cause that is not listed", unlisted, lambda one: one.said not in ("", NOT_LISTED))
@@ -141,6 +139,10 @@ def _list_figures(graded: Sequence[Graded]) -> Rows:
 def _see_at_best(worlds: Sequence[Graded]) -> float | None:
     """Share of these worlds in which the likelihood ratio sees something; None of none."""
     return round(float(np.mean([one.sealed.bound for one in worlds])), 3) if worlds else None
+
+
+def _is_silent(one: Graded) -> bool:
+    return not one.answer.missing
 
 
 def _is_missing(one: Graded) -> bool:

@@ -170,9 +170,9 @@ class _Measured:
         measured = [(site, trace) for site, trace in worlds.measure(key) if is_usable(trace)]
         problem = worlds.make_problem(key, measured)
         counts = (len(problem.grasps.tools), len(problem.grasps.objects))
-        masks = [np.arange(n) == one for n, one in zip(counts, find_withheld(key, *counts), strict=True)]
+        tools, objects = (np.arange(n) == one for n, one in zip(counts, find_withheld(key, *counts), strict=True))
         traces = {(site.tool, site.obj, site.context.repeat): trace for site, trace in measured}
-        return _Measured(worlds, key, traces, GapData(problem.grasps, problem.bank, *masks))
+        return _Measured(worlds, key, traces, GapData(problem.grasps, problem.bank, tools, objects))
 
     @property
     def forces(self) -> dict[str, np.ndarray]:

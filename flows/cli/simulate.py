@@ -127,25 +127,30 @@ def simulate_file(
     from fast.flows.simulation.many_designs import simulate_designs
     from fast.models.design.families import find_family
     from fast.models.errors import UsageError
-    from fast.models.objects.catalogue import name_object
+    from fast.models.objects.catalogue import OBJECTS
     from fast.tasks.campaign.own_designs import read_designs
-    from fast.tasks.campaign.settings import N_OBJECTS
     from fast.tasks.objects import find_object
 
     if not 1 <= workers <= 256:
         raise UsageError(f"--workers is {workers}, it must be from 1 to 256; change it.")
     found = read_designs(designs, family=find_family(family))
-    object_ids = list(range(N_OBJECTS)) if asked.object is None else [find_object(asked.object, lake).object_id]
+    objects = OBJECTS if asked.object is None else (find_object(asked.object, lake),)
     version, setup, placement = apply_settings(asked.set or [], _base_version(lake, asked.version, asked.tier))
     if out is not None:
         make_folder(out)
     with open_reporter() as reporter:
-        done = simulate_designs(found, object_ids, version, setup, placement, workers, reporter)
+        done = simulate_designs(found, objects, version, setup, placement, workers, reporter)
+    done.sort(key=lambda one: -float(str(one.row["mean_n"] or 0.0)))  # the one with the largest mean force first
     rows = [one.row for one in done]
     grasps = [
-        {"name": one.own.name, "object_id": object_id, "object": name_object(object_id), "peak_force_n": force_n}
+        {
+            "name": one.own.name,
+            "object_id": obj.object_id,
+            "object": f"{obj.name} ({obj.object_id})",
+            "peak_force_n": force_n,
+        }
         for one in done
-        for object_id, force_n in zip(one.object_ids, one.forces_n, strict=True)
+        for obj, force_n in zip(one.objects, one.forces_n, strict=True)
     ]
     show({"version_id": version.version_id, "designs": rows, "grasps": grasps}, table_text(rows), as_json)
     if out is not None:

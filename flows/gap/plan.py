@@ -89,8 +89,7 @@ def look_ahead(
     plans = plan_bank(version, grasps.cells)
     if n_missing(lake, plans):
         simulate_missing(lake, plans, n_workers, reporter)
-    nothing = np.zeros(len(grasps.tools), dtype=bool), np.zeros(len(grasps.objects), dtype=bool)
-    data = GapData(grasps, read_bank(lake, version, grasps.cells), *nothing)
+    data = GapData.of_all(grasps, read_bank(lake, version, grasps.cells))
     rehearsal = rehearse_panel(data, (), n_worlds, n_workers, reporter.progress)
     last_object, last_tool = len(grasps.objects) - 1, len(grasps.tools) - 1
     return PanelOutlook(

@@ -149,8 +149,7 @@ def _weigh(
     base, cells = _find_base(lake, measured), measured.grasps.cells
     simulator = Simulator(lake, order, reporter, lambda: False)
     simulator.simulate(WIDE_BANK, plan_bank(base, cells))
-    nothing = [np.zeros(n, dtype=bool) for n in (len(measured.grasps.tools), len(measured.grasps.objects))]
-    data = GapData(measured.grasps, read_bank(lake, base, cells), *nothing, facts=measured.facts)
+    data = GapData.of_all(measured.grasps, read_bank(lake, base, cells), measured.facts)
     warnings = [*measured.warnings, *check_units(data), *check_repeats(data.grasps)]
     beside = None if simulated_n is None else stand_beside(data, simulated_n)
     data = data if beside is None else beside.data

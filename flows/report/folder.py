@@ -4,7 +4,7 @@ import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import matplotlib.image
 import numpy as np
@@ -12,7 +12,6 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from fast.flows.report.campaign.queries import Result
-from fast.flows.report.html import Markup, Page, picture, sources
 from fast.flows.report.style import figure_style, save_svg
 from fast.lake.query.sql import csv_bytes
 from fast.lake.storage.files import discard
@@ -24,7 +23,7 @@ PRINT_DPI = 200
 
 
 class Folder:
-    """Writes the parts of a report and returns the HTML that shows them; `written` names the figures and queries."""
+    """Writes the figures and data of a page; `written` names the figures and queries."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -43,19 +42,9 @@ class Folder:
         self.written.append(name)
         return f"figures/{name}.svg"
 
-    def figure(self, name: str, figure: Figure, alternative: str, caption: object = "") -> Markup:
-        """Save a figure as SVG and show it."""
-        return picture(self.draw(name, figure), alternative, caption)
-
-    def print_figure(self, name: str, figure: Figure, alternative: str, caption: object = "") -> Markup:
-        """Like `figure`, and save it as PNG for print too."""
-        figure.savefig(self.root / "figures" / f"{name}.png", dpi=PRINT_DPI, metadata={"Software": "FAST"})
-        return self.figure(name, figure, alternative, caption)
-
-    def numbers(self, name: str, rows: Sequence[Mapping[str, Any]]) -> Markup:
-        """Save rows that no query gives as CSV, and link them."""
+    def numbers(self, name: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Save rows that no query gives as CSV; a page links them with `numbers`."""
         (self.root / "data" / f"{name}.csv").write_bytes(csv_bytes(pa.Table.from_pylist(list(rows))))
-        return Markup(f'<p class="note">The numbers: <a href="data/{name}.csv">data/{name}.csv</a></p>')
 
     def image(self, name: str, rgba: np.ndarray) -> str:
         """Save an RGBA image as PNG; returns its address in the page."""
@@ -71,10 +60,6 @@ class Folder:
             (self.root / "data" / f"{result.name}.csv").write_bytes(csv_bytes(result.table))
             (self.root / "data" / f"{result.name}.sql").write_text(result.sql + "\n", encoding="utf-8")
         return list(results)
-
-    def sources(self, *results: Result) -> Markup:
-        """Save results, and show their SQL."""
-        return sources(*self.save(*results))
 
 
 def write_page(
@@ -102,22 +87,3 @@ def write_page(
         ) from error
     _LOG.info("page written to %s", path)
     return path
-
-
-C = TypeVar("C")
-
-
-def write_sections(
-    folder: Folder,
-    content: C,
-    page: Page,
-    headline: Callable[[C], Markup],
-    sections: Sequence[Callable[[C, Folder], Markup]],
-) -> Path:
-    """Like `write_page`, of sections that are HTML."""
-
-    def prepare(folder: Folder) -> dict[str, object]:
-        body = "".join(build(content, folder) for build in sections)
-        return {"page": page, "sections": Markup(body), "top": headline(content)}
-
-    return write_page(folder, "flows/report/sections.html.j2", prepare, page.file)

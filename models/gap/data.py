@@ -26,6 +26,12 @@ class GapData:
     held_out_objects: np.ndarray
     facts: tuple[Fact, ...] = ()
 
+    @staticmethod
+    def of_all(grasps: Grasps, bank: Bank, facts: tuple[Fact, ...] = ()) -> "GapData":
+        """Grasps of which none is held out."""
+        tools, objects = (np.zeros(len(names), dtype=bool) for names in (grasps.tools, grasps.objects))
+        return GapData(grasps, bank, tools, objects, facts)
+
     @property
     def is_held_out(self) -> np.ndarray:
         """Which grasps are kept for the evaluation, n."""

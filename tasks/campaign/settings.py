@@ -24,10 +24,12 @@ class ObjectPlan(Record):
     """Which objects a tool is measured on, and how often."""
 
     ids: Literal["all"] | tuple[int, ...] = "all"
+    """Objects that every tool and simulated design meets: numbers from 0 to 35, each once."""
     files: tuple[str, ...] = Field(default=(), description="own objects: paths, relative to the config")
     places: tuple[int, ...] = Field(default=(), description="where those of `files` stand; none: free ones in order")
     file_ids: dict[str, int] = Field(default={}, description="numbers of `files`; written by the program, not by you")
     repeats: int = Field(default=3, ge=1, le=20)
+    """Grasps of a tool on an object."""
     order: Literal["fixed", "random"] = Field(
         default="random", description="the shortest way for every tool, or drawn for each tool"
     )
@@ -135,7 +137,9 @@ class SimulatorSettings(Record):
     theta: Theta = Theta()
     mesh: MeshSettings = MeshSettings()
     effects: tuple[EffectValue, ...] = ()
+    """`[[simulator.effects]]` tables with `effect` and `parameters`."""
     tier: Literal["production", "reference"] = "production"
+    """Which mesh and steps."""
     simulate_tools: bool = Field(
         default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
     )
@@ -267,10 +271,14 @@ class Schedule(Record):
     """How many tools and simulations, in which order (the paper: 30 + 50, then 8 x (10 with 100))."""
 
     initial_tools: int = Field(default=30, ge=2, le=1000)
+    """Random designs that are printed first."""
     tools_per_batch: int = Field(default=10, ge=1, le=10, description="the rack has ten tool heads")
     guided_batches: int = Field(default=8, ge=0, le=1000)
+    """Batches that are proposed from the surrogate; may be changed later."""
     initial_simulations: int = Field(default=50, ge=0, le=100_000)
+    """Random designs that are simulated during the initial batches."""
     simulations_per_batch: int = Field(default=100, ge=0, le=100_000)
+    """Designs that are proposed and simulated during each guided batch."""
     reference_tools: Annotated[int, Field(ge=0, le=9)] | tuple[str, ...] = Field(
         default=0, description="measured tools that each later batch measures again: how many of the best, or which"
     )

@@ -18,9 +18,9 @@ from tests.studies.gap.ask import measure_asking
 from tests.studies.gap.development import measure_gap
 from tests.studies.gap.independent import measure_gap_independent
 from tests.studies.gap.intervals import measure_gap_intervals
+from tests.studies.gap.moduli import measure_moduli
 from tests.studies.gap.sealed import measure_gap_sealed
 from tests.studies.gap.shapes import measure_gap_shapes
-from tests.studies.gap.spheres import measure_spheres
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.landscapes.compare import measure_landscapes
 from tests.studies.landscapes.make_bank import measure_landscape_bank
@@ -54,7 +54,7 @@ STUDIES: dict[str, Benchmark] = {
     "gap-intervals": benchmark(measure_gap_intervals, "results", "limit_minutes", "worlds", "workers"),
     "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds", "workers"),
     "gap-shapes": benchmark(measure_gap_shapes, "panel", "results", "worlds", "workers", "n"),
-    "gap-spheres": benchmark(measure_spheres, "designs"),
+    "gap-moduli": benchmark(measure_moduli, "panel"),
     "challenge": benchmark(measure_challenge, "results", "worlds", "figure"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"

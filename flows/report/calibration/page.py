@@ -1,4 +1,4 @@
-"""The page of one calibration, and the newest calibration as a section of its campaign's report."""
+"""The page of one calibration, and what its campaign's report shows of the newest one."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,6 @@ from fast.flows.report.calibration.sections import (
 )
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder, write_page
-from fast.flows.report.html import Markup
 from fast.lake.store import Lake
 from fast.models.calibration.inference.result import ESS_LIMIT, K_HAT_LIMIT, R_HAT_LIMIT
 from fast.models.calibration.inference.settings import ThetaPriors
@@ -24,7 +23,6 @@ from fast.models.calibration.inference.summary import correlate_ranks
 from fast.models.calibration.means.predict import N_DRAWS
 from fast.models.calibration.means.problem import THETA
 from fast.models.errors import UsageError
-from fast.tasks.templates import render
 
 _N_SECTION_DRAWS = 60  # a campaign's report is written often; its page has all
 
@@ -73,20 +71,15 @@ def _prepare_page(calibration: StoredCalibration, markers: Markers | None, folde
         "ridge": correlations[names.index("young_modulus_mpa"), names.index("friction")],
         "is_printed_prior": result.settings.priors == ThetaPriors(),
         "agreement": draw_agreement(calibration, folder),
-        "supplement_drawn": draw_supplement(calibration, folder),
+        "drawn_supplement": draw_supplement(calibration, folder),
         "chains": draw_chains(calibration, folder),
         "drift": folder.draw("calibration_drift", theta_history_figure(past), for_print=True) if past[1:] else None,
         "settings": json.dumps(json.loads(calibration.row.settings_json), indent=2, sort_keys=True),
     }
 
 
-def calibration_section(content: Content, folder: Folder) -> Markup:
+def prepare_calibration(content: Content, folder: Folder) -> dict[str, Any]:
     """The newest calibration with this campaign's measurements: Table 2, Figs. 3 and 4, sensitivities."""
-    return Markup(render("flows/report/calibration/newest.html.j2", **prepare_newest(content, folder)))
-
-
-def prepare_newest(content: Content, folder: Folder) -> dict[str, Any]:
-    """Values of the section with the newest calibration: Table 2, Figs. 3 and 4, sensitivities."""
     newest = content.result("calibrations", NEWEST)
     if not newest.rows:
         return {"calibration": None, "refused": None}
@@ -105,5 +98,5 @@ def prepare_newest(content: Content, folder: Folder) -> dict[str, Any]:
         "pairs": folder.draw("calibration_pairs", pairs_figure(calibration.result)),
         "panels": draw_panels(panels, folder) if panels else {},
         "scores": list_scores(panels),
-        "supplement_drawn": draw_supplement(calibration, folder),
+        "supplement": draw_supplement(calibration, folder),
     }

@@ -11,19 +11,7 @@ from matplotlib.figure import Figure
 
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import (
-    Markup,
-    columns,
-    folded,
-    number,
-    paragraph,
-    picture,
-    section,
-    table,
-    text,
-    tiles,
-)
-from fast.flows.report.style import BEST, INK, new_axes, save_svg
+from fast.flows.report.style import BEST, INK, new_axes
 from fast.lake.tables.imported import is_imported
 from fast.models.errors import ConfigError
 from fast.models.scientist.insights.cards import Card, effect_card, pair_card, say
@@ -38,54 +26,43 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.scientist.insights.insights import Insights, OutcomeEffects, find_insights
+from fast.tasks.templates import number
 
 FILE, _SIMPLER = "insights.json", "simpler"
-_TITLE = "What it has taught"
 _MOST_DRAWN = 6  # effects; the others are told in a folded list
 _MOST_CLASSES = 4  # parameters in the table by class
 
 
-def write_insights(content: Content, folder: Folder) -> Markup:
-    """All cards with their pictures, and `data/insights.json` with every number; nothing of imported data."""
+def prepare_insights(content: Content, folder: Folder) -> dict[str, Any] | None:
+    """All cards with their pictures, and `data/insights.json` with every number; None of imported data."""
     (folder.root / "data" / FILE).unlink(missing_ok=True)
     stored = content.campaign.config_toml
     if is_imported(stored):
-        return Markup("")
+        return None
     try:
         config = load_record(CampaignConfig, tomllib.loads(stored), f"stored config of {content.campaign.campaign_id}")
     except ConfigError:
-        words = "The stored config is one of another version of FAST, so that nothing can be said of what was wanted."
-        return section("taught", _TITLE, paragraph(words))
+        return {}
     found = find_insights(at_present(Campaign(content.lake, config)))
     (folder.root / "data" / FILE).write_text(found.model_dump_json(indent=1), encoding="utf-8")
-    return section(
-        "taught",
-        _TITLE,
-        *_opening(found),
-        *(_effects(one, folder, len(found.outcomes) > 1) for one in found.outcomes),
-        *_simpler(found, folder),
-        _health(found.cards),
-        paragraph(Markup(f'Every number of this section: <a href="data/{FILE}">data/{FILE}</a>'), "note"),
-    )
+    cards = found.cards
+    return {
+        "file": FILE,
+        "matters": [card for card in cards if card.name.split(" of ")[0] == "effects"],
+        "gaps": [card for card in cards if card.topic == "gap"],
+        "next_batch": next((card for card in cards if card.name == "next batch"), None) if found.outlook else None,
+        "tiles": _tiles(found.outlook) if found.outlook else [],
+        "nights": [card for card in cards if card.name == "night"] if found.outlook else [],
+        "outcomes": [_prepare_effects(one, folder, len(found.outcomes) > 1) for one in found.outcomes],
+        "simpler": _prepare_simpler(found, folder),
+        "health": [card for card in cards if card.topic == "health"],
+    }
 
 
 def read_written(report: Path) -> dict[str, Any] | None:
-    """What `write_insights` kept in the folder of a report; None where nothing could be said."""
+    """What `prepare_insights` kept in the folder of a report; None where nothing could be said."""
     path = report / "data" / FILE
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
-
-
-def _opening(found: Insights) -> list[Markup]:
-    """What matters and whether to print again, before anything is explained."""
-    parts = [paragraph(card.sentence, "lead") for card in found.cards if card.name.split(" of ")[0] == "effects"]
-    parts += [_card(card) for card in found.cards if card.topic == "gap"]
-    if found.outlook is None:
-        return parts
-    stop = next(card for card in found.cards if card.name == "next batch")
-    parts.append(paragraph(Markup(f"<b>{text(stop.next_step)}</b> {text(stop.sentence)}"), "lead"))
-    parts.append(tiles(_tiles(found.outlook)))
-    parts += [paragraph(card.sentence) for card in found.cards if card.name == "night"]
-    return parts
 
 
 def _tiles(outlook: Outlook) -> list[tuple[str, str]]:
@@ -98,55 +75,36 @@ def _tiles(outlook: Outlook) -> list[tuple[str, str]]:
     ]
 
 
-def _effects(found: OutcomeEffects, folder: Folder, is_one_of_several: bool) -> Markup:
+def _prepare_effects(found: OutcomeEffects, folder: Folder, is_one_of_several: bool) -> dict[str, Any]:
     """Curves of the strongest effects, how much of the differences each parameter has, and pairs."""
     unit, suffix = unit_of(found.outcome) or "", f"_{found.outcome}" if is_one_of_several else ""
-    head = f": {OUTCOMES[found.outcome].about}" if is_one_of_several else ""
+    of = OUTCOMES[found.outcome].about if is_one_of_several else ""
     if found.n_tools < LEAST_TOOLS:
-        words = f"{found.n_tools} tools are too few for an effect; it takes {LEAST_TOOLS} at least."
-        return Markup(f"<h3>What each parameter does{text(head)}</h3>{paragraph(words)}")
+        return {"of": of, "n_tools": found.n_tools, "least_tools": LEAST_TOOLS}
     by_name = {card.name: card for card in _cards_of(found, unit)}
     sure = [effect for effect in found.effects if effect.size.is_sure][:_MOST_DRAWN]
     limits = _limits(sure)
-    panels = [
-        _panel(
-            folder, f"effect_{effect.parameter}{suffix}", draw_effect(effect, unit, limits), by_name[effect.parameter]
-        )
+    curves = [
+        {
+            "drawn": folder.draw(f"effect_{effect.parameter}{suffix}", draw_effect(effect, unit, limits)),
+            "sentence": by_name[effect.parameter].sentence,
+        }
         for effect in sure
     ]
-    rest = [by_name[effect.parameter] for effect in found.effects if effect not in sure]
-    parts = [
-        Markup(f"<h3>What each parameter does{text(head)}</h3>"),
-        paragraph(
-            "Line and band: mean over fingers of all kinds that have this value of the parameter, and its 90 % "
-            "interval. Dashed: the best finger, with this parameter alone changed.",
-            "note",
-        ),
-    ]
-    parts += [Markup(f'<div class="panels wide">{"".join(panels)}</div>')] if panels else []
-    parts += (
-        [folded(f"{len(rest)} parameters without a picture", "".join(paragraph(one) for one in rest))] if rest else []
-    )
-    shares = folder.figure(f"shares{suffix}", draw_shares(found.effects), "Part of each parameter in the differences")
-    words = paragraph(
-        "Which part of the differences between fingers a parameter has: alone (full bar), and with what it changes in "
-        "others (hollow bar, which may overlap with those of others), with 90 % intervals.",
-        "note",
-    )
-    parts.append(columns(Markup(shares + words), _pairs(found, folder, unit, suffix)))
-    parts += [folded("By class of object", _by_class(found.classes, found.effects))] if found.classes else []
-    return Markup("".join(parts))
+    return {
+        "of": of,
+        "n_tools": found.n_tools,
+        "curves": curves,
+        "rest": [by_name[effect.parameter].sentence for effect in found.effects if effect not in sure],
+        "shares": folder.draw(f"shares{suffix}", draw_shares(found.effects)),
+        "pair": _prepare_pair(found, folder, unit, suffix),
+        "classes": _prepare_classes(found.classes, found.effects) if found.classes else None,
+    }
 
 
 def _cards_of(found: OutcomeEffects, unit: str) -> list[Card]:
     cards = [effect_card(effect, found.best, found.n_tools, unit) for effect in found.effects]
     return [card.model_copy(update={"name": card.name.removeprefix("effect ")}) for card in cards]
-
-
-def _panel(folder: Folder, name: str, figure: Figure, card: Card) -> Markup:
-    save_svg(figure, folder.root / "figures" / f"{name}.svg")
-    folder.written.append(name)
-    return Markup(f'<div class="panel">{picture(f"figures/{name}.svg", card.sentence, card.sentence)}</div>')
 
 
 def _limits(effects: Sequence[Effect]) -> tuple[float, float]:
@@ -193,70 +151,37 @@ def draw_pair(pair: Pair, unit: str) -> Figure:
     return figure
 
 
-def _pairs(found: OutcomeEffects, folder: Folder, unit: str, suffix: str) -> Markup:
-    drawn = [pair for pair in found.pairs if pair.grid and pair.change.is_sure]
-    if not drawn:
-        return paragraph(
-            f"No two parameters are known to change each other's effect after {found.n_tools} tools.", "note"
-        )
-    parts = [
-        folder.figure(
-            f"pair_{pair.first}_{pair.second}{suffix}",
-            draw_pair(pair, unit),
-            f"Mean outcome over {spell_name(pair.first)} and {spell_name(pair.second)}",
-            pair_card(pair, unit).sentence,
-        )
-        for pair in drawn[:1]
-    ]
-    return Markup("".join(parts))
+def _prepare_pair(found: OutcomeEffects, folder: Folder, unit: str, suffix: str) -> dict[str, str] | None:
+    """The strongest pair that is sure, as contours."""
+    pair = next((pair for pair in found.pairs if pair.grid and pair.change.is_sure), None)
+    if pair is None:
+        return None
+    return {
+        "drawn": folder.draw(f"pair_{pair.first}_{pair.second}{suffix}", draw_pair(pair, unit)),
+        "names": f"{spell_name(pair.first)} and {spell_name(pair.second)}",
+        "sentence": pair_card(pair, unit).sentence,
+    }
 
 
-def _by_class(classes: Sequence[ClassEffects], effects: Sequence[Effect]) -> Markup:
+def _prepare_classes(classes: Sequence[ClassEffects], effects: Sequence[Effect]) -> dict[str, Any]:
+    """A row for each class of object, a column for each of the strongest parameters."""
     shown = [effect.parameter for effect in effects if effect.size.is_sure][:_MOST_CLASSES]
     shown = shown or [effect.parameter for effect in effects[:_MOST_CLASSES]]
+    columns: dict[str, Any] = {"class": "object_class", "objects": ["n_objects", 0], "mean (N)": ["mean_n", 1]}
+    columns |= {f"{spell_name(name)} (N)": [name] for name in shown}
     rows = [
-        (one.object_class, one.n_objects, number(one.mean_n, 1), *(say(one.sizes[name]) for name in shown))
+        {"object_class": one.object_class, "n_objects": one.n_objects, "mean_n": one.mean_n}
+        | {name: say(one.sizes[name]) for name in shown}
         for one in sorted(classes, key=lambda one: one.object_class)
     ]
-    head = ("class", "objects", "mean (N)", *(f"{spell_name(name)} (N)" for name in shown))
-    note = paragraph(
-        "Force at the best value of a parameter less that at the worst, as in the pictures above, with 90 % intervals.",
-        "note",
-    )
-    return Markup(table(head, rows, numeric=range(1, len(head))) + note)
+    return {"columns": columns, "rows": rows}
 
 
-def _simpler(found: Insights, folder: Folder) -> list[Markup]:
+def _prepare_simpler(found: Insights, folder: Folder) -> list[str]:
     """Simpler fingers that are as good, and their designs as a file that a campaign can print from."""
     if not found.simpler:
         return []
     sentences = {card.name: card.sentence for card in found.cards if card.topic == "simplest"}
     rows = [{"name": f"simpler: {one.finding.criterion}", "batch": None, **one.design} for one in found.simpler]
     folder.numbers(_SIMPLER, rows)
-    return [
-        Markup("<h3>Simpler, and as good</h3>"),
-        Markup("".join(paragraph(sentences[one.finding.criterion]) for one in found.simpler)),
-        paragraph(
-            Markup(
-                f'Their designs: <a href="data/{_SIMPLER}.csv">data/{_SIMPLER}.csv</a>. To have one measured with the '
-                "next batch, copy its row into the file that <code>designs</code> of the config names, with the number "
-                "of the batch."
-            ),
-            "note",
-        ),
-    ]
-
-
-def _health(cards: Sequence[Card]) -> Markup:
-    """Health cards, the worst first."""
-    own = [card for card in cards if card.topic == "health"]
-    if not own:
-        return Markup("")
-    return Markup(f"<h3>Health</h3>{''.join(_card(card) for card in own)}")
-
-
-def _card(card: Card) -> Markup:
-    """A card with its colour, said in words too."""
-    tone = card.tone or "green"
-    step = f" <b>{text(card.next_step)}</b>" if card.next_step else ""
-    return Markup(f'<p class="card {tone}"><span class="tone {tone}">{tone}</span> {text(card.sentence)}{step}</p>')
+    return [sentences[one.finding.criterion] for one in found.simpler]

@@ -38,20 +38,24 @@ _AMPLITUDES = (0.05, 1.7)  # of where an effect starts: farther it is not fitted
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is measured (means_n: c x b, contrasts_n: r x ...), and what it is compared with.
-
-    of_cells: the surrogate of one grasp of each cell that nothing came before. effects: that the simulator has; their
-    amplitudes and laws are fitted along. facts: what persons measured of effects.
-    """
+    """What is measured, and what it is compared with."""
 
     surrogate: Surrogate
+    """Of all grasps, n."""
     reading: Reading
+    """The grasps as c cells and r contrasts."""
     errors: Errors
+    """What honest simulators, placements and sensors differ by."""
     means_n: np.ndarray
+    """Means of cells over bins, c x b."""
     contrasts_n: np.ndarray
+    """What repeats of a cell differ by, r x d."""
     of_cells: Surrogate
+    """Of one grasp of each cell that nothing came before."""
     effects: tuple[EffectValue, ...] = ()
+    """That the simulator has; their amplitudes and laws are fitted along."""
     facts: tuple[Fact, ...] = ()
+    """What persons measured of effects."""
 
     @staticmethod
     def of(surrogate: Surrogate, effects: Sequence[EffectValue] = (), facts: Sequence[Fact] = ()) -> "Problem":

@@ -74,8 +74,7 @@ def test_query_can_be_pasted_between_double_quotes(number):
 
 
 @pytest.mark.parametrize("entry", [e for e in catalogue() if e.kind != "table"], ids=lambda entry: entry.name)
-def test_the_reference_names_every_view_and_macro(entry):
-    assert re.search(rf"^\| `{entry.name}[`(]", (DOCS / "reference" / "tables.md").read_text(), flags=re.MULTILINE)
+def test_every_view_and_macro_says_what_it_shows(entry):
     assert len(entry.comment) > 10
 
 

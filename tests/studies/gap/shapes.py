@@ -9,6 +9,7 @@ import json
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,12 +85,14 @@ def measure_gap_shapes(options: Options) -> Tables:
     panels, bank = read_small(options.panel or PANEL)
     seed = _keep_secret(folder / "secret.txt")
     known = {_place(one): one for one in read_records(options.results, ShapeOutcome, "answer to a world of a shape")}
-    n, found = options.worlds or N_WORLDS, []
+    n = options.worlds or N_WORLDS
+    found: list[ShapeOutcome] = []
     with RecordFile(options.results) as file:
         for shape in SHAPES:
             size = min(shape[0], len(panels.designs)), min(shape[1], len(panels.objects))
             worlds = Worlds(panels, bank, f"{seed} {size}", has_other_laws=True, n_designs=size[0], n_objects=size[1])
-            rehearsal, bound = None, Bound.of(worlds)
+            rehearsal: Rehearsal | None = None
+            bound = Bound.of(worlds)
             counts: dict[Group, int] = {group: round(n * share) for group, share in SHARES.items()}
             for group, number, is_left_out in interleave(counts, None):
                 place = (size, group, number, is_left_out)
@@ -230,13 +233,13 @@ def _is_possible(one: ShapeOutcome) -> bool:
     return any(one.judged.is_family_right(name) for name in possible) or (is_open and UNKNOWN in possible)
 
 
-def _compare_bins(outcomes: Sequence[ShapeOutcome]) -> tuple[list[float], Callable[[np.ndarray], float]]:
+def _compare_bins(outcomes: Sequence[ShapeOutcome]) -> tuple[list[float], Callable[[Any], Any]]:
     """Differences of stated and true probability of bins with enough answers, and their largest."""
     stated = np.array([one.answer.rounds[0].probability for one in outcomes])
     right = np.array([one.judged.is_right for one in outcomes], dtype=float)
     bins = np.clip(np.digitize(stated, _BINS) - 1, 0, len(_BINS) - 2)
     kept = [bins == one for one in np.unique(bins) if (bins == one).sum() >= _FEWEST]
-    return [abs(float(stated[own].mean() - right[own].mean())) for own in kept], lambda values: float(np.max(values))
+    return [abs(float(stated[own].mean() - right[own].mean())) for own in kept], np.max
 
 
 def _compare_power(outcomes: Sequence[ShapeOutcome], rehearsed: Sequence[float | None]) -> dict[str, object]:
@@ -277,9 +280,7 @@ def _row(figure: str, k: int, n: int, asked: str) -> dict[str, object]:
     return row
 
 
-def _summarise(
-    figure: str, values: Sequence[float], of: Callable[[np.ndarray], float], asked: str
-) -> dict[str, object]:
+def _summarise(figure: str, values: Sequence[float], of: Callable[[Any], Any], asked: str) -> dict[str, object]:
     row: dict[str, object] = {"figure": figure, "worlds": len(values), "asked": asked, "value": None}
     if len(values):
         row["value"] = round(float(of(np.array(values))), 3)

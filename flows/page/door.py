@@ -81,16 +81,21 @@ class _Page:
 
     def __init__(self, api: Api) -> None:
         user, _, key = role_login(api.login or "", Role.SAY).partition(":")
-        self._client = httpx.Client(base_url=f"{api.page}/api/v1/", auth=(user, key), timeout=_LIMIT_S, trust_env=False)
+        self._address, self._login = f"{api.page}/api/v1/", (user, key)
 
     def get(self, path: str) -> Any:
         """What the page says."""
-        return _read(self._client.get(path))
+        with self._open() as client:
+            return _read(client.get(path))
 
     def post(self, path: str, body: dict[str, Any]) -> Any:
         """What the page answers."""
-        token = _read(self._client.get("me"))["token"]
-        return _read(self._client.post(path, json=body, headers={"X-Fast-Token": token}))
+        with self._open() as client:
+            token = _read(client.get("me"))["token"]
+            return _read(client.post(path, json=body, headers={"X-Fast-Token": token}))
+
+    def _open(self) -> httpx.Client:
+        return httpx.Client(base_url=self._address, auth=self._login, timeout=_LIMIT_S, trust_env=False)
 
 
 def _read(answer: httpx.Response) -> Any:

@@ -12,7 +12,7 @@ from starlette.responses import Response
 from fast.flows.page.live import LiveHub, read_marks
 from fast.flows.page.now import Now, NowReader
 from fast.flows.page.proposals import list_open
-from fast.flows.page.standing import Strip, read_strip
+from fast.flows.page.strip import Strip, read_strip
 from fast.flows.page.todo import Todo, list_campaigns, read_todos
 from fast.flows.page.web import HEADERS, Pages, make_token, read_form, require_write, say
 from fast.flows.server.access import Role

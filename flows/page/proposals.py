@@ -3,22 +3,23 @@
 import json
 from typing import Literal
 
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from fast.flows.page.start import check_config, start_campaign, start_job
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json, content_id
-from fast.models.records import Record
 from fast.tasks.campaign.campaign import stored_provenance
 
 PROPOSED, SETTLED = "proposal", "proposal_settled"  # kinds of events
 _MOST_OPEN = 20
 
 
-class Proposal(Record):
+class Proposal(BaseModel):
     """What a program wants done: a campaign of a config, or a job of the queue; who, why, and what it costs."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["campaign", "report", "calibration", "search"]
     who: str = Field(min_length=1, max_length=60)

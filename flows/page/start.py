@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from fast.flows.page.standing import read_last_start, read_strip
+from fast.flows.page.strip import read_last_start, read_strip
 from fast.flows.server.access import Api
 from fast.flows.server.child_process import CHECKOUT
 from fast.flows.server.environment import named_server

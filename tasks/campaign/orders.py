@@ -25,7 +25,7 @@ class StaleOrderError(FastError):
 
 
 @dataclass(frozen=True)
-class Standing:
+class PresentRun:
     """Who runs a campaign, and what the last run of it was asked for."""
 
     holder: Holder | None
@@ -37,28 +37,28 @@ class Standing:
         return self.holder.token if self.holder is not None else ""
 
 
-def read_standing(lake: Lake, campaign_id: str) -> Standing:
+def read_present_run(lake: Lake, campaign_id: str) -> PresentRun:
     """Whether a campaign runs, and what was asked of it."""
-    return Standing(holder_of(lake.storage, lease_name(campaign_id)), requested_verb(lake, campaign_id))
+    return PresentRun(holder_of(lake.storage, lease_name(campaign_id)), requested_verb(lake, campaign_id))
 
 
 def give_order(lake: Lake, campaign_id: str, verb: Verb, who: str, seen_run: str | None = None) -> str:
-    """Ask a running campaign to pause, stop or abort; returns what that does. `seen_run`: `Standing.run` as seen.
+    """Ask a running campaign to pause, stop or abort; returns what that does. `seen_run`: `PresentRun.run` as seen.
 
     Raises:
         StaleOrderError: nothing runs, or for a pause another run than the one that was seen.
     """
-    standing = read_standing(lake, campaign_id)
-    if standing.holder is None:
+    present = read_present_run(lake, campaign_id)
+    if present.holder is None:
         raise StaleOrderError(
             f"campaign {campaign_id} is not running, so there is nothing to {verb}; nothing was changed."
         )
-    if verb is Verb.PAUSE and seen_run not in (None, standing.run):
+    if verb is Verb.PAUSE and seen_run not in (None, present.run):
         raise StaleOrderError(
             f"campaign {campaign_id} was started again since this page showed it; nothing was changed: look, then give "
             "the order again."
         )
-    asked = standing.verb
+    asked = present.verb
     if asked in _STRENGTH and _STRENGTH.index(asked) >= _STRENGTH.index(verb):
         return f"campaign {campaign_id} was asked to {asked} before; {_EFFECTS[asked]}."
     append_request(lake, campaign_id, verb, f"{verb} asked for {who}")

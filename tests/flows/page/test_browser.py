@@ -10,7 +10,7 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ToolRow
 from fast.tasks.bench.live import live_path, show_live
-from fast.tasks.campaign.orders import read_standing
+from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
 from tests.flows.page.served import CHROMIUM, open_browser, say_name, serve
@@ -90,14 +90,14 @@ def test_a_stop_asks_once_and_two_screens_see_the_same(tmp_path):
             other.wait_for_selector("#word:has-text('pausing')")
             other.click(".orders button:has-text('Stop now')")
             other.click("#ask-no")
-            assert read_standing(lake, "quick").verb == "pause"
+            assert read_present_run(lake, "quick").verb == "pause"
             other.keyboard.press("Tab")
             other.focus(".orders button:has-text('Stop now')")
             other.keyboard.press("Enter")
             other.focus("#ask-yes")
             other.keyboard.press("Enter")
             other.wait_for_selector("#word:has-text('stopping')")
-            assert read_standing(lake, "quick").verb == "stop"
+            assert read_present_run(lake, "quick").verb == "stop"
             page.wait_for_selector("#word:has-text('stopping')")
 
 

@@ -10,7 +10,7 @@ from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow, ToolRow
-from fast.tasks.campaign.orders import read_standing
+from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
 from tests.flows.page.lab_page import ADDRESS, Browser
@@ -158,7 +158,7 @@ def test_an_order_is_given_once_and_refused_when_the_run_is_another(lake):
         assert "Finish this grasp" in browser.see("/strip")
         status, words = browser.say("/orders/pause", {"campaign": name, "run": "an older run"})
         assert (status, "was started again since" in words) == (409, True)
-        assert read_standing(lake, name).verb is None
+        assert read_present_run(lake, name).verb is None
         for _ in range(2):
             status, words = browser.say("/orders/pause", {"campaign": name, "run": lease.token})
             assert (status, "ends after the current grasp" in words) == (204, True)
@@ -167,7 +167,7 @@ def test_an_order_is_given_once_and_refused_when_the_run_is_another(lake):
         assert "pausing" in browser.see("/strip")
         # A stop is never blocked: a pause is pending, and this page is of an older run.
         status, words = browser.say("/orders/stop", {"campaign": name, "run": "an older run"})
-        assert (status, read_standing(lake, name).verb) == (204, Verb.STOP)
+        assert (status, read_present_run(lake, name).verb) == (204, Verb.STOP)
         assert "stopping" in browser.see("/strip")
     assert "stopped" in browser.see("/strip")
 

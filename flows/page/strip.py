@@ -7,7 +7,7 @@ from fast.flows.campaign.status import describe_state
 from fast.hardware.parts.safe_state import Verb
 from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
-from fast.tasks.campaign.orders import read_standing
+from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED
 
 _LAST_START = f"""
@@ -53,9 +53,9 @@ class LastStart:
 
 def read_strip(lake: Lake, campaign_id: str, is_complete: bool, is_waiting: bool) -> Strip:
     """What the strip shows; `is_waiting`: a person is asked for something and nothing else can go on at the bench."""
-    standing = read_standing(lake, campaign_id)
-    if standing.holder is not None:
-        verb = standing.verb
+    present = read_present_run(lake, campaign_id)
+    if present.holder is not None:
+        verb = present.verb
         word = _ENDING[verb] if verb is not None else "waiting" if is_waiting else "running"
         explains = {
             "running": "",
@@ -64,7 +64,7 @@ def read_strip(lake: Lake, campaign_id: str, is_complete: bool, is_waiting: bool
             "stopping": "the bench goes to its safe state; if this stays for a minute, press the emergency stop",
             "emergency stop": "a person must look",
         }[word]
-        return Strip(campaign_id, word, explains, standing.run, verb is None, verb is not Verb.STOP, False)
+        return Strip(campaign_id, word, explains, present.run, verb is None, verb is not Verb.STOP, False)
     word = describe_state(lake, campaign_id, is_complete)
     start, fault = read_last_start(lake, campaign_id), ""
     if word == "interrupted":

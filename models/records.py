@@ -205,6 +205,34 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class Slope:
+    """Derivative of a simulated trace by one parameter.
+
+    `unit` is that of the slope, such as `N/mm`. `force_n` (n) per unit of the parameter at the samples of the trace,
+    and `peak_n` of the peak pull-off force. `usual`: by how much the parameter changes between prints, grasps or
+    designs. `step`: over how much to either side a finite difference was taken; None for the derivative itself.
+    """
+
+    unit: str
+    force_n: np.ndarray
+    peak_n: float
+    usual: float
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Slopes of a simulated trace by parameters, good up to `trusted_mm` of lift: 1 mm before the force first jumps.
+
+    `by` has them by name of the parameter, `lost` says why one has none.
+    """
+
+    trusted_mm: float
+    by: dict[str, Slope]
+    lost: dict[str, str]
+
+
+@dataclass(frozen=True)
 class GraspSimulation:
     """Result of one simulated grasp, both fingers.
 
@@ -214,7 +242,7 @@ class GraspSimulation:
     finger was enough. `pressure_kpa`: the largest pressure of a finger on the object, mean over the 10 mm2 that are
     pressed most. `ribs_touch`: ribs or walls came to press on each other inside a finger. `setup_cpu_s` is the
     part of `cpu_s` before the first step. `mesh_id` names the content of the mesh: not every mesher makes the same one
-    twice.
+    twice. `slopes`: by the parameters that were asked for.
     """
 
     trace: Trace
@@ -232,6 +260,7 @@ class GraspSimulation:
     twist_deg: float = 0.0
     pressure_kpa: float | None = None
     ribs_touch: bool = False
+    slopes: Slopes | None = None
 
 
 BranchCause = Literal["", "placement", "numerics"]

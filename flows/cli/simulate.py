@@ -78,6 +78,13 @@ def simulate(
     branches: Annotated[
         bool, Parameter(negative="", help="Also search for a second branch, which chance of placement may decide.")
     ] = False,
+    along: Annotated[
+        str | None,
+        Parameter(
+            help="Slopes of force and peak by parameters, e.g. friction,length_mm; `all`: those of finger, material "
+            "and closing."
+        ),
+    ] = None,
     out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
     export_calculix: Annotated[
         Path | None,
@@ -98,7 +105,7 @@ def simulate(
     from fast.models.errors import UsageError
 
     if designs is not None:
-        others = {"branches": branches or None, "export-calculix": export_calculix}
+        others = {"branches": branches or None, "along": along, "export-calculix": export_calculix}
         refuse_beside("designs", {"design": asked.design, "simulation": asked.simulation, **others})
         simulate_file(designs, family, asked, workers, out, lake, json)
         return
@@ -114,10 +121,17 @@ def simulate(
         make_folder(out)
     recording = GraspRecording()
     recorder = None if out is None else recording.add
-    result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder)
+    names = () if along is None else tuple(name.strip() for name in along.split(","))
+    result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder, along=names)
     found = find_branches(design, met, simulator, setup, result) if branches else None
     ids = {"design_id": design.design_id, "object_id": met.object_id, "version_id": simulator.version_id}
-    data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **_branches_of(found)}
+    data = {
+        **ids,
+        "placement": placement.model_dump(),
+        **_numbers_of(result),
+        **_branches_of(found),
+        **_slopes_of(result),
+    }
     show(data, describe_grasp(data), json)
     files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording, found)
     if export_calculix is not None:
@@ -167,6 +181,26 @@ def simulate_file(
 def _numbers_of(result: "GraspSimulation") -> dict[str, Any]:
     names = ("peak_force_n", "contact_force_n", "work_j", "pressure_kpa", "twist_deg", "n_steps", "n_dof", "cpu_s")
     return {name: getattr(result, name) for name in names}
+
+
+def _slopes_of(result: "GraspSimulation") -> dict[str, Any]:
+    """Slopes of the peak, the one whose usual change matters most first; nothing if they were not asked for."""
+    from fast.flows.report.slopes import peak_changes
+
+    if result.slopes is None:
+        return {}
+    rows = [
+        {
+            "parameter": name,
+            "peak_slope": slope.peak_n,
+            "unit": slope.unit,
+            "usual_change": slope.usual,
+            "peak_change_n": change_n,
+            "finite_step": slope.step,
+        }
+        for name, slope, change_n in peak_changes(result.slopes)
+    ]
+    return {"slopes": rows, "slopes_trusted_mm": result.slopes.trusted_mm, "slopes_lost": result.slopes.lost}
 
 
 def _branches_of(found: "Branches | None") -> dict[str, Any]:
@@ -331,7 +365,25 @@ def describe_grasp(data: dict[str, Any]) -> str:
         *([f"largest twist        {data['twist_deg']:.1f} deg"] if data.get("twist_deg") else []),
         f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU",
     ]
-    return "\n".join(lines + (_branch_lines(data) if "branches" in data else []))
+    lines += _branch_lines(data) if "branches" in data else []
+    return "\n".join(lines + (_slope_lines(data) if "slopes" in data else []))
+
+
+def _slope_lines(data: dict[str, Any]) -> list[str]:
+    """Slopes of the peak as a table, up to where those of the trace are good, and what has none."""
+    rows = [
+        {
+            "parameter": row["parameter"],
+            "slope of the peak": f"{row['peak_slope']:.4g} {row['unit']}",
+            "a change of": f"{row['usual_change']:.3g}",
+            "changes the peak by": f"{row['peak_change_n']:+.2f} N",
+            "": "" if row["finite_step"] is None else f"finite difference, +-{row['finite_step']:.3g}",
+        }
+        for row in data["slopes"]
+    ]
+    good = f"slopes of the trace are good up to {data['slopes_trusted_mm']:.1f} mm of lift"
+    lost = [f"no slope by {name}: {why}" for name, why in data["slopes_lost"].items()]
+    return ["", *([table_text(rows)] if rows else []), good, *lost]
 
 
 def _branch_lines(data: dict[str, Any]) -> list[str]:

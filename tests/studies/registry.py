@@ -37,6 +37,7 @@ from tests.studies.simulation.material_law import measure_material_law
 from tests.studies.simulation.placement import measure_placement
 from tests.studies.simulation.robustness import measure_robustness
 from tests.studies.simulation.scale import measure_scale
+from tests.studies.simulation.slopes import measure_slopes
 from tests.studies.traces.anomalies import measure_anomalies
 from tests.studies.traces.figure import measure_traces
 from tests.studies.traces.identification import measure_identification
@@ -57,6 +58,7 @@ STUDIES: dict[str, Benchmark] = {
     "branches": benchmark(measure_branches, "designs", "objects"),
     "material-law": benchmark(measure_material_law, "designs", "objects"),
     "placement": benchmark(measure_placement, "designs", "objects"),
+    "slopes": benchmark(measure_slopes, "objects", "figure"),
     "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
     "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds", "workers"),

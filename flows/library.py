@@ -22,7 +22,7 @@ def simulate(
     version: "SimulatorVersion | None" = None,
     setup: "GraspSetup | None" = None,
     *,
-    along: "Sequence[str]" = (),
+    along: "Sequence[str] | str" = (),
     lake: Path | str = "lake-data",
 ) -> "GraspSimulation":
     """Simulate one grasp, as `fast simulate` does: closing, lift and pull-off by both fingers.
@@ -30,7 +30,7 @@ def simulate(
     `grasped`: an object, or its number, name or file; own objects by name come from `lake`. `version`: theta, mesh and
     effects; default: the paper's theta on the production mesh. `setup`: gaps, heights and speeds. The result has
     `trace`, `peak_force_n`, `contact_force_n` and `work_j`, and `slopes` by the parameters named in `along`, such as
-    `("friction", "length_mm")`; `("all",)` for those of finger, material and closing.
+    `("friction", "length_mm")`; `"all"`: those of finger, material and closing.
 
     Raises:
         UsageError: there is no such object, or a parameter is unknown or has no slope.

@@ -67,7 +67,7 @@ def simulate_grasp(
     numerics: Numerics | None = None,
     deadline_s: float | None = None,
     recorder: Recorder | None = None,
-    along: Sequence[str] = (),
+    along: Sequence[str] | str = (),
 ) -> GraspSimulation:
     """Simulate one displacement-controlled grasp of a fixed rigid object.
 

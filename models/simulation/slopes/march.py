@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fast.models.errors import SimulationFailed
 from fast.models.simulation.finger import FingerState, FingerStep
 from fast.models.simulation.problem import FingerProblem
 from fast.models.simulation.solver.broyden import SecantMemory
@@ -137,7 +138,7 @@ class Copies:
         ended = finger.start_from(after)
         rest = finger.residual(ended)
         if rest is None or not finger.tangent(ended, self._blocks):
-            raise AssertionError("a state of equilibrium has an inverted element")
+            raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
         added = 0.0
         for k in range(MAX_SHIFTS):
             if self._linear.factorise(self._blocks):
@@ -176,7 +177,7 @@ class Copies:
                 break
             u = u + self._memory.direction(self._linear.solve(residual), residual, 1.0)
             residual = finger.residual(u)
-        if residual is None or size > LOOSE * tolerance_n:
+        if residual is None or not size <= LOOSE * tolerance_n:
             copy.failure = f"a copy moved by {copy.change:g} does not converge"
             copy.slope_n = np.full(3, np.nan)
             return

@@ -58,12 +58,15 @@ class Parameter:
         return f"N/({unit})" if unit and "/" in unit else f"N/{unit}" if unit else "N"
 
 
-def find_parameters(grasp: GraspInputs, names: Sequence[str]) -> dict[str, Parameter]:
+def find_parameters(grasp: GraspInputs, names: Sequence[str] | str) -> dict[str, Parameter]:
     """The parameters of these names, as they are named there; `all`: those of finger, material and closing.
 
     Raises:
         UsageError: a parameter is unknown or has no slope.
     """
+    if not names:
+        return {}
+    names = (names,) if isinstance(names, str) else names
     known = {parameter.name: parameter for parameter in _parameters(grasp)}
     found: dict[str, Parameter] = {}
     for name in names:
@@ -113,8 +116,15 @@ def _parameters(grasp: GraspInputs) -> Iterator[Parameter]:
             yield from _of_effect(grasp, spec)
 
 
+def _scales(grasp: GraspInputs) -> bool:
+    """Whether forces are in exact proportion to the modulus, so that its slope needs no copy."""
+    if grasp.effects is not None:
+        return all(effect.scales_with_modulus for effect in grasp.effects)
+    return scales_with_modulus(grasp.version)
+
+
 def _of_theta(grasp: GraspInputs) -> Iterator[Parameter]:
-    theta, is_carried = grasp.version.theta, not scales_with_modulus(grasp.version)
+    theta, is_carried = grasp.version.theta, not _scales(grasp)
 
     def with_theta(field: str) -> Callable[[float], GraspInputs]:
         def put(value: float) -> GraspInputs:
@@ -165,9 +175,7 @@ def _of_effect(grasp: GraspInputs, spec: EffectSpec) -> Iterator[Parameter]:
     own = next((value.parameters for value in grasp.version.effects if value.effect == spec.effect), {})
     present = spec.neutral.parameters | own
     kind = spec.kind
-    is_carried = kind.overrides(*_CARRIED, _ADHESION) or (
-        kind.overrides("modify_theta") and not scales_with_modulus(grasp.version)
-    )
+    is_carried = kind.overrides(*_CARRIED, _ADHESION) or (kind.overrides("modify_theta") and not _scales(grasp))
     for parameter in spec.parameters:
         if parameter.is_limit and present[parameter.name] >= parameter.neutral:
             continue

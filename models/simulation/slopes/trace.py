@@ -65,9 +65,8 @@ def plan_slopes(
             lost[name] = "the mesh that was given cannot be moved with it"
         else:
             finite.append(name)
-    acts = [own.jaw != problem.jaw or own.stroke_mm != problem.stroke_mm for _, own in moved.values()]
     carried = {name: moved[name] for name in moved if parameters[name].is_carried}
-    closes_further = any(acts) or not problem.jaw.is_rigid
+    closes_further = any(_moves_closing(problem, own) for _, own in moved.values())
     return SlopesPlan(parameters, moved, carried, tuple(finite), lost, closes_further)
 
 
@@ -92,6 +91,11 @@ def _moved_problem(
     )
 
 
+def _moves_closing(problem: FingerProblem, moved: FingerProblem) -> bool:
+    """Whether the closing may end elsewhere with a parameter moved: its jaw differs, or gives way to any force."""
+    return moved.jaw != problem.jaw or moved.stroke_mm != problem.stroke_mm or not problem.jaw.is_rigid
+
+
 def _shapes(effects: Sequence[Effect]) -> list[Effect]:
     """Those that change what is meshed."""
     return [effect for effect in effects if effect.overrides("modify_profile", "modify_section")]
@@ -109,7 +113,10 @@ def find_slopes(
     lost = dict(plan.lost)
     by = {}
     for name, parameter in plan.parameters.items():
-        failure = next((f.failures[name] for f in fingers if name in f.failures), lost.get(name))
+        needed = [name]
+        if name in plan.moved and _moves_closing(problem, plan.moved[name][1]):
+            needed.append(Copies.CLOSER)
+        failure = next((f.failures[own] for f in fingers for own in needed if own in f.failures), lost.get(name))
         if failure is not None:
             lost[name] = failure
         elif name in plan.finite:
@@ -139,7 +146,7 @@ def _pull_slope(
     """
     own_n = np.zeros(finger.force_n.shape) if own_n is None else own_n
     closer = finger.slopes_n.get(Copies.CLOSER)
-    if closer is None:
+    if closer is None or not _moves_closing(problem, moved):
         return own_n[:, 2]
     share = 2.0 if problem.mesh.is_half else 1.0
     last = finger.n_closing - 1

@@ -85,7 +85,7 @@ def test_slopes_are_a_table_and_bars(grasp: tuple[GraspSimulation, GraspRecordin
     sloped = replace(result, slopes=Slopes(20.0, by, {}))
     files = write_outputs(tmp_path, BEST_PUBLISHED, SPHERE, Placement(), {"object_id": 1}, sloped, recording)
     table, picture = (file for file in files if file.stem == "slopes")
-    rows = list(csv.DictReader(table.open()))
+    rows = list(csv.DictReader(table.read_text().splitlines()))
     assert list(rows[0]) == ["time_s", "lift_mm", "friction (N)", "offset_z_mm (N/mm)"]
     assert [float(row["friction (N)"]) for row in rows] == pytest.approx(2.0 * force_n, rel=1e-4, abs=1e-4)
     assert 0.02 < float((imread(picture)[:, :, :3].min(axis=2) < 0.9).mean()) < 0.6

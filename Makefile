@@ -25,7 +25,7 @@ endef
 # Many tests wait for devices and servers: one process more than there are cores.
 TEST_WORKERS ?= $(shell expr $$(nproc) + 1)
 
-.PHONY: help setup kernels campaign test studies check docs dist audit-online format lock clean
+.PHONY: help setup kernels campaign test studies check pages docs dist audit-online format lock clean
 
 help:           ## list the commands
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -67,7 +67,10 @@ check: setup    ## format, lint, types, import layers, packages as locked
 	$(BIN)/lint-imports
 	$(BIN)/python -m tests.package_audit
 
-docs: setup     ## the documentation as a site, in build/site
+pages: setup    ## write what the reference says of commands, configs, tables and effects
+	$(BIN)/python -m tests.docs.generated
+
+docs: pages     ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 dist: setup     ## wheel and sdist in dist/, each tried in an environment of its own

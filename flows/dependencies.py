@@ -19,7 +19,7 @@ DISTRIBUTIONS = {
 
 # What every command needs, and what a campaign uses besides; looked up before anything is written.
 BASE = ("duckdb", "pyarrow", "numba", "scipy", "qdldl", "shapely", "trimesh", "manifold3d", "mapbox_earcut", "networkx",
-        "lxml", "skimage", "matplotlib", "serial", "pymodbus")  # fmt: skip
+        "lxml", "skimage", "matplotlib", "jinja2", "serial", "pymodbus")  # fmt: skip
 CAMPAIGN = (*BASE, "prefect", "torch", "botorch", "gpytorch", "rerun")
 ALL = (*CAMPAIGN, "pymc", "pytetwild")
 

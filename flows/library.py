@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     import torch
 
     from fast.flows.campaign.ask_tell import AskedBatch
+    from fast.flows.simulation.many_designs import SimulatedGrasps
     from fast.lake.store import Lake
     from fast.models.gap.findings import Findings
     from fast.models.objects.rigid import RigidObject
@@ -78,6 +79,49 @@ def grasp_function(
     return PeakFunction(inputs, names)
 
 
+def simulate_many(
+    designs: "Iterable[Design]",
+    objects: "Iterable[RigidObject | int | str]",
+    version: "SimulatorVersion | None" = None,
+    setup: "GraspSetup | None" = None,
+    *,
+    workers: int = 2,
+    lake: Path | str = "lake-data",
+    show_progress: bool = True,
+) -> "SimulatedGrasps":
+    """Simulate every design on every object in `workers` processes, with a progress bar; see `simulate`.
+
+    A grasp that fails is a gap in the result, and does not stop the others. In a script, call it under
+    `if __name__ == "__main__":`, because each process reads the script again.
+
+    Raises:
+        UsageError: no design or object is given, an object does not exist, or `workers` is not from 1 to 256.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from fast.flows.progress import ProgressReporter
+    from fast.flows.simulation.many_designs import SimulatedGrasps, simulate_designs
+    from fast.models.errors import UsageError
+    from fast.models.objects.rigid import RigidObject
+    from fast.models.records import GraspSetup, Placement
+    from fast.models.simulation.version import SimulatorVersion
+    from fast.tasks.campaign.own_designs import OwnDesign
+    from fast.tasks.objects import find_object
+
+    own = [OwnDesign("", f"design {place}", design) for place, design in enumerate(designs)]
+    met = [one if isinstance(one, RigidObject) else find_object(str(one), lake) for one in objects]
+    if not own or not met:
+        raise UsageError(f"{len(own)} designs and {len(met)} objects are given; give at least one of each.")
+    if not 1 <= workers <= 256:
+        raise UsageError(f"workers is {workers}, it must be from 1 to 256; change it.")
+    with Progress(console=Console(stderr=True), transient=True, disable=not show_progress) as display:
+        bar = display.add_task("simulated", total=len(own) * len(met))
+        reporter = ProgressReporter(print, print, lambda what, bars: display.update(bar, completed=bars[0].done))
+        given = (version or SimulatorVersion(), setup or GraspSetup(), Placement())
+        return SimulatedGrasps(tuple(simulate_designs(own, met, *given, workers, reporter)))
+
+
 class Campaign:
     """A campaign whose grasps a bench of one's own makes (`bench.kind = "folder"` in the config).
 
@@ -116,9 +160,9 @@ class Campaign:
         Raises:
             UsageError: something cannot be used; nothing was written.
         """
-        from fast.flows.campaign.ask_tell import tell
+        from fast.flows.campaign.ask_tell import Telling, tell
 
-        return tell(self.config, self.lake, told, operator=operator, is_dry=is_dry, may_replace=may_replace)
+        return tell(self.config, self.lake, told, Telling(operator, is_dry, may_replace))
 
 
 def find_gap(

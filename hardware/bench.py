@@ -12,8 +12,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from fast.hardware.cell.cell import CellDevices, GraspCell, MeasuredGrasp
-from fast.hardware.cell.diagnostics import Item
+from fast.hardware.cell.cell import CellDevices, GraspCell, Item, MeasuredGrasp
+from fast.hardware.cell.live import GraspInView
 from fast.hardware.cell.lost_steps import PositionCheck
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
@@ -58,17 +58,21 @@ class BenchSettings(Record):
 
     serial_port: str = Field(default="/dev/ttyACM0", min_length=1, description="GRBL on an Arduino Mega")
     plc_host: str = Field(default="192.168.0.10", min_length=1)
+    """Address of the CLICK."""
     plc_port: int = Field(default=502, ge=1, le=65535)
+    """Of Modbus TCP."""
     plc_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id")
     transmitter_host: str = Field(
         default="192.168.0.20", min_length=1, description="Modbus TCP; unused with a serial port"
     )
     transmitter_port: int = Field(default=502, ge=1, le=65535)
+    """Of Modbus TCP."""
     transmitter_device_id: int = Field(default=1, ge=0, le=255, description="Modbus unit id or serial address")
     transmitter_serial_port: str | None = Field(
         default=None, min_length=1, description="serial line instead of Modbus TCP"
     )
     transmitter_baud_rate: int = Field(default=115200, ge=2400, le=115200)
+    """Of the serial line."""
     transmitter_mode: Literal["modbus", "continuous"] = Field(
         default="modbus", description="`continuous`: the serial line sends force_rate_hz strings a second by itself"
     )
@@ -77,13 +81,18 @@ class BenchSettings(Record):
     transmitter_filter: int = Field(default=0, ge=0, le=9, description="keypad setting, recorded; 0 or 1 for a lift")
     modbus_time_out_s: float = Field(default=_LONGEST_READ_S, gt=0, le=30, description="of a read with its repeats")
     force_rate_hz: float = Field(default=80.0, ge=5, le=300)
+    """Readings of the load cell."""
     stale_after_s: float | None = Field(default=0.5, gt=0, le=10)
+    """Identical readings for so long mean a frozen transmitter; None: they may be real."""
     supply_pressure_psi: float = Field(default=30.0, ge=5, le=60)
+    """Of the gripper's air."""
     pressure_time_out_s: float = Field(default=2.0, gt=0)
+    """Until the pressure switch must be on."""
     tool_mass_kg: dict[int, Annotated[float, Field(gt=0)]] = Field(
         default_factory=dict, description="weighed tools by slot; others estimated"
     )
     layout: BenchLayout = BenchLayout()
+    """Places of objects, tools and head."""
     journal: str | None = Field(default=None, description="file of the tool changer's journal; default beside this one")
 
     @model_validator(mode="after")
@@ -107,24 +116,32 @@ class BenchSettings(Record):
 
 @dataclass(frozen=True)
 class Bench:
-    """Connected devices of one bench.
-
-    `virtual` is the bench behind the wire, or None on real hardware. `wire_session` names the wire logs of this session
-    (the beginning of their files), or is None when they are kept in memory only.
-    """
+    """Connected devices of one bench."""
 
     gantry: Gantry
+    """Moves the head."""
     plc: ClickPlc
+    """Outputs and inputs of the CLICK."""
     pneumatics: Pneumatics
+    """Jaws and air supply."""
     changer: ToolChanger
+    """Picks and docks tools."""
     force: ForceSensor
+    """The load cell."""
     supervisor: Supervisor
+    """Brings the bench to its safe state."""
     cell: GraspCell
+    """Makes grasps."""
     position: PositionCheck
+    """Finds lost steps."""
     clock: Clock
+    """The bench's time."""
     settings: BenchSettings
+    """Addresses and limits."""
     virtual: VirtualBench | None = None
+    """The bench behind the wire; None on real hardware."""
     wire_session: str | None = None
+    """Name of the wire logs of this session (the beginning of their files); None: kept in memory only."""
 
     # What a campaign asks of any bench (`hardware.grasp_bench.GraspBench`)
 
@@ -147,6 +164,10 @@ class Bench:
         """Take the tool of a slot, make the planned grasps in order, hang the tool back; see `GraspCell`."""
         self.cell.measure_tool(slot, plan, setup, on_grasp, should_stop)
 
+    def present_grasp(self) -> GraspInView | None:
+        """The grasp that is made now, or the last one."""
+        return self.cell.present
+
     def check_position(self) -> tuple[float, float, float]:
         """Slip of the gantry by axis, mm; see `PositionCheck`."""
         return self.position.run()
@@ -165,6 +186,17 @@ class Bench:
         )
 
 
+@dataclass(frozen=True)
+class LogFolders:
+    """Where wire logs go: of every session, and of one that ends with an error; None keeps them in memory."""
+
+    always: Path | None = None
+    on_a_fault: Path | None = None
+
+
+IN_MEMORY = LogFolders()
+
+
 @contextmanager
 def open_virtual_bench(
     world: World,
@@ -172,21 +204,20 @@ def open_virtual_bench(
     physics: Physics = simulate_request,
     speed_up: float | None = None,
     wires: Literal["lines", "memory"] = "lines",
-    log_folder: Path | None = None,
-    fault_log_folder: Path | None = None,
+    logs: LogFolders = IN_MEMORY,
     layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
 ) -> Iterator[Bench]:
     """A virtual bench with its drivers connected and homed; stopped at the end of the `with`.
 
     `physics` answers one grasp (it is cached here). Time is in lockstep: it moves only while drivers wait; with
     `speed_up` it runs by itself, so many times faster than the wall. `wires` "memory" hands over the bytes of pty and
-    sockets directly, opens no port, and makes a grasp several times cheaper; only lockstep allows it. `log_folder`:
-    where the wire logs go; None keeps them in memory, and `fault_log_folder` gets them if the bench ends with an error.
+    sockets directly, opens no port, and makes a grasp several times cheaper; only lockstep allows it. `logs`:
+    where the wire logs go.
     """
     clock: Clock = VirtualClock() if speed_up is None else ScaledClock(speed_up)
     is_in_memory = wires == "memory"
-    port = None if is_in_memory else 0
-    with open_virtual_servers(world, tools, physics, clock, port, port, layout=layout) as virtual:
+    ports = (None, None) if is_in_memory else (0, 0)
+    with open_virtual_servers(world, tools, physics, clock, ports, layout=layout) as virtual:
         at = virtual.endpoints
         is_noisy = world.sensor.noise_sd_n >= 0.05  # several counts: identical readings can only be a frozen instrument
         settings = BenchSettings(
@@ -200,9 +231,8 @@ def open_virtual_bench(
             layout=layout,
         )
         if not is_in_memory:
-            ports = {"plc_port": at.plc_port, "transmitter_port": at.transmitter_port}
-            settings = settings.model_copy(update=ports)
-        logs = _LogFolders(log_folder, fault_log_folder)
+            found = {"plc_port": at.plc_port, "transmitter_port": at.transmitter_port}
+            settings = settings.model_copy(update=found)
         with _open(settings, tools, clock, virtual, is_in_memory=is_in_memory, logs=logs) as bench:
             yield bench
 
@@ -213,17 +243,17 @@ def open_virtual_servers(
     tools: Mapping[int, MountedTool],
     physics: Physics,
     clock: Clock,
-    plc_port: int | None = 0,
-    transmitter_port: int | None = 0,
+    ports: tuple[int | None, int | None] = (0, 0),
     is_transmitter_continuous: bool = False,
     layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
 ) -> Iterator[VirtualBench]:
     """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`.
 
-    `is_transmitter_continuous`: its serial port sends strings by itself instead of speaking Modbus RTU.
+    `ports`: of PLC and transmitter; 0 takes a free one, None opens none. `is_transmitter_continuous`: its serial port
+    sends strings by itself instead of speaking Modbus RTU.
     """
     virtual = VirtualBench(world, tools, physics, clock, layout, is_transmitter_continuous)
-    virtual.start(plc_port, transmitter_port)
+    virtual.start(*ports)
     try:
         yield virtual
     finally:
@@ -256,16 +286,8 @@ def open_real_bench(
         slot: MountedTool(tool.tool_id, tool.design, settings.tool_mass_kg.get(slot, tool.mass_kg))
         for slot, tool in tools.items()
     }
-    with _open(settings, weighed, clock or RealClock(), None, may_vent, logs=_LogFolders(log_folder)) as bench:
+    with _open(settings, weighed, clock or RealClock(), None, may_vent, logs=LogFolders(log_folder)) as bench:
         yield bench
-
-
-@dataclass(frozen=True)
-class _LogFolders:
-    """Where wire logs go: of every session, and of one that ends with an error; None keeps them in memory."""
-
-    always: Path | None = None
-    on_a_fault: Path | None = None
 
 
 @contextmanager
@@ -276,7 +298,7 @@ def _open(
     virtual: VirtualBench | None,
     may_vent: bool = False,
     is_in_memory: bool = False,
-    logs: _LogFolders = _LogFolders(),
+    logs: LogFolders = IN_MEMORY,
 ) -> Iterator[Bench]:
     clock = BeatingClock(inner)
     wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else wires_to(settings, clock)

@@ -7,8 +7,8 @@ says how to write another, and `tests/hardware/arm/bench_contract.py` tests one.
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.diagnostics import Item
+from fast.hardware.cell.cell import Item, MeasuredGrasp
+from fast.hardware.cell.live import GraspInView
 from fast.hardware.parts.safe_state import Verb
 from fast.models.records import GraspSetup
 
@@ -50,6 +50,10 @@ class GraspBench(Protocol):
             DeviceError: the bench cannot go on and stands in its safe state; the grasp in progress was given to
                 `on_grasp` as failed by the bench.
         """
+        ...
+
+    def present_grasp(self) -> GraspInView | None:
+        """The grasp that is made now, or the last one; asked some ten times a second, from any thread."""
         ...
 
     def check_position(self) -> tuple[float, float, float]:

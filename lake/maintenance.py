@@ -34,6 +34,7 @@ from fast.lake.tables.schema import has_samples, schema_of
 
 _LOG = logging.getLogger(__name__)
 _OF_FAST = frozenset({"outputs", ".state", LEASES, ".lock"})  # no rows; the last is a lock of version 0.1
+_OLD_TABLES = frozenset({"diagnostics", "simulation_branches"})  # of version 0.2: nothing reads them, their files stay
 TARGET_BYTES = 64 * 2**20  # of a merged file, 14,000 traces; files over half of it are left alone
 _ALWAYS_MERGED = 16  # files below this part of the target are merged whatever the others are
 _READ_AT_ONCE, _READERS = 50, 2
@@ -223,7 +224,7 @@ def _samples_of(row_type: type[Row]) -> frozenset[str]:
 
 
 def _foreign_entries(storage: Storage) -> Iterator[Finding]:
-    known = {MARKER, QUARANTINE, *_OF_FAST, *TABLE_BY_NAME}
+    known = {MARKER, QUARANTINE, *_OF_FAST, *_OLD_TABLES, *TABLE_BY_NAME}
     for entry in storage.entries():
         if entry.name.startswith(STAGED_MARKER):
             yield from _leftover(entry)

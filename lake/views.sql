@@ -72,19 +72,6 @@ CREATE MACRO sim_trace(wanted) AS TABLE
     SELECT unnest(time_s) AS time_s, unnest(lift_mm) AS lift_mm, unnest(force_n) AS force_n
     FROM sim_traces WHERE simulation_id = wanted;
 
--- One row per branch of a simulated grasp that was searched for a second one: the row of `simulations` itself (branch 0)
--- and, of a grasp with two, the other. `branch_share` is the share of placements that take it.
-CREATE VIEW simulated_branches AS
-    SELECT
-        simulation_id, design_id, object_id, version_id, setup_id, branch, branch_share,
-        peak_force_n, contact_force_n, work_j
-    FROM simulations WHERE branch IS NOT NULL
-    UNION ALL
-    SELECT
-        simulation_id, s.design_id, s.object_id, s.version_id, s.setup_id, b.branch, b.branch_share,
-        b.peak_force_n, b.contact_force_n, b.work_j
-    FROM simulation_branches AS b JOIN simulations AS s USING (simulation_id);
-
 -- Joint draws of theta of one calibration: SELECT * FROM posterior('C...').
 CREATE MACRO posterior(wanted) AS TABLE
     SELECT
@@ -225,7 +212,7 @@ CREATE VIEW repeatability AS
     SELECT g.*, d.trace_distance_n FROM groups AS g JOIN distances AS d USING (tool_id, object_id, setup_id);
 
 -- One row per tool with at least one valid grasp. `tool_quality_n` is the mean over the objects measured;
--- with objects missing (`n_missing`, of the 36 of the catalogue) it is not comparable before imputation (models.surrogate.imputation).
+-- with objects missing (`n_missing`, of the 36 of the catalogue) it is not comparable with others.
 CREATE VIEW tool_quality AS
     WITH quality AS (
         SELECT

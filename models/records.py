@@ -1,15 +1,32 @@
 """Frozen records that travel between the layers. Units are in the names (mm, N, MPa, s)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from fast.models.errors import UsageError
 from fast.models.ids import content_id
+from fast.models.show import draw_force, force_svg, html_table, load_pandas
+from fast.models.validation import describe_faults
 
 if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+    from pydantic._internal._model_construction import ModelMetaclass as _Told
     from shapely.geometry import Polygon
+else:
+
+    class _Told(type(BaseModel)):
+        """Says in a sentence of ours what is wrong with values that a person wrote in Python."""
+
+        def __call__(cls, *args, **values):
+            try:
+                return super().__call__(*args, **values)
+            except ValidationError as error:
+                raise UsageError(f"{cls.__name__}: {describe_faults(cls, error)}") from error
+
 
 BENCH_FAULT = "bench_fault"  # how a measured grasp ended that the bench could not go on with; says nothing of the tool
 
@@ -20,7 +37,15 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
-class Design(Record):
+class GivenRecord(Record, metaclass=_Told):
+    """Base of the records that people make in Python.
+
+    Raises:
+        UsageError: a value cannot be used; one sentence a fault, with value, limit, unit and what to do.
+    """
+
+
+class Design(GivenRecord):
     """A finger of some family: its parameters, and the section that they draw.
 
     A family is a subclass (`docs/how-to/add-a-family.md`). A parameter is a number with limits `ge` and `le`
@@ -73,23 +98,32 @@ class Design(Record):
         return 1.0
 
 
-class Theta(Record):
+class Theta(GivenRecord):
     """Calibration parameters of the simulator, with the ranges of the paper."""
 
     young_modulus_mpa: float = Field(default=11.5, ge=0.5, le=200)
+    """Young's modulus of the printed material."""
     friction: float = Field(default=0.56, ge=0, le=2)
+    """Coulomb's coefficient."""
     poisson_ratio: float = Field(default=0.45, ge=0, lt=0.5)
+    """Poisson's ratio of the printed material."""
 
 
-class GraspSetup(Record):
+class GraspSetup(GivenRecord):
     """How a grasp is made; the paper states neither stroke nor tip height, both matter."""
 
     open_gap_mm: float = Field(default=70, ge=20, le=200)
+    """Between front faces before closing."""
     closed_gap_mm: float = Field(default=16, ge=-20, le=150)
+    """Between undeformed front faces after closing."""
     tip_below_mm: float = Field(default=5, ge=-40, le=30)
+    """Tips below the object's bottom."""
     close_speed_mm_per_s: float = Field(default=20, gt=0, le=200)
+    """Of the jaws."""
     lift_speed_mm_per_s: float = Field(default=5, gt=0, le=100)
+    """Of the head."""
     max_lift_mm: float = Field(default=80, gt=0, le=120)
+    """Where a lift ends at the latest."""
     dwell_s: float = Field(default=0, ge=0, le=600, description="extra wait between closing and lift")
     supply_pressure_psi: float | None = Field(
         default=None, ge=5, le=60, description="of the gripper's air; none: as the bench has it"
@@ -119,7 +153,7 @@ _LATER_SETUP_FIELDS = ("dwell_s", "supply_pressure_psi")
 _TIMING = ("close_speed_mm_per_s", "lift_speed_mm_per_s", "dwell_s", "supply_pressure_psi")
 
 
-class EffectValue(Record):
+class EffectValue(GivenRecord):
     """One effect of the catalogue, switched on with these parameter values."""
 
     effect: str
@@ -130,7 +164,7 @@ class EffectValue(Record):
         return hash((self.effect, frozenset(self.parameters.items())))
 
 
-class Placement(Record):
+class Placement(GivenRecord):
     """Where the object sits between the fingers, against its nominal place: asked for, or by scatter of mounting.
 
     The object is turned about its vertical axis by `yaw_deg` (counter-clockwise seen from above), then shifted. Each
@@ -203,6 +237,27 @@ class Trace:
         start = max(int(moved[0]) - 1, 0) if moved.size else len(self.lift_mm)
         return np.arange(len(self.lift_mm)) >= start
 
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return the samples as n rows: `time_s`, `lift_mm`, `force_n`.
+
+        Raises:
+            MissingDependencyError: pandas is not installed.
+        """
+        channels = {"time_s": self.time_s, "lift_mm": self.lift_mm, "force_n": self.force_n}
+        return load_pandas().DataFrame(channels)
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw force over lift, into new axes of pyplot if none are given, and return the axes."""
+        if axes is None:
+            from matplotlib import pyplot
+
+            axes = pyplot.subplots()[1]
+        draw_force(axes, self.lift_mm[self.is_lift], self.force_n[self.is_lift])
+        return axes
+
+    def _repr_html_(self) -> str:
+        return force_svg(self.lift_mm[self.is_lift], self.force_n[self.is_lift])
+
 
 @dataclass(frozen=True)
 class Slope:
@@ -234,57 +289,50 @@ class Slopes:
 
 @dataclass(frozen=True)
 class GraspSimulation:
-    """Result of one simulated grasp, both fingers.
-
-    `contact_force_n` is the closing-direction force on one side at the end of closing, the paper's
-    proxy; `work_j` the area under force over lift. `flag` says why the numbers are not converged as others are, in one
-    word; empty if they are. `twist_deg` is the largest twist of a tip about its finger's long axis, 0 where half a
-    finger was enough. `pressure_kpa`: the largest pressure of a finger on the object, mean over the 10 mm2 that are
-    pressed most. `ribs_touch`: ribs or walls came to press on each other inside a finger. `setup_cpu_s` is the
-    part of `cpu_s` before the first step. `mesh_id` names the content of the mesh: not every mesher makes the same one
-    twice. `slopes`: by the parameters that were asked for.
-    """
+    """Result of one simulated grasp, both fingers."""
 
     trace: Trace
+    """Force over time and lift."""
     peak_force_n: float
+    """Largest force during the lift."""
     contact_force_n: float
+    """Closing-direction force on one side at the end of closing, the paper's proxy."""
     work_j: float
+    """Area under force over lift."""
     n_steps: int
+    """Of closing and lift."""
     n_newton: int
+    """Newton iterations in all."""
     n_dof: int
+    """Degrees of freedom of a finger."""
     cpu_s: float
+    """In all."""
     n_factorisations: int = 0
+    """Of the stiffness."""
     setup_cpu_s: float = 0.0
+    """Part of `cpu_s` before the first step."""
     mesh_id: str = ""
+    """Of the mesh's content: not every mesher makes the same one twice."""
     flag: str = ""
+    """Why the numbers are not converged as others are, in one word; empty if they are."""
     twist_deg: float = 0.0
+    """Largest twist of a tip about its finger's long axis; 0 where half a finger was enough."""
     pressure_kpa: float | None = None
+    """Largest pressure of a finger on the object, mean over the 10 mm2 that are pressed most."""
     ribs_touch: bool = False
+    """Ribs or walls came to press on each other inside a finger."""
     slopes: Slopes | None = None
+    """By the parameters that were asked for."""
 
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw force over lift; see `Trace.plot`."""
+        return self.trace.plot(axes)
 
-BranchCause = Literal["", "placement", "numerics"]
-
-
-@dataclass(frozen=True)
-class Branch:
-    """One way in which a cell goes on: its share of placements, and a grasp on it."""
-
-    share: float
-    result: GraspSimulation
-
-
-@dataclass(frozen=True)
-class Branches:
-    """The one or two branches of a cell, that of the nominal placement first.
-
-    `cause` says what switches: placement, or numerics (another mesh or shorter steps do at the nominal placement: the
-    switch is nearer to it than the simulator's error, so each branch gets half). `share_error` is half the range of
-    shares that the runs leave open. `n_runs` and `cpu_s` are those of the search, without the nominal grasp.
-    """
-
-    branches: tuple[Branch, ...]
-    cause: BranchCause = ""
-    share_error: float = 0.0
-    n_runs: int = 0
-    cpu_s: float = 0.0
+    def _repr_html_(self) -> str:
+        rows = [
+            ("peak pull-off force", f"{self.peak_force_n:.2f} N"),
+            ("contact force", f"{self.contact_force_n:.2f} N"),
+            ("work", f"{1e3 * self.work_j:.1f} mJ"),
+            *([("flag", self.flag)] if self.flag else []),
+        ]
+        return html_table(("simulated grasp", ""), rows) + self.trace._repr_html_()

@@ -75,14 +75,18 @@ def load_record(record_type: type[R], data: Any, source: str) -> R:
     try:
         record = record_type.model_validate(data)
     except ValidationError as error:
-        faults = error.errors()
-        absent = [_path(fault) for fault in faults if fault["type"] == "missing"]
-        sentences = [_missing_sentence(absent)] if absent else []
-        sentences += [_sentence(record_type, fault) for fault in faults if fault["type"] != "missing"]
-        told = " ".join(" ".join(sentences).split())  # values may hold line breaks
-        raise ConfigError(f"{source}: {told}") from error
+        raise ConfigError(f"{source}: {describe_faults(record_type, error)}") from error
     _refuse_booleans(values, dict(_values(record.model_dump())), source)
     return record
+
+
+def describe_faults(record_type: type[BaseModel], error: ValidationError) -> str:
+    """What is wrong with the values of a record: a sentence each, with value, limit, unit and what to do."""
+    faults = error.errors()
+    absent = [_path(fault) for fault in faults if fault["type"] == "missing"]
+    sentences = [_missing_sentence(absent)] if absent else []
+    sentences += [_sentence(record_type, fault) for fault in faults if fault["type"] != "missing"]
+    return " ".join(" ".join(sentences).split())  # values may hold line breaks
 
 
 def is_text(value: str) -> bool:

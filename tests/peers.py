@@ -13,6 +13,7 @@ def list_peers() -> dict[str, str | None]:
     image = os.environ.get("FAST_GRBL_IMAGE")
     return {
         "CalculiX": _version("calculix-ccx") if shutil.which("ccx") else None,
+        "chromium": _version("chromium") if shutil.which("chromium") else None,
         "libmodbus": ctypes.util.find_library("modbus"),
         "mbpoll": _version("mbpoll") if shutil.which("mbpoll") else None,
         "socat": _version("socat") if shutil.which("socat") else None,

@@ -1,5 +1,6 @@
 """`import fast`: every public name is there, costs nothing before it is used, and is all that is installed."""
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -17,6 +18,15 @@ ROOT = Path(__file__).parents[1]
 def test_every_public_name_is_there_and_explained(name: str) -> None:
     assert getattr(fast, name).__doc__
     assert name in dir(fast)
+
+
+def test_pages_use_the_public_names_and_show_each_of_them() -> None:
+    pages = [page for folder in ("how-to", "tutorial") for page in (ROOT / "docs" / folder).glob("*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    used = set(re.findall(r"\bfast\.(\w+)(?:\(|`|\.open|,)", text))
+    for names in re.findall(r"^from fast import (.*)$", text, flags=re.M):
+        used |= set(names.split(", "))
+    assert used - {"flows", "tasks", "lake", "hardware", "models"} == set(fast.__all__)
 
 
 def test_an_unknown_name_is_told_with_the_known_ones() -> None:
@@ -38,7 +48,9 @@ def test_a_wheel_brings_one_name_and_all_data() -> None:
     assert {package.split(".")[0] for package in packages} == {"fast"}
     assert {"fast.flows", "fast.tasks", "fast.lake", "fast.hardware", "fast.models", "fast.worlds"} <= set(packages)
     patterns = settings["package-data"]["*"]
-    for name in ("prefect.yaml", "campaigns/quick.toml", "worlds/quick.toml", "materials/paper.toml", "lake/views.sql"):
+    names = ("prefect.yaml", "campaigns/quick.toml", "worlds/quick.toml", "materials/paper.toml", "lake/views.sql",
+             "flows/report/page.html.j2", "flows/report/page.css")  # fmt: skip
+    for name in names:
         assert (ROOT / "fast" / name).is_file()
         assert f"*{Path(name).suffix}" in patterns
 

@@ -20,8 +20,9 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow, CampaignRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.records import Design, GraspRequest
+from fast.models.show import html_table
 from fast.tasks.bench.folder import is_told, plan_batch
-from fast.tasks.bench.machine_files.format import read_format
+from fast.tasks.bench.machine_files.format import MachineFormat, read_format
 from fast.tasks.bench.machine_files.guess import guess_format, parse_format
 from fast.tasks.bench.machine_files.pulls import read_pulls
 from fast.tasks.bench.reference_tools import ask_references
@@ -33,6 +34,7 @@ from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from fast.tasks.campaign.setup import enter
 from fast.tasks.campaign.simulator_versions import at_stage
+from fast.tasks.scientist.insights.advice import describe_stop, has_stopped, note_advice
 from fast.tasks.scientist.propose import propose_stage
 from fast.tasks.simulation.attempt import hang_limit_s
 from fast.tasks.simulation.engine import Engine, open_engine
@@ -48,14 +50,21 @@ class AskedBatch:
     grasps: tuple[GraspRequest, ...]
     folder: Path | None = None
 
+    def _repr_html_(self) -> str:
+        tools = {tool_id: design.model_dump() for tool_id, design in self.designs.items()}
+        names = list(next(iter(tools.values()), {}))
+        rows = [(tool_id, *(str(values[name]) for name in names)) for tool_id, values in tools.items()]
+        return html_table((f"{self.batch_id}, {len(self.grasps)} grasps", *names), rows)
+
 
 def ask(
     config_path: Path | str, lake: Path | str, out: Path | str | None = None, say: Callable[[str], None] = print
 ) -> AskedBatch | None:
-    """The batch that is to be measured next: the one that is open, or a new one; None when the schedule is complete.
+    """The batch that is to be measured next: the one that is open, or a new one; None when there is none to come.
 
-    Before a guided batch the simulations of the schedule are made, which may take long; `say` hears how far they are.
-    out: a new folder for what printer and bench need; None writes none.
+    There is none when the schedule is complete, or the campaign ends by itself. Before a guided batch the simulations
+    of the schedule are made, which may take long; `say` hears how far they are. out: a new folder for what printer and
+    bench need; None writes none.
 
     Raises:
         UsageError: the config cannot be used, or the folder is there; nothing was written.
@@ -82,22 +91,31 @@ def ask(
     return AskedBatch(BatchRow.make_id(campaign.campaign_id, batch), designs, grasps, folder)
 
 
+@dataclass(frozen=True)
+class Telling:
+    """How measured grasps are told."""
+
+    operator: str = "unknown"
+    """Who measured."""
+    is_dry: bool = False
+    """Only check."""
+    may_replace: bool = False
+    """Correct what was told before with other numbers."""
+    is_sure: bool = False
+    """Strange numbers are so; without it they are a question."""
+
+
 def tell(
     config_path: Path | str,
     lake: Path | str,
     told: Iterable[Path | str] | Iterable[Mapping[str, Any]],
-    *,
+    how: Telling = Telling(),
     format_path: Path | str | None = None,
-    operator: str = "unknown",
-    is_dry: bool = False,
-    may_replace: bool = False,
-    is_sure: bool = False,
 ) -> Taken:
     """Take measured grasps: tables of peaks, hand-off folders, files of a testing machine, or rows as mappings.
 
     A mapping has `tool_id`, `object_id`, `repeat`, and `peak_force_n`, `trace` (a `models.records.Trace`) or `reason`.
-    format_path: how a testing machine writes its files. is_dry: only check. may_replace: correct what was told before.
-    is_sure: strange numbers are so; without it they are a question.
+    format_path: how a testing machine writes its files.
 
     Raises:
         UsageError: something cannot be used or is strange; nothing was written.
@@ -107,19 +125,41 @@ def tell(
         raise UsageError(
             f"campaign `{campaign.campaign_id}` is not in {campaign.lake.address}; `fast ask {config_path}` begins it."
         )
-    if not is_dry:
+    if not how.is_dry:
         enter(campaign, Path(config_path))
     given: list[Any] = list(told)
+    machine = read_format(Path(format_path)) if format_path is not None else None
+    return tell_campaign(campaign, given, how, machine)
+
+
+def tell_campaign(
+    campaign: Campaign,
+    given: Sequence[Any],
+    how: Telling,
+    machine: MachineFormat | None = None,
+    way: str = "--sure",
+) -> Taken:
+    """Take measured grasps of a campaign that is in the lake; see `tell`. `way`: how a person says that they are sure.
+
+    Raises:
+        UsageError: something cannot be used or is strange; nothing was written.
+    """
     notes: list[str] = []
     if given and all(isinstance(one, Mapping) for one in given):
         grasps = read_rows_of(given)
-    elif format_path is not None:
-        machine = read_format(Path(format_path))
+    elif machine is not None:
         grasps, notes = read_pulls([Path(path) for path in given], machine, find_named_tools(campaign))
     else:
         grasps = read_told(campaign, [Path(path) for path in given], notes)
     taken = take_told(
-        campaign, grasps, operator, is_dry=is_dry, may_replace=may_replace, ask=ask_about, is_sure=is_sure
+        campaign,
+        grasps,
+        how.operator,
+        is_dry=how.is_dry,
+        may_replace=how.may_replace,
+        ask=ask_about,
+        is_sure=how.is_sure,
+        way=way,
     )
     return replace(taken, notes=tuple(notes))
 
@@ -134,14 +174,23 @@ def guess(
     Raises:
         UsageError: it cannot be told, or a file cannot be read so; nothing was written.
     """
-    names = find_named_tools(_open(Path(config_path), lake, create=False))
-    text = guess_format(files, names)
-    grasps = read_pulls(files, parse_format(text, str(format_path)), names).grasps
+    text, grasps = guess_for(_open(Path(config_path), lake, create=False), files, str(format_path))
     try:
         format_path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{format_path} cannot be written ({error.strerror}); give another path.") from error
     return text, grasps
+
+
+def guess_for(campaign: Campaign, files: Sequence[Path], place: str) -> tuple[str, list[ToldGrasp]]:
+    """Guess how a testing machine writes: the text of a format file called `place`, and the grasps read with it.
+
+    Raises:
+        UsageError: it cannot be told, or a file cannot be read so.
+    """
+    names = find_named_tools(campaign)
+    text = guess_format(files, names)
+    return text, read_pulls(files, parse_format(text, place), names).grasps
 
 
 def untell(config_path: Path | str, lake: Path | str, operator: str) -> int:
@@ -206,6 +255,12 @@ def _propose_next(campaign: Campaign, say: Callable[[str], None]) -> int | None:
             continue
         if stage > 0:
             _simulate(at_stage(campaign, stage - 1), stage - 1, say)
+            advice = note_advice(at_stage(campaign, stage - 1))
+            if has_stopped(campaign, stage):
+                say(describe_stop(campaign))
+                return None
+            if advice is not None:
+                say(advice.sentence)
         return propose_stage(at_stage(campaign, stage), stage)[0]
     return None
 

@@ -33,6 +33,7 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.flow_runs import record_run
 from fast.tasks.campaign.prefect_tasks import unmapped
 from fast.tasks.campaign.requests import append_event
+from fast.tasks.scientist.insights.advice import describe_stop, has_stopped, note_advice
 from fast.tasks.scientist.observe import closed_batches
 from fast.tasks.simulation.pool import Worker
 
@@ -78,6 +79,9 @@ def _run_stages(run: CampaignRun, finish: Callable[[], None]) -> bool:
     page = CampaignPage(campaign)
     try:
         for stage in range(campaign.config.schedule.n_stages):
+            if has_stopped(campaign, stage):
+                run.reporter.announce(describe_stop(campaign))
+                break
             if not run_stage(run, stage, page.update) or not close_gap(
                 run, stage, partial(_next_event, run, page.update)
             ):
@@ -177,4 +181,5 @@ def _close_stage(campaign: Campaign, stage: int) -> None:
         campaign.lake, campaign.campaign_id, "stage_closed", f"stage {stage} closed", stage=stage, batches=closed
     )
     announce_measured(campaign, closed)
+    note_advice(campaign)
     give_memory_back()

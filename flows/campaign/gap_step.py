@@ -16,7 +16,7 @@ from fast.flows.campaign.forms import open_form
 from fast.flows.campaign.loops import CampaignRun
 from fast.flows.campaign.operator_prompts import make_reading_form
 from fast.flows.campaign.told_step import await_asked
-from fast.flows.gap.answering import describe_command
+from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.scheduled import search_and_tell
 from fast.flows.gap.search import GapOrder, GapOutcome
 from fast.lake.leases import is_held
@@ -113,10 +113,7 @@ def _carry_out(run: CampaignRun, search_id: str, asked: NextExperiment, wait: Wa
         unmapped(run.campaign),
         unmapped(tools),
         search_id,
-        unmapped(run.heard_bench),
-        run.world_hash,
-        unmapped(run.should_stop),
-        unmapped(run.on_grasp),
+        unmapped(run.bench_use),
     )
     _run(run, wait, future)
 

@@ -10,6 +10,7 @@ from fast.flows.progress import ProgressReporter
 from fast.flows.server.access import address_for_person
 from fast.flows.server.crashed_runs import end_crashed_runs
 from fast.flows.server.environment import named_server
+from fast.flows.server.page_port import serve_page
 from fast.flows.server.server import configure_client, server, tell_ignored
 from fast.flows.server.surroundings import check_surroundings
 from fast.hardware.arm.settings import ArmSettings
@@ -68,15 +69,18 @@ def run_campaign(
         lease = stack.enter_context(exclusive(campaign.lake.storage, lease_name(name), busy))
         require_acknowledgement(campaign.lake, name, is_acknowledged)
         enter(campaign, config_path)
-        append_event(campaign.lake, name, STARTED, "started or continued", run=lease.token)
+        how = {"config": str(config_path.resolve()), "auto_print": auto_print, "real": confirm_real is not None}
+        append_event(campaign.lake, name, STARTED, "started or continued", run=lease.token, **how)
         reporter.progress("starting the Prefect server (some seconds, a minute on a busy machine)")
         if (sentence := tell_ignored()) and named_server() is None:
             reporter.progress(sentence)
         api = stack.enter_context(server(campaign.lake.root))
+        page = stack.enter_context(serve_page(campaign.lake))
         configure_client(api, campaign.lake.root)
         for sentence in end_crashed_runs(api).sentences:
             reporter.progress(sentence)
-        reporter.announce(f"Campaign {name}; watch it at {address_for_person(api)}")
+        reporter.announce(f"Campaign {name}; the lab's page: {address_for_person(page)}")
+        reporter.progress(f"flows of Prefect: {address_for_person(api)}")
         # Prefect reads its settings when first imported, so only now.
         from fast.flows.campaign.process import run_in_process
 

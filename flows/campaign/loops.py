@@ -17,6 +17,7 @@ from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.safe_state import Verb
 from fast.models.records import Design
 from fast.tasks.bench.folder import is_told
+from fast.tasks.bench.live import live_path, show_live
 from fast.tasks.bench.measure import OpenBench
 from fast.tasks.bench.mount import MountPrompts
 from fast.tasks.bench.print import OperatorPrompts
@@ -35,22 +36,39 @@ class CampaignRun:
     """What lives only as long as the process: workers, events, and whether someone asked to stop."""
 
     campaign: Campaign
+    """Config and lake, with the simulator of the stage."""
     pool: Engine
+    """What simulates."""
     open_bench: OpenBench
+    """Opens the bench with tools in its rack."""
     world_hash: str | None
+    """The world behind a virtual bench; None: a real one."""
     auto_print: bool
+    """Nobody is asked: what is printed counts as confirmed."""
     on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
+    """Hears of each grasp."""
     on_simulated: Callable[[str, int], None]
+    """Hears of each design: its label, and how many of its grasps failed."""
     prompts: OperatorPrompts
+    """Asks the person who prints."""
     mount_prompts: MountPrompts
+    """Asks the person who mounts kept tools."""
     told_prompts: ToldPrompts
+    """Asks the person whose bench it is."""
     reporter: ProgressReporter
+    """Says what happens."""
     pace: Pace = field(default_factory=Pace)
+    """How fast each kind of work goes."""
     events: "Queue[PrefectFuture]" = field(default_factory=Queue)
+    """Tasks that have ended."""
     stopping: threading.Event = field(default_factory=threading.Event)
+    """Set once nothing more is to be started."""
     asked: Verb | None = None
+    """What a person wants."""
     _bench: GraspBench | None = None
+    """While it is open."""
     _requests: Requests | None = None
+    """What people have asked in the lake."""
 
     def requested_verb(self) -> Verb | None:
         """What a person asked for in the lake, if anything."""
@@ -68,7 +86,8 @@ class CampaignRun:
     @contextmanager
     def heard_bench(self, tools: Sequence[ProposedTool]) -> Iterator[GraspBench]:
         """The bench, opened so that it hears what a person asks."""
-        with self.open_bench(tools) as bench:
+        seen = live_path(self.campaign.lake, self.campaign.campaign_id)
+        with self.open_bench(tools) as bench, show_live(seen, bench):
             self._bench = bench
             if self.asked is not None:
                 bench.ask(self.asked)
@@ -76,6 +95,11 @@ class CampaignRun:
                 yield bench
             finally:
                 self._bench = None
+
+    @property
+    def bench_use(self) -> steps.BenchUse:
+        """How this process measures."""
+        return steps.BenchUse(self.heard_bench, self.world_hash, self.should_stop, self.on_grasp)
 
     def should_stop(self) -> bool:
         """True once someone asked to pause or stop, or something failed: finish what runs, start nothing."""
@@ -143,10 +167,7 @@ class BenchLoop:
                     f"B{batch:02d}",
                     unmapped(run.campaign),
                     unmapped(tools),
-                    unmapped(run.heard_bench),
-                    run.world_hash,
-                    unmapped(run.should_stop),
-                    unmapped(run.on_grasp),
+                    unmapped(run.bench_use),
                 )
                 return run.watch(future)
         return None

@@ -4,7 +4,6 @@ What is simulated was decided once (`tasks.campaign.simulator_versions`) and is 
 campaign that was killed goes on where it was, and a night that has ended is not repeated.
 """
 
-import math
 import time
 from collections.abc import Sequence
 
@@ -41,7 +40,7 @@ def close_night(label: str, campaign: Campaign, old: SimulatorVersion, stage: in
 
 def begin_night(run: CampaignRun, stage: int) -> "NightLoop | None":
     """Choose the version of a stage; the loop that simulates with it, or None if there is nothing to be done."""
-    if stage == 0 or not run.campaign.config.follows_newest:
+    if stage == 0 or not run.campaign.config.night.active:
         run.campaign = at_stage(run.campaign, stage)
         return None
     label = f"night before B{run.campaign.config.schedule.batches_of(stage)[-1]:02d}"
@@ -60,10 +59,8 @@ class NightLoop(SimulationLoop):
         self._budget, self._designs = 0, designs
         self._stage, self._old, self._ids = stage, old, [design.design_id for design in designs]
         config = run.campaign.config
-        # A list without new designs, of a campaign that follows calibrations, has no limit but its length.
-        limit_s = 3600.0 * config.night.max_hours if config.night.active else math.inf
         spent_s = count_worker_seconds(run.campaign, stage) / config.execution.simulation_workers
-        self._ends_s = time.monotonic() + limit_s - spent_s
+        self._ends_s = time.monotonic() + 3600.0 * config.night.max_hours - spent_s
         self._s_per_grasp = GraspCosts.read(run.campaign.lake).of(run.campaign.version)
 
     def say_plan(self) -> str:

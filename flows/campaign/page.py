@@ -15,7 +15,7 @@ from prefect.client.schemas.actions import ArtifactUpdate
 
 from fast.flows.campaign.forecast import Forecast, forecast
 from fast.flows.campaign.progress import MOST_CPU, Workload, count_work
-from fast.flows.gap.answering import describe_command
+from fast.flows.gap.bench_plan import describe_command
 from fast.flows.progress import RateEstimate
 from fast.flows.server.server_process import OUTPUTS
 from fast.lake.query.engine import Mark
@@ -115,7 +115,7 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
     ]
     if campaign.config.gap.active:
         lines.append(_describe_gap(campaign))
-    if campaign.config.follows_newest:
+    if campaign.config.night.active:
         lines += describe_nights(campaign)
     if tools:
         best = tools[0]

@@ -25,7 +25,7 @@ from fast.flows.memory import limit_arenas
 from fast.flows.progress import Bar, ProgressReporter, format_report
 from fast.hardware.arm.bench import open_arm_bench
 from fast.hardware.arm.settings import ArmSettings
-from fast.hardware.bench import BenchSettings, open_real_bench, open_virtual_bench
+from fast.hardware.bench import BenchSettings, LogFolders, open_real_bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.layout import BenchLayout
@@ -177,7 +177,7 @@ def open_campaign_bench(
     if isinstance(setup, World):
         layout = objects.stand_on(BenchLayout())
         with open_virtual_bench(
-            setup, mounted, physics=physics, wires="memory", fault_log_folder=logs, layout=layout
+            setup, mounted, physics=physics, wires="memory", logs=LogFolders(on_a_fault=logs), layout=layout
         ) as bench:
             yield bench
         return
@@ -207,9 +207,8 @@ def _solve_in_worker(pool: WorkerPool, physics_of_truth: Physics, request: Physi
 
 def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
     result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
-    what = f"on {name_object(grasp.object_id)}, repeat {grasp.repeat}"
-    is_owed = grasp.status == "ok" and grasp.diagnostic is None and grasp.request is None
-    words = f"{tool.label} {grasp.diagnostic.text() if grasp.diagnostic else what}: {result}"
+    is_owed = grasp.status == "ok" and grasp.request is None
+    words = f"{tool.label} on {name_object(grasp.object_id)}, repeat {grasp.repeat}: {result}"
     progress.grasp(words, is_owed=is_owed)
 
 

@@ -35,17 +35,13 @@ def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:
         world = read_world(world_path(config_path, campaign.config))
         physics = WorkerPool(campaign.config.execution.physics_workers)
         try:
-            steps.measure_batch(
-                f"B{batch:02d}",
-                unmapped(campaign),
-                unmapped(tools),
-                unmapped(
-                    lambda mounted: open_campaign_bench(campaign, world, keep_physics(campaign, physics), mounted)
-                ),
+            use = steps.BenchUse(
+                lambda mounted: open_campaign_bench(campaign, world, keep_physics(campaign, physics), mounted),
                 world.world_hash,
-                unmapped(lambda: False),
-                unmapped(lambda tool, grasp: None),
+                should_stop=lambda: False,
+                on_grasp=lambda tool, grasp: None,
             )
+            steps.measure_batch(f"B{batch:02d}", unmapped(campaign), unmapped(tools), unmapped(use))
         finally:
             physics.close()
         return f"{len(tools)} tools of {name} measured"

@@ -1,6 +1,5 @@
 """Where a campaign stands, in a dictionary for machines and a few lines for people; from the lake alone."""
 
-import tomllib
 from typing import Any
 
 from fast.flows.campaign.progress import count_work
@@ -10,13 +9,13 @@ from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
 from fast.lake.tables.imported import IMPORTED, importing_campaign, is_imported
-from fast.models.validation import load_record
 from fast.tasks.bench.folder import is_told
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.requests import GAP_LEASE, lease_name, requested_verb
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.campaign.state import rank_tools
+from fast.tasks.scientist.insights.advice import ADVICE, has_stopped, read_advice
 
 _ENDED_BY = {
     Verb.PAUSE: "paused",
@@ -24,13 +23,16 @@ _ENDED_BY = {
     Verb.ABORT: "failed (aborted)",
     Verb.ESTOP: "emergency stop, waits for a person",
 }
-_LAST_EVENT = f"SELECT message FROM events WHERE campaign_id = ? ORDER BY {LATEST_FIRST}, event_id DESC LIMIT 1"
+_LAST_EVENT = f"""
+    SELECT message FROM events WHERE campaign_id = ? AND kind <> '{ADVICE}'
+    ORDER BY {LATEST_FIRST}, event_id DESC LIMIT 1
+"""
 
 
 def read_campaign(lake: Lake, campaign_id: str) -> Campaign:
     """A campaign with the config it was started with, from the lake."""
     text = _stored_toml(lake, campaign_id)
-    return Campaign(lake, load_record(CampaignConfig, tomllib.loads(text), f"stored config of {campaign_id}"))
+    return Campaign(lake, read_stored_config(text, campaign_id))
 
 
 def _stored_toml(lake: Lake, campaign_id: str) -> str:
@@ -51,15 +53,18 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     waiting = [batch for batch in batches if not is_folder and not state.is_confirmed(batch)]
     tools = rank_tools(lake, campaign_id)
     events = lake.query(_LAST_EVENT, [campaign_id])["message"].to_pylist()
+    advice = read_advice(lake, campaign_id)
+    is_complete = load.fraction >= 1.0 or has_stopped(campaign)
     return {
         "campaign": campaign_id,
-        "state": describe_state(lake, campaign_id, load.fraction >= 1.0),
+        "state": describe_state(lake, campaign_id, is_complete),
         "grasps": f"{load.grasps_done}/{load.grasps_total}",
         "simulated": f"{load.simulated_done}/{load.simulated_total}",
         "waiting_for_print": [f"{campaign_id}/B{batch:02d}" for batch in waiting],
         "waiting_for_grasps": [f"{campaign_id}/B{batch:02d}" for batch in untold],
         "best_tool": tools[0]["tool_id"] if tools else None,
         "best_n": tools[0]["tool_quality_n"] if tools else None,
+        "advice": advice[0].model_dump() if advice else None,
         "last_event": events[0] if events else None,
         "output": str(campaign.output),
     }
@@ -81,6 +86,7 @@ def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "waiting_for_grasps": [],
         "best_tool": tools[0]["tool_id"] if tools else None,
         "best_n": tools[0]["tool_quality_n"] if tools else None,
+        "advice": None,
         "last_event": None,
         "output": str(lake.root / "outputs" / campaign_id),
     }
@@ -95,6 +101,9 @@ def format_status(status: dict[str, Any]) -> str:
     ]
     if status["best_tool"]:
         lines.append(f"best tool  {status['best_tool']}  {status['best_n']:.2f} N")
+    if status["advice"]:
+        lines.append(f"next batch {status['advice']['sentence']}")
+        lines.append(f"health     {status['advice']['tone']}: {status['advice']['health']}")
     for batch in status["waiting_for_print"]:
         lines.append(f"waiting    for batch {batch}: fast print confirm {batch} --operator NAME")
     for batch in status["waiting_for_grasps"]:

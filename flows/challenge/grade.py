@@ -1,7 +1,8 @@
 """Grading: answers against opened keys, as tables of figures, each with its number of worlds and a 95 % interval.
 
 What a world hides has a *visible* size: the share of the force that is left of it once the simulator's constants and
-the prints' moduli are fitted, without the cell (a tool on an object) that it changes most.
+the prints' moduli are fitted, without the cell (a tool on an object) that it changes most. Beside shares of alarms
+stands their bound: what the likelihood ratio, which knows law and size of what is hidden, reaches at 2 % false alarms.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -115,10 +116,12 @@ def _list_figures(graded: Sequence[Graded]) -> Rows:
         own = [one for one in hidden if bool(one.family) is is_listed]
         for size in SIZES:
             seen = [one for one in own if one.visible >= size]
-            rows.append(_count(f"alarm, {words} of {size:.0%} or more", seen, lambda one: one.answer.missing))
+            row = _count(f"alarm, {words} of {size:.0%} or more", seen, lambda one: one.answer.missing)
+            rows.append(row | {"bound": _see_at_best(seen)})
     for size in SILENT:
         large = [one for one in hidden if one.visible >= size]
-        rows.append(_count(f"“nothing” said at {size:.0%} or more", large, lambda one: not one.answer.missing))
+        row, power = _count(f"“nothing” said at {size:.0%} or more", large, _is_silent), _see_at_best(large)
+        rows.append(row | {"bound": None if power is None else round(1.0 - power, 3)})
     rows.append(_count("family right, given an alarm", listed, lambda one: one.said == one.family))
     rows.append(
         _count("wrong family for a cause that is not listed", unlisted, lambda one: one.said not in ("", NOT_LISTED))
@@ -131,6 +134,15 @@ def _list_figures(graded: Sequence[Graded]) -> Rows:
     rows.append(_summarise("gap closed, worst quarter", closed, lambda values: np.quantile(values, 0.25)))
     rows.append(_summarise("CPU seconds a world", cost, np.mean))
     return rows
+
+
+def _see_at_best(worlds: Sequence[Graded]) -> float | None:
+    """Share of these worlds in which the likelihood ratio sees something; None of none."""
+    return round(float(np.mean([one.sealed.bound for one in worlds])), 3) if worlds else None
+
+
+def _is_silent(one: Graded) -> bool:
+    return not one.answer.missing
 
 
 def _is_missing(one: Graded) -> bool:

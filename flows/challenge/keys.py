@@ -25,8 +25,8 @@ _N_GRADED = round(GRADED_MM / STEP_MM)
 class SealedKey(Record):
     """The key of a world. before_n: error of the asked grasps with theta alone, root mean square in N.
 
-    twin_n: the same in the world without what is hidden, which nobody can close. withheld: hash of the forces that the
-    asked grasps measured.
+    twin_n: the same in the world without what is hidden, which nobody can close. bound: how probably the likelihood
+    ratio sees what is hidden. withheld: hash of the forces that the asked grasps measured.
     """
 
     world: str
@@ -34,6 +34,7 @@ class SealedKey(Record):
     key: WorldKey
     before_n: float
     twin_n: float
+    bound: float
     withheld: str
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 
 from fast.flows.challenge.answers import LIFT_MM
 from fast.flows.challenge.bank_table import write_bank
+from fast.flows.challenge.hidden.bound import Bound
 from fast.flows.challenge.hidden.panel_file import PANEL, read_small
 from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.flows.challenge.keys import SealedKey, find_keys, hash_forces, name_challenge, write_keys
@@ -28,7 +29,6 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import is_usable
 
 N_WORLDS = 12
-FEWEST, MOST = 3, 999
 SHORTEST_SEED = 16  # characters
 N_TOOLS, N_OBJECTS = 9, 7  # of a world; of each, one is asked for alone
 SEED = "seed.txt"
@@ -103,6 +103,7 @@ def open_worlds(seed: str, panel: Path) -> Worlds:
 def _write_challenge(worlds: Worlds, seed: str, folder: Path, n_worlds: int, tell: Callable[[str], None]) -> Manifest:
     names = {number: f"D{place + 1:02d}" for place, number in enumerate(worlds.panels.designs)}
     _write_shared(folder, worlds, list(names.values()))
+    bound = Bound.of(worlds)
     keys: list[SealedKey] = []
     withheld: dict[str, dict[str, np.ndarray]] = {}
     for one in draw_keys(worlds, seed, n_worlds):
@@ -116,6 +117,7 @@ def _write_challenge(worlds: Worlds, seed: str, folder: Path, n_worlds: int, tel
             key=one.key,
             before_n=before_n,
             twin_n=_Measured.of(worlds, worlds.twin(one.key)).measure_theta_alone() if one.key.effects else before_n,
+            bound=round(bound.measure_power(one.key, measured.data.grasps), 4),
             withheld=hash_forces(withheld[one.name]),
         )
         keys.append(key)
@@ -168,9 +170,9 @@ class _Measured:
         measured = [(site, trace) for site, trace in worlds.measure(key) if is_usable(trace)]
         problem = worlds.make_problem(key, measured)
         counts = (len(problem.grasps.tools), len(problem.grasps.objects))
-        masks = [np.arange(n) == one for n, one in zip(counts, find_withheld(key, *counts), strict=True)]
+        tools, objects = (np.arange(n) == one for n, one in zip(counts, find_withheld(key, *counts), strict=True))
         traces = {(site.tool, site.obj, site.context.repeat): trace for site, trace in measured}
-        return _Measured(worlds, key, traces, GapData(problem.grasps, problem.bank, *masks))
+        return _Measured(worlds, key, traces, GapData(problem.grasps, problem.bank, tools, objects))
 
     @property
     def forces(self) -> dict[str, np.ndarray]:

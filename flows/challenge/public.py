@@ -19,7 +19,8 @@ def start(folder: Path) -> Path:
     Raises:
         UsageError: the folder is there already, or cannot be written.
     """
-    answers = folder.with_name(f"{folder.name}-{TEMPLATE}")
+    folder = folder.absolute()
+    answers = folder.parent / f"{folder.name}-{TEMPLATE}"
     for there in (folder, answers):
         if there.exists():
             raise UsageError(f"{there} is there already; nothing was written: name a new folder.")

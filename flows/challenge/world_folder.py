@@ -114,8 +114,7 @@ def read_world(challenge: Path, name: str) -> GivenWorld:
     is_asked = np.array(["status" not in row for row in told])
     is_measured = ~is_asked & np.isfinite(grasps.steps_n).all(axis=1)
     bank = read_bank(challenge / BANK, names, objects)
-    none = [np.zeros(n, dtype=bool) for n in (len(names), len(objects))]
-    data = GapData(grasps.select(np.flatnonzero(is_measured)), bank, *none)
+    data = GapData.of_all(grasps.select(np.flatnonzero(is_measured)), bank)
     return GivenWorld(name, data, grasps.select(np.flatnonzero(is_asked)))
 
 

@@ -90,34 +90,29 @@ def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> No
 @app.command
 def pause(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Finish the current grasp, park the tool, end; `fast campaign run` continues."""
-    _request("pause", "it ends after the current grasp", campaign, lake, json)
+    _order("pause", campaign, lake, json)
 
 
 @app.command
 def stop(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Bring the bench to its safe state at once, keep all data, end; a person opens the gripper and parks."""
-    _request("stop", "the bench goes to its safe state at once", campaign, lake, json)
+    _order("stop", campaign, lake, json)
 
 
 @app.command
 def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """As stop, and the campaign counts as failed (exit status 1); `fast campaign run` can still continue it."""
-    _request("abort", "the bench goes to its safe state at once and it counts as failed", campaign, lake, json)
+    _order("abort", campaign, lake, json)
 
 
-def _request(verb: str, effect: str, campaign: str | None, lake: Path, as_json: bool) -> None:
+def _order(verb: str, campaign: str | None, lake: Path, as_json: bool) -> None:
     from fast.hardware.parts.safe_state import Verb
-    from fast.lake.leases import is_held
-    from fast.models.errors import FastError
-    from fast.tasks.campaign.requests import append_request, lease_name
+    from fast.tasks.campaign.orders import give_order
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign)
-    if not is_held(found.storage, lease_name(name)):
-        raise FastError(f"campaign {name} is not running, so there is nothing to {verb}; nothing was changed.")
-    append_request(found, name, Verb(verb), f"{verb} asked for on the command line")
-    text = f"asked campaign {name} to {verb}; {effect}."
-    show({"campaign": name, "asked": verb}, text, as_json)
+    sentence = give_order(found, name, Verb(verb), "on the command line")
+    show({"campaign": name, "asked": verb}, sentence, as_json)
 
 
 def open_lake(lake: Path) -> "Lake":

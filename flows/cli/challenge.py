@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from fast.flows.challenge.grade import Rows
 
 app = App(name="challenge", help="Worlds that hide what is missing in the simulator: get them, make them, be graded.")
-_SHOWN = ["figure", "worlds", "value", "low95", "high95"]
+_SHOWN = ["figure", "worlds", "value", "low95", "high95", "bound"]
 
 
 @app.command

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
 app.command("fast.flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")
 app.command("fast.flows.cli.wire:replay", name="replay", help="Play a wire log back to the driver of its device.")
-app.command("fast.flows.cli.diagnose:diagnose", name="diagnose", help="Experiments that tell hidden effects apart.")
-app.command("fast.flows.cli.diagnose:tool_place", name="tool", help="Where the tool is, and the one safe way on.")
 app.command("fast.flows.cli.plan:plan", name="plan", help="How long a batch takes, and what the time goes into.")
 
 
@@ -120,6 +118,31 @@ def faults(*, bench: ChosenBench = VIRTUAL_BENCH, json: AsJson = False) -> None:
     show(data, "\n".join(lines), json)
 
 
+@app.command(name="tool")
+def tool_place(
+    *,
+    on_head: Annotated[
+        int | None, Parameter(help="A person looked: the tool of this slot is on the head.", validator=Number(gte=0))
+    ] = None,
+    head_empty: Annotated[bool, Parameter(negative="", help="A person looked: there is no tool on the head.")] = False,
+    person: Annotated[str, Parameter(help="Who looked.")] = "",
+    design: Designs = None,
+    bench: ChosenBench = VIRTUAL_BENCH,
+    json: AsJson = False,
+) -> None:
+    """Where the tool is, from the journal and the sensors, and the one safe way on. Homes first; moves no tool."""
+    from fast.models.errors import UsageError
+
+    says = on_head is not None or head_empty
+    if says and (not person or (on_head is not None and head_empty)):
+        raise UsageError("say either --on-head SLOT or --head-empty, and who looked with --person NAME.")
+    with open_bench(bench, tools=rack(design)) as opened:
+        changer = opened.changer
+        status = changer.tell(on_head, person) if says else changer.status()
+    data = {"slot": status.slot, "sentence": status.sentence, "way_on": status.way.value}
+    show(data, f"{status.sentence} Way on: {status.way.value}.", json)
+
+
 def _check_target(
     met: "RigidObject", own_objects: tuple[tuple[int, int], ...], slot: int, tools: "Mapping[int, MountedTool]"
 ) -> None:
@@ -175,14 +198,15 @@ def open_bench(
     """
     from fast.flows.cli.real import ask_leave
     from fast.flows.cli.wire import log_folder
-    from fast.hardware.bench import open_real_bench, open_virtual_bench
+    from fast.hardware.bench import LogFolders, open_real_bench, open_virtual_bench
     from fast.hardware.parts.layout import BenchLayout
     from fast.tasks.campaign.setup import read_bench, read_world
 
     mounted = rack(None) if tools is None else tools
     if chosen.real is None:
         layout = BenchLayout(own_objects=own_objects)
-        with open_virtual_bench(read_world(chosen.world), mounted, log_folder=log_folder(None), layout=layout) as bench:
+        world, logs = read_world(chosen.world), LogFolders(log_folder(None))
+        with open_virtual_bench(world, mounted, logs=logs, layout=layout) as bench:
             yield bench
         return
     settings = read_bench(chosen.real)

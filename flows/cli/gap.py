@@ -54,6 +54,12 @@ def gap(
     rehearse: Annotated[
         int, Parameter(help="Made-up worlds that say what could still hide.", validator=Number(gte=8, lte=10_000))
     ] = _WORLDS,
+    simulated: Annotated[
+        Path | None,
+        Parameter(
+            help="CSV of your own simulator's forces (tool_id, object_id, lift_mm, force_n): what that one lacks."
+        ),
+    ] = None,
     dry_run: Annotated[bool, Parameter(negative="", help="Only say what would be simulated and how long.")] = False,
     json: AsJson = False,
 ) -> None:
@@ -62,6 +68,7 @@ def gap(
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
     simulated, which may take hours: `--dry-run` says how long, `--tools` and `--objects` take fewer of the measured
     ones. A killed command continues when it is given again. `--example` has its simulations with it: under a minute.
+    A panel too small to hold any out, and forces of your own simulator, are weighed with all grasps, and added nowhere.
     """
     from fast.flows.cli.campaign import open_lake, resolve_campaign
     from fast.flows.cli.live import open_reporter
@@ -84,10 +91,20 @@ def gap(
     name = resolve_campaign(found, campaign) if campaign is not None else None
     panel = PanelSize(tools, objects)
     order = GapOrder(name, seed, rounds, budget_minutes, panel, rehearsed=rehearse).with_workers(workers)
+    from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
+
+    is_weighed = simulated is not None or is_small(found, order)
     if dry_run:
         with open_reporter() as reporter:
-            cost = tell_cost(found, order, reporter)
+            cost = describe_cost(found, order) if is_weighed else tell_cost(found, order, reporter)
         show({"cost": cost}, cost, json)
+        return
+    if is_weighed:
+        with open_reporter() as reporter:
+            weighed = weigh_panel(found, order, reporter, simulated)
+        rows = weighed.list_rows()
+        told = [weighed.sentence, "", table_text(rows), *(f"warning: {one}" for one in weighed.warnings)]
+        show({"summary": weighed.sentence, "weighed": rows, "warnings": weighed.warnings}, "\n".join(told), json)
         return
     with open_reporter() as reporter:
         outcome = run_gap(found, order, reporter)

@@ -44,7 +44,7 @@ def import_(
 ) -> None:
     """Import designs, grasps and traces in the hand-off format; all of it or, with every fault named, nothing."""
     from fast.lake.handoff.files import read_handoff
-    from fast.lake.handoff.import_folder import check_campaign_id, count_all, import_handoff
+    from fast.lake.handoff.import_folder import Origin, check_campaign_id, count_all, import_handoff
     from fast.lake.handoff.readers import handoff_folder, load_reader
     from fast.lake.provenance import current_provenance
     from fast.lake.store import Lake
@@ -66,16 +66,8 @@ def import_(
             words = f"nothing was written (--dry-run); it would be: {taken.sentence}" if dry_run else taken.sentence
             show(asdict(taken) | {"is_dry": dry_run}, f"{words}.", json)
             return
-        counts = import_handoff(
-            found,
-            folder,
-            current_provenance(),
-            campaign_id=campaign,
-            setup=setup,
-            source=source,
-            lab=lab,
-            is_dry=dry_run,
-        )
+        origin = Origin(campaign, setup, source, lab)
+        counts = import_handoff(found, folder, current_provenance(), origin, is_dry=dry_run)
     show_import(counts, is_dry=dry_run, as_json=json)
 
 

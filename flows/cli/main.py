@@ -64,8 +64,9 @@ for _name, _target, _help in (
     (
         "serve",
         "fast.flows.cli.serve:serve",
-        "Prefect server with its pages, a worker and the deployments; prints the address.",
+        "The lab's page, Prefect's server, a worker and the deployments; prints the addresses.",
     ),
+    ("mcp", "fast.flows.cli.mcp:mcp", "The lab's page for agents: reads, simulates, and proposes."),
     (
         "doctor",
         "fast.flows.cli.doctor:doctor",

@@ -29,6 +29,7 @@ def report(
 ) -> None:
     """Write a report as one folder of HTML, figures and data: of a campaign, finished or not, or of a calibration."""
     from fast.flows.cli.campaign import open_lake, resolve_campaign
+    from fast.flows.report.campaign.insights import read_written
     from fast.flows.report.campaign.page import add_features, write_report
     from fast.lake.tables.campaign import CalibrationRow
 
@@ -43,7 +44,7 @@ def report(
     others = [open_lake(path) for path in against or []]
     add_features(found, name)
     page = write_report(found, name, out or found.root / "outputs" / name / "report", others)
-    show({"campaign": name, "report": str(page)}, str(page), json)
+    show({"campaign": name, "report": str(page), "insights": read_written(page.parent)}, str(page), json)
 
 
 def view(

@@ -1,4 +1,4 @@
-"""`fast serve`: the Prefect server of a lake with its pages, a worker, and the deployments."""
+"""`fast serve`: the lab's page of a lake, Prefect's server with a worker, and the deployments."""
 
 import ipaddress
 import json as json_module
@@ -23,13 +23,16 @@ def serve(
     *,
     lake: LakePath = DEFAULT_LAKE,
     port: Annotated[int, Parameter(help="Port of the server.", validator=Number(gte=1, lte=65535))] = 4200,
+    page_port: Annotated[
+        int | None, Parameter(help="Port of the lab's page; default: 4210.", validator=Number(gte=1, lte=65535))
+    ] = None,
     host: Annotated[
         str, Parameter(help="Address to listen on; one that others reach needs a password in FAST_PASSWORD.")
     ] = "127.0.0.1",
     runs: Annotated[int, Parameter(help="Flow runs that the worker does at once.", validator=Number(gte=1))] = 4,
     json: AsJson = False,
 ) -> None:
-    """Run the Prefect server of this lake, a worker and the deployments of prefect.yaml until Ctrl-C.
+    """Serve the lab's page of this lake, with Prefect's server, a worker and the deployments, until Ctrl-C.
 
     Campaigns on the same lake show there and can be started there. The printed address lets a browser in; nobody else
     gets in, neither pages of other sites nor other users of the computer. A server that FAST_PREFECT_API_URL names is
@@ -56,14 +59,23 @@ def serve(
         raise FastError(f"a server of this lake runs already: {address_for_person(known)}; use that one.")
     if (sentence := tell_ignored()) and named is None:
         tell(sentence)
-    with open_lab(found, LabPlan(port, host, runs)) as lab:
+    if page_port is not None:
+        _check_server_wanted(host, page_port, "--page-port")
+    with open_lab(found, LabPlan(port, host, runs, page_port)) as lab:
         asked = watch_signals()  # a server that is still starting is ended by the default
-        page = address_for_person(lab.api)
+        page, flows = address_for_person(lab.page), address_for_person(lab.api)
         say_text: Callable[[str], None] = tell if json else say
-        say_text(f"Prefect server of {found.address}: {page}")
+        say_text(f"the lab's page of {found.address}: {page}")
+        say_text(f"flows, in Prefect: {flows}")
         deployments = lab.deploy()
         if json:
-            data = {"url": page, "api_url": lab.api.url, "lake": found.address, "deployments": deployments}
+            data = {
+                "page": page,
+                "url": flows,
+                "api_url": lab.api.url,
+                "lake": found.address,
+                "deployments": deployments,
+            }
             say(json_module.dumps(data))
         say_text(f"worker ready; can be started from the pages: {', '.join(deployments)}")
         say_text("Ctrl-C stops server and worker, and what the worker does; campaigns in other terminals go on.")
@@ -75,7 +87,7 @@ def _tend(lab: "Lab", asked: threading.Event) -> None:
         lab.tend(tell)
 
 
-def _check_server_wanted(host: str, port: int) -> None:
+def _check_server_wanted(host: str, port: int, option: str = "--port") -> None:
     """Raises UsageError when the port is taken, or others would reach a server without password."""
     from fast.flows.server.access import PASSWORD_VARIABLE
     from fast.models.errors import UsageError
@@ -87,7 +99,9 @@ def _check_server_wanted(host: str, port: int) -> None:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise UsageError(f"--port {port} cannot be used on {host} ({error.strerror}); give another one.") from error
+            raise UsageError(
+                f"{option} {port} cannot be used on {host} ({error.strerror}); give another one."
+            ) from error
 
 
 def _is_loopback(host: str) -> bool:

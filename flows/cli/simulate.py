@@ -13,7 +13,7 @@ from fast.flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement
+    from fast.models.records import Design, GraspSetup, GraspSimulation, Placement
     from fast.models.simulation.version import SimulatorVersion
 
     Grasp = tuple[Design, RigidObject, SimulatorVersion, GraspSetup, Placement]
@@ -75,9 +75,6 @@ class Asked:
 def simulate(
     *,
     asked: Asked = Asked(),
-    branches: Annotated[
-        bool, Parameter(negative="", help="Also search for a second branch, which chance of placement may decide.")
-    ] = False,
     along: Annotated[
         str | None,
         Parameter(
@@ -102,38 +99,25 @@ def simulate(
     json: AsJson = False,
 ) -> None:
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
-    from fast.models.errors import UsageError
-
     if designs is not None:
-        others = {"branches": branches or None, "along": along, "export-calculix": export_calculix}
-        refuse_beside("designs", {"design": asked.design, "simulation": asked.simulation, **others})
+        others = {"simulation": asked.simulation, "along": along, "export-calculix": export_calculix}
+        refuse_beside("designs", {"design": asked.design, **others})
         simulate_file(designs, family, asked, workers, out, lake, json)
         return
-    from fast.models.records import Placement
-    from fast.models.simulation.branches import find_branches
     from fast.models.simulation.grasp import simulate_grasp
     from fast.models.simulation.output.recording import GraspRecording
 
     design, met, simulator, setup, placement = asked.read(lake)
-    if branches and placement != Placement():
-        raise UsageError("--branches searches around the nominal place of the object; leave out its placement.")
     if out is not None:
         make_folder(out)
     recording = GraspRecording()
     recorder = None if out is None else recording.add
     names = () if along is None else tuple(name.strip() for name in along.split(","))
     result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder, along=names)
-    found = find_branches(design, met, simulator, setup, result) if branches else None
     ids = {"design_id": design.design_id, "object_id": met.object_id, "version_id": simulator.version_id}
-    data = {
-        **ids,
-        "placement": placement.model_dump(),
-        **_numbers_of(result),
-        **_branches_of(found),
-        **_slopes_of(result),
-    }
+    data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **_slopes_of(result)}
     show(data, describe_grasp(data), json)
-    files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording, found)
+    files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording)
     if export_calculix is not None:
         from fast.flows.simulation.calculix import write_calculix
 
@@ -151,25 +135,30 @@ def simulate_file(
     from fast.flows.simulation.many_designs import simulate_designs
     from fast.models.design.families import find_family
     from fast.models.errors import UsageError
-    from fast.models.objects.catalogue import name_object
+    from fast.models.objects.catalogue import OBJECTS
     from fast.tasks.campaign.own_designs import read_designs
-    from fast.tasks.campaign.settings import N_OBJECTS
     from fast.tasks.objects import find_object
 
     if not 1 <= workers <= 256:
         raise UsageError(f"--workers is {workers}, it must be from 1 to 256; change it.")
     found = read_designs(designs, family=find_family(family))
-    object_ids = list(range(N_OBJECTS)) if asked.object is None else [find_object(asked.object, lake).object_id]
+    objects = OBJECTS if asked.object is None else (find_object(asked.object, lake),)
     version, setup, placement = apply_settings(asked.set or [], _base_version(lake, asked.version, asked.tier))
     if out is not None:
         make_folder(out)
     with open_reporter() as reporter:
-        done = simulate_designs(found, object_ids, version, setup, placement, workers, reporter)
+        done = simulate_designs(found, objects, version, setup, placement, workers, reporter)
+    done.sort(key=lambda one: -float(str(one.row["mean_n"] or 0.0)))  # the one with the largest mean force first
     rows = [one.row for one in done]
     grasps = [
-        {"name": one.own.name, "object_id": object_id, "object": name_object(object_id), "peak_force_n": force_n}
+        {
+            "name": one.own.name,
+            "object_id": obj.object_id,
+            "object": f"{obj.name} ({obj.object_id})",
+            "peak_force_n": force_n,
+        }
         for one in done
-        for object_id, force_n in zip(one.object_ids, one.forces_n, strict=True)
+        for obj, force_n in zip(one.objects, one.forces_n, strict=True)
     ]
     show({"version_id": version.version_id, "designs": rows, "grasps": grasps}, table_text(rows), as_json)
     if out is not None:
@@ -201,23 +190,6 @@ def _slopes_of(result: "GraspSimulation") -> dict[str, Any]:
         for name, slope, change_n in peak_changes(result.slopes)
     ]
     return {"slopes": rows, "slopes_trusted_mm": result.slopes.trusted_mm, "slopes_lost": result.slopes.lost}
-
-
-def _branches_of(found: "Branches | None") -> dict[str, Any]:
-    """The branches of a cell that was searched; nothing if it was not."""
-    if found is None:
-        return {}
-    rows = [
-        {
-            "branch": number,
-            "branch_share": branch.share,
-            "peak_force_n": branch.result.peak_force_n,
-            "work_j": branch.result.work_j,
-        }
-        for number, branch in enumerate(found.branches)
-    ]
-    found_by = {"branch_cause": found.cause, "share_error": found.share_error, "branch_runs": found.n_runs}
-    return {"branches": rows, **found_by}
 
 
 def read_design(path: Path | None) -> "Design":
@@ -356,7 +328,7 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
 
 
 def describe_grasp(data: dict[str, Any]) -> str:
-    """What `fast simulate` prints of a grasp, with its branches if they were searched."""
+    """What `fast simulate` prints of a grasp."""
     lines = [
         f"peak pull-off force  {data['peak_force_n']:.2f} N",
         f"contact force        {data['contact_force_n']:.2f} N",
@@ -365,7 +337,6 @@ def describe_grasp(data: dict[str, Any]) -> str:
         *([f"largest twist        {data['twist_deg']:.1f} deg"] if data.get("twist_deg") else []),
         f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU",
     ]
-    lines += _branch_lines(data) if "branches" in data else []
     return "\n".join(lines + (_slope_lines(data) if "slopes" in data else []))
 
 
@@ -384,22 +355,3 @@ def _slope_lines(data: dict[str, Any]) -> list[str]:
     good = f"slopes of the trace are good up to {data['slopes_trusted_mm']:.1f} mm of lift"
     lost = [f"no slope by {name}: {why}" for name, why in data["slopes_lost"].items()]
     return ["", *([table_text(rows)] if rows else []), good, *lost]
-
-
-def _branch_lines(data: dict[str, Any]) -> list[str]:
-    """Both branches with their shares, and what decides between them."""
-    runs = f"(other grasps simulated: {data['branch_runs']})"
-    if not data["branch_cause"]:
-        return [f"one branch {runs}"]
-    why = {
-        "placement": "placement decides which",
-        "numerics": "another mesh or shorter steps decide which: the shares are not known better than half each",
-    }
-    lines = [f"two branches, {why[data['branch_cause']]} {runs}"]
-    for branch in data["branches"]:
-        error = f" +-{100 * data['share_error']:.0f}" if data["branch_cause"] == "placement" else ""
-        lines.append(
-            f"  branch {branch['branch']}: {100 * branch['branch_share']:.0f}{error} % of placements, "
-            f"peak {branch['peak_force_n']:.2f} N, work {1000 * branch['work_j']:.1f} mJ"
-        )
-    return lines

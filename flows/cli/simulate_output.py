@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from fast.models.errors import UsageError
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import Branches, Design, GraspSimulation, Placement, Trace
+    from fast.models.records import Design, GraspSimulation, Placement, Trace
     from fast.models.simulation.output.recording import GraspRecording
 
 PIXELS_PER_INCH = 150
@@ -26,12 +26,10 @@ def write_outputs(
     data: dict[str, Any],
     result: "GraspSimulation",
     recording: "GraspRecording",
-    found: "Branches | None" = None,
 ) -> list[Path]:
     """Write everything about a simulated grasp into the folder `out`; returns the files.
 
-    `recording` is one that took every step of this grasp, `found` its branches if they were looked for: the trace of
-    another one goes into a file of its own.
+    `recording` is one that took every step of this grasp.
 
     Raises:
         UsageError: the folder cannot be written.
@@ -44,10 +42,7 @@ def write_outputs(
     try:
         files[0].write_text(json.dumps({**data, "design": design.content}, indent=2) + "\n")
         files[1].write_text(_csv(result.trace))
-        if found is not None and found.cause:
-            files.insert(2, out / "trace_branch_1.csv")
-            files[2].write_text(_csv(found.branches[1].result.trace))
-        _draw(out, place(obj, placement), result, recording, title, found)
+        _draw(out, place(obj, placement), result, recording, title)
         files[-1:-1] = _write_slopes(out, result, title)
     except OSError as error:
         raise unwritable("--out", out, error) from error
@@ -120,7 +115,6 @@ def _draw(
     result: "GraspSimulation",
     recording: "GraspRecording",
     title: str,
-    found: "Branches | None",
 ) -> None:
     from fast.flows.report.campaign.grasp import draw_instants, draw_trace
     from fast.flows.report.grasp_frames import five_instants
@@ -128,5 +122,5 @@ def _draw(
 
     with figure_style():
         instants = five_instants(recording, result.trace)
-        draw_trace(result, instants, title, found).savefig(out / "trace.png", dpi=PIXELS_PER_INCH)
+        draw_trace(result, instants, title).savefig(out / "trace.png", dpi=PIXELS_PER_INCH)
         draw_instants(solid, instants, title).savefig(out / "grasp.png", dpi=PIXELS_PER_INCH)

@@ -77,8 +77,8 @@ def tell(
     """
     from dataclasses import asdict
 
+    from fast.flows.campaign.ask_tell import Telling, untell
     from fast.flows.campaign.ask_tell import tell as tell_all
-    from fast.flows.campaign.ask_tell import untell
     from fast.models.errors import UsageError
 
     if undo == bool(results):
@@ -98,11 +98,8 @@ def tell(
         config,
         lake,
         results,
+        Telling(operator, is_dry, may_replace=replace, is_sure=is_sure),
         format_path=format,
-        operator=operator,
-        is_dry=is_dry,
-        may_replace=replace,
-        is_sure=is_sure,
     )
     for note in taken.notes:
         say_progress(note)

@@ -57,7 +57,7 @@ def start(
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
     faults = [read_fault(text) for text in fault or []]
     asked = watch_signals()
-    with open_virtual_servers(spec, tools, simulate_request, clock, plc_port, transmitter_port, continuous) as bench:
+    with open_virtual_servers(spec, tools, simulate_request, clock, (plc_port, transmitter_port), continuous) as bench:
         for name, time_s in faults:
             bench.inject_at(name, time_s)
         addresses = asdict(bench.endpoints)

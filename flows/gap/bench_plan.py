@@ -1,8 +1,7 @@
 """`fast gap next`: the grasps that a search asks for, as a plan and a printable sheet for a bench without gantry."""
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
-from html import escape
 from itertools import groupby
 from pathlib import Path
 
@@ -10,22 +9,14 @@ from fast.hardware.cell.cycle_time import plan_time
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
 from fast.lake.store import Lake
+from fast.models.gap.findings import NextExperiment
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspRequest, GraspSetup, Placement
 from fast.models.units import spell_name, unit_of
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.campaign.state import load_designs
 from fast.tasks.gap.findings import find_last_run, find_run
-
-_STYLE = """
-@page { size: A4; margin: 12mm }
-body { font: 13px/1.4 system-ui, Arial, sans-serif; color: #111; margin: 24px auto; max-width: 186mm }
-h1 { font-size: 22px; margin: 0 0 2px } h2 { font-size: 15px; margin: 16px 0 4px } p { margin: 4px 0 }
-table { border-collapse: collapse; width: 100% } th, td { border: 1px solid #999; padding: 3px 6px; text-align: left }
-th { font-weight: 600; background: #f2f2f2 } tr { break-inside: avoid } .changed { font-weight: 700 }
-.blank { min-width: 18mm }
-@media print { body { margin: 0; max-width: none; print-color-adjust: exact } }
-"""
+from fast.tasks.templates import render
 
 
 @dataclass(frozen=True)
@@ -85,34 +76,18 @@ def write_bench_plan(
 
 def make_sheet(plan: BenchPlan, address: str, directory: Path, config: str = "") -> str:
     """The sheet as one HTML page: a row for each grasp, with what differs from the row before in bold."""
-    parts = [
-        f"<h1>Grasps to make</h1><p>{escape(plan.sentence)}. Make them in this order: the effects of wear and time "
-        "cancel only then. Grasps in bold differ from the one before.</p>",
-    ]
-    before: GraspRequest | None = None
-    for number, (tool_id, group) in enumerate(groupby(enumerate(plan.requests, 1), key=lambda one: one[1].tool_id), 1):
-        parts.append(f"<h2>{number}. Mount tool {escape(tool_id)}</h2>")
-        rows = []
-        for place, request in group:
-            rows.append(_row(place, request, before))
-            before = request
-        head = "".join(f"<th>{name}</th>" for name in ("no.", "object", "repeat", "how", "what for", "done at"))
-        parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>")
-    parts.append(
-        f"<p>Then write the times into grasps.csv, put the samples beside it as traces.csv (grasp_id, time_s, lift_mm, "
-        f"force_n), and run <code>fast lake import {escape(str(directory))} --lake {escape(address)}</code>. A grasp "
-        "that could not be made: delete its row.</p>"
-    )
-    if config:
-        told = escape(f"fast tell {config} {directory / RESULTS} --lake {address}")
-        parts.append(
-            f"<p>Or write only the peaks into {RESULTS}, or why a grasp could not be made, and run "
-            f"<code>{told}</code>. Rows with neither stay open.</p>"
-        )
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Grasps to make</title>'
-        f"<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n"
-    )
+    rows = []
+    known: Collection[str] | None = None
+    for place, request in enumerate(plan.requests, 1):
+        settings = describe_settings(request.setup, request.placement)
+        how = {words: known is not None and words not in known for words in settings}
+        object_name = f"{request.object_id} {get_object(request.object_id).name}"
+        rows.append((request.tool_id, {"place": place, "object": object_name, "repeat": request.repeat, "how": how,
+                                       "purpose": request.purpose}))  # fmt: skip
+        known = settings
+    tools = [(tool_id, [row for _, row in group]) for tool_id, group in groupby(rows, key=lambda row: row[0])]
+    told = {"address": address, "directory": str(directory), "config": config, "results": RESULTS}
+    return render("flows/gap/bench_plan.html.j2", sentence=plan.sentence, tools=tools, **told)
 
 
 def describe_settings(setup: GraspSetup, placement: Placement) -> list[str]:
@@ -130,12 +105,9 @@ def _tell(name: str, value: float) -> str:
     return f"{spell_name(name)} {value:g} {unit_of(name) or ''}".rstrip()
 
 
-def _row(place: int, request: GraspRequest, before: GraspRequest | None) -> str:
-    known: Sequence[str] = () if before is None else describe_settings(before.setup, before.placement)
-    how = ", ".join(
-        escape(text) if text in known or before is None else f'<span class="changed">{escape(text)}</span>'
-        for text in describe_settings(request.setup, request.placement)
-    )
-    name = escape(get_object(request.object_id).name)
-    cells = (place, f"{request.object_id} {name}", request.repeat, how, escape(request.purpose))
-    return f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}<td class='blank'></td></tr>"
+def describe_command(asked: NextExperiment, campaign_id: str | None, address: str) -> str:
+    """The command line that answers a question, or writes the plan of its grasps; empty if it has neither."""
+    of = f" --campaign {campaign_id}" if campaign_id else ""
+    if asked.person is not None:
+        return f"fast gap answer {asked.person.kind} VALUE{of} --operator NAME --lake {address}"
+    return f"fast gap next --lake {address} --out asked" if asked.grasps else ""

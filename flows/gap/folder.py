@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fast.flows.gap.answering import describe_command
+from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.search import GapOutcome
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow

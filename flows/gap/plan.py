@@ -48,14 +48,8 @@ class PanelOutlook:
     @property
     def sentence(self) -> str:
         """From what size on causes will be seen."""
-        size, n = self.rehearsal.find_seen_size(), len(self.rehearsal.worlds)
         panel = f"{len(self.tools)} tools on {len(self.objects)} objects, {self.repeats} times each"
-        if size is None:
-            return f"{panel}: of {n} made-up worlds too little was seen to say from what size on causes are; take more."
-        return (
-            f"{panel}: a cause that changes the force by {100.0 * size:.2g} % or more is seen in nine of ten of {n} "
-            "made-up worlds."
-        )
+        return f"{panel}. {self.rehearsal.tell_seen_size()}"
 
 
 def look_ahead(
@@ -95,8 +89,7 @@ def look_ahead(
     plans = plan_bank(version, grasps.cells)
     if n_missing(lake, plans):
         simulate_missing(lake, plans, n_workers, reporter)
-    nothing = np.zeros(len(grasps.tools), dtype=bool), np.zeros(len(grasps.objects), dtype=bool)
-    data = GapData(grasps, read_bank(lake, version, grasps.cells), *nothing)
+    data = GapData.of_all(grasps, read_bank(lake, version, grasps.cells))
     rehearsal = rehearse_panel(data, (), n_worlds, n_workers, reporter.progress)
     last_object, last_tool = len(grasps.objects) - 1, len(grasps.tools) - 1
     return PanelOutlook(

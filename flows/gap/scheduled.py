@@ -1,6 +1,5 @@
 """Gap discovery without a person: search again when measurements are new, and tell people what was found."""
 
-import tomllib
 from collections.abc import Callable
 
 from prefect.artifacts import create_markdown_artifact
@@ -13,9 +12,8 @@ from fast.flows.progress import ProgressReporter
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow, GraspRow
 from fast.lake.tables.imported import is_imported
-from fast.models.validation import load_record
 from fast.tasks.calibration.mean_data import TooLittleDataError
-from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.flow_runs import record_sentence
 
 FLOW = "close-gap"
@@ -78,7 +76,7 @@ def _notifier_of(campaign_id: str, config_toml: str | None, is_virtual: bool) ->
     """As a campaign's config says; one that was imported has none and speaks unless its bench was virtual."""
     if config_toml is None or is_imported(config_toml):
         return notifier(is_virtual, KINDS)
-    config = load_record(CampaignConfig, tomllib.loads(config_toml), f"stored config of {campaign_id}")
+    config = read_stored_config(config_toml, campaign_id)
     return notifier(is_virtual, config.execution.notify, config.execution.notify_virtual)
 
 

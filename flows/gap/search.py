@@ -57,22 +57,26 @@ REHEARSED = 120  # made-up worlds of the panel: half a minute
 
 @dataclass(frozen=True)
 class GapOrder:
-    """What is asked for. `campaign_id` None: all measurements of the lake. `budget_minutes`: of simulating.
-
-    `panel`: of how many designs and objects. `asking`: what the bench may be asked for, which changes no answer.
-    `rehearsed`: made-up worlds from which the lines come beyond which *none* is not said.
-    """
+    """What is asked for."""
 
     campaign_id: str | None = None
+    """None: all measurements of the lake."""
     seed: int = 0
+    """Of the split and of all draws."""
     rounds: int = MOST_ROUNDS
+    """At most."""
     budget_minutes: float | None = None
+    """Of simulating; None: no limit."""
     panel: PanelSize = WHOLE
+    """Of how many designs and objects."""
     asking: AskSettings = AskSettings()
+    """What the bench may be asked for, which changes no answer."""
     rehearsed: int = REHEARSED
+    """Made-up worlds from which the lines come beyond which *none* is not said."""
     settings: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(chains=4, draws=1000, tune=1000, target_accept=0.95)
     )
+    """Of the chains."""
 
     def with_workers(self, n: int) -> "GapOrder":
         """The same order with other worker processes, which change no result."""
@@ -117,7 +121,7 @@ def run_gap(
             lake.append(version_rows, current_provenance(seed=order.seed))
         if n_missing(lake, search.plans):
             reporter.announce(_write_cost(lake, search, reporter))
-        simulator = _Simulator(lake, order, reporter, should_stop)
+        simulator = Simulator(lake, order, reporter, should_stop)
         simulator.simulate(WIDE_BANK, search.plans)
         return _run_rounds(lake, search, simulator, reporter)
 
@@ -201,7 +205,7 @@ def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
     )
 
 
-class _Simulator:
+class Simulator:
     """Simulates what a search asks for, as long as its budget lasts."""
 
     def __init__(
@@ -240,7 +244,7 @@ class _Simulator:
             )
 
 
-def _run_rounds(lake: Lake, search: _Search, simulator: _Simulator, reporter: ProgressReporter) -> GapOutcome:
+def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
     from fast.tasks.gap.ask import list_requests
     from fast.tasks.gap.calibrate import SearchInputs
@@ -360,7 +364,7 @@ def _failed(data: GapData) -> list[str]:
     return [f"{100 * share:.1f} % of the simulations of the bank failed; they are left out."] if share > 0 else []
 
 
-def _spent(simulator: _Simulator, seconds: float) -> dict[str, float]:
+def _spent(simulator: Simulator, seconds: float) -> dict[str, float]:
     return {
         "bank_simulations": float(len(simulator.asked[WIDE_BANK])),
         "local_bank_simulations": float(len(simulator.asked[LOCAL_BANK])),

@@ -4,7 +4,7 @@ import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import matplotlib.image
 import numpy as np
@@ -12,18 +12,18 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from fast.flows.report.campaign.queries import Result
-from fast.flows.report.html import Markup, Page, document, picture, sources
 from fast.flows.report.style import figure_style, save_svg
 from fast.lake.query.sql import csv_bytes
 from fast.lake.storage.files import discard
 from fast.models.errors import FastError, UsageError
+from fast.tasks.templates import render
 
 _LOG = logging.getLogger(__name__)
 PRINT_DPI = 200
 
 
 class Folder:
-    """Writes the parts of a report and returns the HTML that shows them; `written` names the figures and queries."""
+    """Writes the figures and data of a page; `written` names the figures and queries."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -34,21 +34,17 @@ class Folder:
         except OSError as error:
             raise UsageError(f"The report folder {root} cannot be written ({error}); give another one.") from error
 
-    def figure(self, name: str, figure: Figure, alternative: str, caption: object = "") -> Markup:
-        """Save a figure as SVG and show it."""
+    def draw(self, name: str, figure: Figure, for_print: bool = False) -> str:
+        """Save a figure as SVG, and as PNG where it may be printed; returns its address in the page."""
+        if for_print:
+            figure.savefig(self.root / "figures" / f"{name}.png", dpi=PRINT_DPI, metadata={"Software": "FAST"})
         save_svg(figure, self.root / "figures" / f"{name}.svg")
         self.written.append(name)
-        return picture(f"figures/{name}.svg", alternative, caption)
+        return f"figures/{name}.svg"
 
-    def print_figure(self, name: str, figure: Figure, alternative: str, caption: object = "") -> Markup:
-        """Like `figure`, and save it as PNG for print too."""
-        figure.savefig(self.root / "figures" / f"{name}.png", dpi=PRINT_DPI, metadata={"Software": "FAST"})
-        return self.figure(name, figure, alternative, caption)
-
-    def numbers(self, name: str, rows: Sequence[Mapping[str, Any]]) -> Markup:
-        """Save rows that no query gives as CSV, and link them."""
+    def numbers(self, name: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Save rows that no query gives as CSV; a page links them with `numbers`."""
         (self.root / "data" / f"{name}.csv").write_bytes(csv_bytes(pa.Table.from_pylist(list(rows))))
-        return Markup(f'<p class="note">The numbers: <a href="data/{name}.csv">data/{name}.csv</a></p>')
 
     def image(self, name: str, rgba: np.ndarray) -> str:
         """Save an RGBA image as PNG; returns its address in the page."""
@@ -57,37 +53,31 @@ class Folder:
         matplotlib.image.imsave(path, rgba, metadata={"Software": "FAST"})
         return f"figures/{name}.png"
 
-    def sources(self, *results: Result) -> Markup:
-        """Save results as CSV next to their SQL, and show both."""
+    def save(self, *results: Result) -> list[Result]:
+        """Save results as CSV next to their SQL; a page shows them as `sources`."""
         for result in results:
             self.written.append(result.name)
             (self.root / "data" / f"{result.name}.csv").write_bytes(csv_bytes(result.table))
             (self.root / "data" / f"{result.name}.sql").write_text(result.sql + "\n", encoding="utf-8")
-        return sources(*results)
-
-
-C = TypeVar("C")
+        return list(results)
 
 
 def write_page(
-    folder: Folder,
-    content: C,
-    page: Page,
-    headline: Callable[[C], Markup],
-    sections: Sequence[Callable[[C, Folder], Markup]],
+    folder: Folder, template: str, prepare: Callable[[Folder], Mapping[str, object]], file: str = "index.html"
 ) -> Path:
-    """Build the sections in their order and the headline above them, and write the page; returns its path.
+    """Write the page of a template into the folder; `prepare` draws its figures and gives its values.
+
+    Returns the path of the page.
 
     Raises:
         FastError: the disk is full or broken; a page that was there before is as it was.
     """
-    path = folder.root / page.file
+    path = folder.root / file
     staged = path.with_name(f".{path.name}.writing")
     try:
         with figure_style():
-            body = "".join(build(content, folder) for build in sections)
-            top = headline(content)
-        staged.write_text(document(page, top, body), encoding="utf-8")
+            values = prepare(folder)
+        staged.write_text(render(template, **values), encoding="utf-8")
         os.replace(staged, path)
     except OSError as error:
         discard([staged])
@@ -95,5 +85,5 @@ def write_page(
             f"The report in {folder.root} could not be written ({error.strerror}); no row of the lake is lost: free "
             "disk space or repair the disk, then run the same command again."
         ) from error
-    _LOG.info("%s: page written to %s", page.kicker, path)
+    _LOG.info("page written to %s", path)
     return path

@@ -1,21 +1,20 @@
 """The page of a round robin: bias of each lab, scatter between labs by object and finger, and their fits."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from fast.flows.report.folder import Folder, write_page
-from fast.flows.report.html import Markup, Page, columns, count, number, paragraph, section, table, tiles
 from fast.flows.report.style import BEST, FIRST, INK, MUTED, OBJECT, SIMULATED, SOFTEST, WIDTH_IN, new_axes
 from fast.lake.store import Lake
 from fast.models.objects.catalogue import find_object
-from fast.models.traces.round_robin import LabBias, Spread
+from fast.models.traces.round_robin import LabBias
 from fast.tasks.traces.labs import LabsSideBySide, read_labs
 
 _COLOURS = (BEST, FIRST, SIMULATED, SOFTEST, OBJECT)
-_NAV = {"labs": "Labs", "objects": "By object", "fingers": "By finger", "fits": "Theta and effects"}
 _UNKNOWN = "not known"
 
 
@@ -26,35 +25,23 @@ def write_labs_report(lake: Lake, out: Path) -> tuple[Path, LabsSideBySide]:
         UsageError: labs cannot be compared, or the folder cannot be written.
     """
     found = read_labs(lake)
-    page = Page(
-        title="Labs side by side",
-        kicker=f"FAST round robin, {lake.address}",
-        footer="Terms of ISO 5725-2. Units: N; shares of the force in per cent.",
-        nav=_NAV,
-    )
-    sections = (_write_labs, _write_objects, _write_fingers, _write_fits)
-    return write_page(Folder(Path(out)), found, page, _headline, sections), found
 
+    def prepare(folder: Folder) -> dict[str, object]:
+        objects = [vars(one) | {"name": _object_name(one.key)} for one in found.compared.by_object]
+        fingers = [vars(one) | {"name": one.key} for one in found.compared.by_finger]
+        return {
+            "address": lake.address,
+            "found": found,
+            "labs": [vars(lab) | {"bias": format_bias(lab)} for lab in found.compared.labs],
+            "bias": folder.draw("bias", _draw_bias(found)),
+            "agreement": folder.draw("agreement", _draw_agreement(found)),
+            "spreads": {"object": _save_spreads("objects", objects, folder),
+                        "finger": _save_spreads("fingers", fingers, folder)},
+            "thetas": [_describe_theta(row) for row in found.thetas],
+            "named": [_describe_named(row) for row in found.named],
+        }  # fmt: skip
 
-def _headline(found: LabsSideBySide) -> Markup:
-    overall = found.compared.overall
-    fingers = [(found.n_travelled, "finger", "that travelled"), (found.n_printed, "design", "that each lab printed")]
-    told = " and ".join(f"{count(n, noun)} {rest}" for n, noun, rest in fingers if n)
-    lead = (
-        f"{count(len(found.compared.labs), 'lab')} measured {told}: {count(overall.n_cells, 'pair')} of finger and "
-        "object."
-    )
-    shown = [
-        (_sd(overall.repeat_sd_n), "repeatability: SD of repeats in one lab"),
-        (_sd(overall.lab_sd_n), "SD between labs, beyond that of repeats"),
-        (_sd(overall.reproducibility_sd_n), "reproducibility: SD of one grasp in any lab"),
-        (number(overall.mean_n, 1, "N"), "mean peak force over labs"),
-    ]
-    return Markup(paragraph(lead, "lead") + tiles(shown))
-
-
-def _sd(value_n: float | None) -> str:
-    return _UNKNOWN if value_n is None else number(value_n, 2, "N")
+    return write_page(Folder(Path(out)), "flows/report/labs.html.j2", prepare), found
 
 
 def format_bias(lab: LabBias) -> str:
@@ -67,108 +54,26 @@ def format_bias(lab: LabBias) -> str:
     return f"{bias.mean:+.1%} [{bias.lower:+.1%}, {bias.upper:+.1%}]"
 
 
-def _write_labs(found: LabsSideBySide, folder: Folder) -> Markup:
-    compared = found.compared
-    rows = [(lab.lab, lab.n_grasps, lab.n_cells, format_bias(lab)) for lab in compared.labs]
-    pairs = [
-        (pair.first, pair.second, pair.n_fingers, _UNKNOWN if pair.rank_correlation is None
-         else number(pair.rank_correlation, 2))
-        for pair in compared.pairs
-    ]  # fmt: skip
-    left_out = ""
-    if found.n_left_out:
-        left_out = paragraph(f"{found.n_left_out} grasps were made at another grasp setup and are left out.", "note")
-    return section(
-        "labs",
-        "Labs",
-        columns(
-            folder.figure("bias", _draw_bias(found), "Bias of each lab"),
-            folder.figure("agreement", _draw_agreement(found), "Force in each lab against the mean of all labs"),
-        ),
-        table(["lab", "grasps", "pairs", "bias"], rows, numeric=(1, 2)),
-        paragraph(
-            "Bias: how far a lab lies from the mean of all labs, in shares of the force, averaged over objects and "
-            "then over fingers; brackets: 95 % interval, fingers drawn again. A bias that is the same for all fingers "
-            "changes no ranking.",
-            "note",
-        ),
-        table(["lab", "and", "fingers", "rank correlation"], pairs, numeric=(2, 3)),
-        paragraph(
-            "Rank correlation (Spearman): whether both labs put the fingers in the same order; 1: the same. It needs "
-            "four fingers.",
-            "note",
-        ),
-        left_out,
-    )
+def _save_spreads(name: str, rows: Sequence[dict[str, Any]], folder: Folder) -> dict[str, object]:
+    """Scatter by object or by finger: rows, also as CSV, and their picture."""
+    told = ("mean_n", "repeat_sd_n", "lab_sd_n", "reproducibility_sd_n")
+    folder.numbers(name, [{"key": r["key"], "n_pairs": r["n_cells"], **{n: r[n] for n in told}} for r in rows])
+    return {"rows": rows, "picture": folder.draw(name, _draw_spreads(rows))}
 
 
-def _write_objects(found: LabsSideBySide, folder: Folder) -> Markup:
-    words = (
-        "The last three columns are standard deviations in N. An object with a large bar between labs is placed, "
-        "mounted or made differently in them; look at its traces first (fast view)."
-    )
-    return _write_spreads("object", found.compared.by_object, _object_name, words, folder)
+def _describe_theta(row: dict[str, Any]) -> dict[str, str]:
+    return {
+        "of": row["campaign_id"] or "all, jointly",
+        "labs": row["labs"] or "all",
+        "young_modulus": _interval(row, "young_modulus", "_mpa", 1),
+        "friction": _interval(row, "friction", "", 2),
+        "calibration_id": row["calibration_id"],
+    }
 
 
-def _write_fingers(found: LabsSideBySide, folder: Folder) -> Markup:
-    words = (
-        "A design that each lab printed brings the scatter of printers and materials with it; a tool that travelled "
-        "does not. A name with B01T0 is a tool, one that begins with D a design."
-    )
-    return _write_spreads("finger", found.compared.by_finger, str, words, folder)
-
-
-def _write_spreads(
-    what: str, spreads: Sequence[Spread], spell: Callable[[str], str], words: str, folder: Folder
-) -> Markup:
-    """Scatter by object or by finger: picture, table, how to read them, numbers."""
-    name = f"{what}s"
-    figure = folder.figure(name, _draw_spreads(spreads, spell), f"Scatter by {what}")
-    return section(
-        name,
-        f"By {what}",
-        columns(figure, _spread_table(what, spreads, spell)),
-        paragraph(words, "note"),
-        folder.numbers(name, [_record(one) for one in spreads]),
-    )
-
-
-def _write_fits(found: LabsSideBySide, _folder: Folder) -> Markup:
-    thetas = [
-        (
-            row["campaign_id"] or "all, jointly",
-            row["labs"] or "all",
-            _interval(row, "young_modulus", "_mpa", 1),
-            _interval(row, "friction", "", 2),
-            row["calibration_id"],
-        )
-        for row in found.thetas
-    ]
-    named = [
-        (row["campaign_id"] or "all, jointly", row["round"], row["named"], number(row["probability"], 2),
-         "-" if row["closed_fraction"] is None else f"{row['closed_fraction']:.0%}")
-        for row in found.named
-    ]  # fmt: skip
-    return section(
-        "fits",
-        "Theta and effects",
-        paragraph(
-            "Each lab fitted apart: fast calibrate --campaign LAB.NAME and fast gap --campaign LAB.NAME. All labs "
-            "fitted jointly, with one theta and one set of effects: the same commands without --campaign. Intervals "
-            "apart that do not overlap say that the labs do not share one material or one bench."
-        ),
-        table(
-            ["measurements of", "labs", "Young's modulus (MPa)", "friction", "calibration"],
-            thetas,
-            empty="Nothing is calibrated yet.",
-        ),
-        table(
-            ["measurements of", "round", "named", "probability", "gap closed"],
-            named,
-            numeric=(1, 3, 4),
-            empty="No gap search has been made yet.",
-        ),
-    )
+def _describe_named(row: dict[str, Any]) -> dict[str, Any]:
+    closed = "-" if row["closed_fraction"] is None else f"{row['closed_fraction']:.0%}"
+    return {"of": row["campaign_id"] or "all, jointly", "closed": closed, **row}
 
 
 def _interval(row: dict[str, float], name: str, unit: str, digits: int) -> str:
@@ -176,27 +81,6 @@ def _interval(row: dict[str, float], name: str, unit: str, digits: int) -> str:
     if median is None:
         return _UNKNOWN
     return f"{median:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
-
-
-def _spread_table(heading: str, spreads: Sequence[Spread], spell: Callable[[str], str]) -> Markup:
-    """Mean force, and standard deviations of repeats, between labs and of both, N."""
-    rows = []
-    for one in spreads:
-        sds = (one.repeat_sd_n, one.lab_sd_n, one.reproducibility_sd_n)
-        told = [_UNKNOWN if sd is None else number(sd, 2) for sd in sds]
-        rows.append((spell(one.key), one.n_cells, number(one.mean_n, 2), *told))
-    return table([heading, "pairs", "mean (N)", "repeats", "between labs", "both"], rows, numeric=(1, 2, 3, 4, 5))
-
-
-def _record(one: Spread) -> dict[str, object]:
-    return {
-        "key": one.key,
-        "n_pairs": one.n_cells,
-        "mean_n": one.mean_n,
-        "repeat_sd_n": one.repeat_sd_n,
-        "lab_sd_n": one.lab_sd_n,
-        "reproducibility_sd_n": one.reproducibility_sd_n,
-    }
 
 
 def _object_name(key: str) -> str:
@@ -237,15 +121,15 @@ def _draw_agreement(found: LabsSideBySide) -> Figure:
     return figure
 
 
-def _draw_spreads(spreads: Sequence[Spread], spell: Callable[[str], str]) -> Figure:
+def _draw_spreads(spreads: Sequence[dict[str, Any]]) -> Figure:
     figure, axes = new_axes(WIDTH_IN, 0.9 + 0.3 * len(spreads), grid="x")
     for place, one in enumerate(spreads):
-        for offset, value_n, colour in ((-0.18, one.repeat_sd_n, MUTED), (0.18, one.lab_sd_n, BEST)):
+        for offset, value_n, colour in ((-0.18, one["repeat_sd_n"], MUTED), (0.18, one["lab_sd_n"], BEST)):
             if value_n is not None:
                 axes.barh(place + offset, value_n, height=0.34, color=colour)
     axes.barh([np.nan], [np.nan], color=MUTED, label="repeats in one lab")
     axes.barh([np.nan], [np.nan], color=BEST, label="between labs")
-    axes.set_yticks(range(len(spreads)), [spell(one.key) for one in spreads])
+    axes.set_yticks(range(len(spreads)), [one["name"] for one in spreads])
     axes.set_ylim(len(spreads) - 0.5, -0.5)
     axes.set_xlabel("standard deviation (N)")
     figure.legend(loc="outside upper left", ncols=2)

@@ -25,7 +25,6 @@ COMPLIANT = "#7fb2d6"
 RIGID = "#6b7078"
 OBJECT = "#d9c9a3"
 
-BRANCH_LINE: dict[str, Any] = {"color": SIMULATED, "linewidth": 0.7}  # the branch that a simulated grasp did not take
 
 WIDTH_IN = 4.6
 

@@ -7,6 +7,7 @@ import os
 import secrets
 from contextlib import suppress
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 
 from fast.lake.storage.files import writing_failed
@@ -15,6 +16,26 @@ from fast.models.errors import FastError
 PASSWORD_VARIABLE = "FAST_PASSWORD"
 USER = "fast"
 _KEY_BYTES = 24
+
+
+class Role(StrEnum):
+    """What whoever opens a page may do; each may do what those before it may."""
+
+    LOOK = "look"
+    SAY = "say"
+    MOVE = "move"
+
+    def may(self, other: "Role") -> bool:
+        """Whether this one includes another."""
+        roles = list(Role)
+        return roles.index(self) >= roles.index(other)
+
+
+def role_login(login: str, role: Role) -> str:
+    """The login of a role: that of a server, or one that follows from it and does not tell it."""
+    if role is Role.MOVE:
+        return login
+    return f"{USER}:{hmac.new(login.encode(), f'role {role}'.encode(), hashlib.sha256).hexdigest()[:32]}"
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,9 @@ Three rules, for requests and web sockets alike:
 1. `Host` is an address or name of this machine. A name of a stranger that was pointed at 127.0.0.1 is refused.
 2. `Origin`, which a browser sends with what a page does, is the server itself; so is what else a browser says of it.
 3. The key: in `Authorization`, as programs send it, or in the cookie of a browser that came once with `?key=`.
+
+A server may let in with several keys, each for what its bearer may do (`access.ROLES`); the application finds the role
+in the scope.
 """
 
 import base64
@@ -11,12 +14,12 @@ import binascii
 import hmac
 import ipaddress
 import socket
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from http import cookies
 from typing import Any
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
-from fast.flows.server.access import USER, session_of
+from fast.flows.server.access import USER, Role, role_login, session_of
 from fast.flows.server.loopback import LOOPBACK_NAMES
 
 Scope = MutableMapping[str, Any]
@@ -40,9 +43,15 @@ that of <code>fast serve</code> again.</p>
 <p>Where a password was set, reload this page: user <code>fast</code>, and the password.</p></body></html>"""
 
 
-def add_gate(app: App, login: str, host: str) -> App:
-    """An application behind the three rules. `login`: `user:password`; `host`: the address the server listens on."""
-    names = _own_names(host)
+ROLE = "fast.role"  # key of the scope
+
+
+def add_gate(app: App, login: str, host: str, roles: Iterable[Role] = (Role.MOVE,)) -> App:
+    """An application behind the three rules. `login`: `user:password`; `host`: the address the server listens on.
+
+    `roles`: whom the server lets in; the login itself is that of `Role.MOVE`.
+    """
+    names, logins = _own_names(host), {role_login(login, role): role for role in roles}
 
     async def gate(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
@@ -51,10 +60,16 @@ def add_gate(app: App, login: str, host: str) -> App:
         headers = _read_headers(scope)
         if sentence := find_fault(headers, names):
             await _refuse(scope, receive, send, 403, sentence)
-        elif _knows(headers, login, cookie_name(scope)):
-            await app(scope, receive, _adding(send, _extras(scope, headers, login)))
-        elif scope["type"] == "http" and scope["method"] == "GET" and _brings_key(scope, login):
-            await _welcome(scope, receive, send, login)
+            return
+        is_get = scope["type"] == "http" and scope["method"] == "GET"
+        brought = _find_key(scope, logins) if is_get else None
+        known = next((one for one in logins if _knows(headers, one, cookie_name(scope))), None)
+        # A link for another role counts, whatever the browser had before.
+        if brought and brought != known:
+            await _welcome(scope, receive, send, brought)
+        elif known is not None:
+            scope[ROLE] = logins[known]
+            await app(scope, receive, _adding(send, _extras(scope, headers, known)))
         else:
             await _refuse(scope, receive, send, 401, "The key of the lake is needed.")
 
@@ -141,10 +156,10 @@ def _knows(headers: dict[str, str], login: str, cookie: str) -> bool:
     return kept is not None and hmac.compare_digest(kept.value.encode(), session_of(login).encode())
 
 
-def _brings_key(scope: Scope, login: str) -> bool:
-    """Whether the address ends with the key."""
+def _find_key(scope: Scope, logins: Iterable[str]) -> str | None:
+    """The login whose key the address ends with."""
     given = dict(parse_qsl(scope["query_string"].decode("latin-1"))).get("key", "")
-    return hmac.compare_digest(f"{USER}:{given}".encode(), login.encode())
+    return next((one for one in logins if hmac.compare_digest(f"{USER}:{given}".encode(), one.encode())), None)
 
 
 async def _welcome(scope: Scope, receive: Receive, send: Send, login: str) -> None:

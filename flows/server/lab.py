@@ -1,4 +1,4 @@
-"""What stands while a lab works: the Prefect server, a worker, and the deployments of prefect.yaml."""
+"""What stands while a lab works: the lab's page, the Prefect server, a worker, and the deployments of prefect.yaml."""
 
 import os
 import subprocess
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fast.flows.server.child_process import CHECKOUT, ChildProcess
 from fast.flows.server.crashed_runs import end_crashed_runs
 from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, make_environment
+from fast.flows.server.page_port import PageServer, listen
 from fast.flows.server.server import (
     LOOPBACK,
     address_for_others,
@@ -35,15 +36,19 @@ WORKER_POLL_S = "5"  # between the worker's looks for runs to start, where Prefe
 
 @dataclass(frozen=True)
 class LabPlan:
-    """How the lab is to stand. `host`: where the server listens; `n_runs`: flow runs of the worker at once."""
+    """How the lab is to stand. `host`: where server and page listen; `n_runs`: flow runs of the worker at once.
+
+    `page_port`: of the lab's page, None is 4210, or a free one where that is taken.
+    """
 
     port: int
     host: str = LOOPBACK
     n_runs: int = 4
+    page_port: int | None = None
 
 
 class Lab:
-    """Server and worker of a lake, both watched."""
+    """Page, server and worker of a lake, all watched."""
 
     def __init__(self, lake: Lake, plan: LabPlan) -> None:
         self._lake = lake
@@ -64,6 +69,9 @@ class Lab:
         if self.api.login:
             self._environment[LOGIN_VARIABLE] = self.api.login
         self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
+        self._page = PageServer(lake, listen(plan.page_port, plan.host))
+        self.page = self._page.api
+        self._page.start()
         log = state_folder(lake.root) / "worker.log"
         self._n_runs = plan.n_runs
         self._worker = ChildProcess("fast.flows.server.worker_process", [str(os.getpid())], self._environment, log)
@@ -100,7 +108,8 @@ class Lab:
                 tell(sentence)
 
     def close(self) -> None:
-        """Stop worker, then server."""
+        """Stop the page, the worker, then the server."""
+        self._page.close()
         self._worker.stop()
         if self._server is not None:
             stop_server(self._lake.root, self._server)

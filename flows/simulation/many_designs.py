@@ -4,14 +4,21 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from fast.flows.progress import Bar, ProgressReporter, RateEstimate
-from fast.models.objects.catalogue import get_object, name_object
+from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup, Placement
+from fast.models.show import html_table, load_pandas
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.own_designs import OwnDesign
 from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
 from fast.tasks.simulation.pool import WorkerPool
+
+if TYPE_CHECKING:
+    import pandas
 
 _DEADLINE_S = 120.0  # of one grasp, as in a campaign
 
@@ -21,7 +28,7 @@ class SimulatedDesign:
     """A design with its outcome on each object, in the order of the objects."""
 
     own: OwnDesign
-    object_ids: tuple[int, ...]
+    objects: tuple[RigidObject, ...]
     attempts: tuple[Attempt, ...]
 
     @property
@@ -45,50 +52,88 @@ class SimulatedDesign:
         }
 
 
+@dataclass(frozen=True)
+class SimulatedGrasps:
+    """What `fast.simulate_many` gives: n designs on m objects. It shows itself in a notebook."""
+
+    designs: tuple[SimulatedDesign, ...]
+    """The n designs, in the order in which they were given."""
+
+    @property
+    def peak_force_n(self) -> np.ndarray:
+        """Peak pull-off forces, n x m, in N; NaN where a grasp could not be simulated."""
+        return np.array([[np.nan if force is None else force for force in one.forces_n] for one in self.designs])
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return a row per grasp: design, object, peak (N), contact force (N), work (J), and why it failed."""
+        rows = [
+            {
+                "design": one.own.name,
+                "design_id": one.own.design.design_id,
+                "object": obj.name,
+                "peak_force_n": attempt.result and attempt.result.peak_force_n,
+                "contact_force_n": attempt.result and attempt.result.contact_force_n,
+                "work_j": attempt.result and attempt.result.work_j,
+                "failed": attempt.reason,
+            }
+            for one in self.designs
+            for obj, attempt in zip(one.objects, one.attempts, strict=True)
+        ]
+        return load_pandas().DataFrame(rows)
+
+    def _repr_html_(self) -> str:
+        names = [obj.name for obj in self.designs[0].objects] if self.designs else []
+        rows = [(one.own.name, *map(_force_text, one.forces_n)) for one in self.designs]
+        return html_table(("peak pull-off force, N", *names), rows)
+
+
+def _force_text(force_n: float | None) -> str:
+    return "failed" if force_n is None else f"{force_n:.1f}"
+
+
 def simulate_designs(
     designs: Sequence[OwnDesign],
-    object_ids: Sequence[int],
+    objects: Sequence[RigidObject],
     version: SimulatorVersion,
     setup: GraspSetup,
     placement: Placement,
     n_workers: int,
     reporter: ProgressReporter,
 ) -> list[SimulatedDesign]:
-    """Every design on every object, the designs side by side; the one with the largest mean force first.
+    """Simulate every design on every object, the designs side by side and in their order.
 
     A grasp that fails is left out of the mean of its design, and counted.
     """
-    total, done, rate = len(designs) * len(object_ids), 0, RateEstimate()
+    total, done, rate = len(designs) * len(objects), 0, RateEstimate()
     pool = WorkerPool(n_workers)
 
-    def tell(own: OwnDesign, object_id: int, attempt: Attempt) -> None:
+    def tell(own: OwnDesign, obj: RigidObject, attempt: Attempt) -> None:
         nonlocal done
         done += 1
         found = attempt.reason if attempt.result is None else f"{attempt.result.peak_force_n:.1f} N"
         bar = Bar("simulated", done, total, rate.seconds_left(total - done))
-        reporter.report(f"{own.name} on {name_object(object_id)}: {found}", [bar])
+        reporter.report(f"{own.name} on {obj.name} ({obj.object_id}): {found}", [bar])
 
     job = partial(GraspJob, version=version, setup=setup, deadline_s=_DEADLINE_S, placement=placement)
     try:
         with ThreadPoolExecutor(n_workers) as threads:
-            found = list(threads.map(partial(_simulate, pool, job, tuple(object_ids), tell), designs))
+            return list(threads.map(partial(_simulate, pool, job, tuple(objects), tell), designs))
     finally:
         pool.close()
-    return sorted(found, key=lambda one: -(float(str(one.row["mean_n"] or 0.0))))
 
 
 def _simulate(
     pool: WorkerPool,
     job: Callable[..., GraspJob],
-    object_ids: tuple[int, ...],
-    tell: Callable[[OwnDesign, int, Attempt], None],
+    objects: tuple[RigidObject, ...],
+    tell: Callable[[OwnDesign, RigidObject, Attempt], None],
     own: OwnDesign,
 ) -> SimulatedDesign:
     """All objects of a design in one worker, which keeps its mesh."""
     attempts = []
     with pool.lend() as worker:
-        for object_id in object_ids:
-            wanted = job(own.design, get_object(object_id))
+        for obj in objects:
+            wanted = job(own.design, obj)
             attempts.append(answer(worker, wanted, worker.submit(attempt_grasp, wanted)))
-            tell(own, object_id, attempts[-1])
-    return SimulatedDesign(own, object_ids, tuple(attempts))
+            tell(own, obj, attempts[-1])
+    return SimulatedDesign(own, objects, tuple(attempts))

@@ -60,15 +60,25 @@ class _SimulationCounter:
     """A line of progress with the time left, at most one in ten seconds."""
 
     reporter: ProgressReporter
+    """Is told."""
     total: int
-    worth: Sequence[float]  # of the first 0, 1, ... total grasps, in any unit of time
+    """Grasps to be made."""
+    worth: Sequence[float]
+    """Of the first 0, 1, ... total grasps, in any unit of time."""
     made: int = 0
+    """So far."""
     of_plan: int = 0
+    """Grasps of the plan that is under way."""
     before_plan: int = 0
+    """Made before it."""
     failed: int = 0
+    """So far."""
     failed_before_plan: int = 0
+    """Failed before it."""
     rate: RateEstimate = field(default_factory=RateEstimate)
+    """How fast they come."""
     last_s: float = -_PROGRESS_INTERVAL_S
+    """When it last spoke."""
 
     def begin(self, n_grasps: int) -> None:
         """The next plan lacks so many grasps."""

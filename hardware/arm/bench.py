@@ -12,8 +12,8 @@ import numpy as np
 
 from fast.hardware.arm.link import ArmLink, ArmState, write_output
 from fast.hardware.arm.settings import ArmSettings, Point
-from fast.hardware.cell.cell import CLOSED_SETTLE_S, MeasuredGrasp, closing_s
-from fast.hardware.cell.diagnostics import DiagnosticRun, Item
+from fast.hardware.cell.cell import CLOSED_SETTLE_S, Item, MeasuredGrasp, closing_s
+from fast.hardware.cell.live import GraspInView, read_samples
 from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM
 from fast.hardware.cell.recorder import CONTACT_READINGS
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
@@ -42,6 +42,7 @@ class ArmBench:
     def __init__(self, settings: ArmSettings, tools: Mapping[int, MountedTool]) -> None:
         self.settings = settings
         self._tools = dict(tools)
+        self._present: GraspInView | None = None
         self._link = ArmLink(settings, self._hear)
         self._leave: Leave = lambda: None
         self._asked: Verb | None = None
@@ -85,6 +86,10 @@ class ArmBench:
         """Disconnect."""
         self._link.close()
 
+    def present_grasp(self) -> GraspInView | None:
+        """The grasp that is made now, or the last one."""
+        return self._present
+
     def check_position(self) -> tuple[float, float, float]:
         """Distance of the flange from where the controller wants it, x, y, z in mm.
 
@@ -127,8 +132,6 @@ class ArmBench:
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._tools)}.")
         grasps = []
         for item in plan:
-            if isinstance(item, DiagnosticRun):
-                raise UsageError("An arm makes no diagnostic runs; remove them from the config's [diagnostics].")
             if isinstance(item, GraspRequest):
                 if item.tool_id != tool.tool_id:
                     wanted = f"A grasp of tool {item.tool_id} is asked for"
@@ -224,6 +227,8 @@ class ArmBench:
     # A grasp
 
     def _measure(self, tool: MountedTool, grasp: "_ArmGrasp", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+        purpose = "asked for" if grasp.request is not None else ""
+        self._present = GraspInView(tool.tool_id, grasp.object_id, grasp.repeat, grasp.started_at, grasp.read, purpose)
         try:
             self._grasp(tool, grasp)
         except (FastError, KeyboardInterrupt, SystemExit) as error:
@@ -330,21 +335,41 @@ class _ArmGrasp:
     """What is known of a grasp while it is made."""
 
     object_id: int
+    """What is grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     setup: GraspSetup
+    """How it is made."""
     placement: Placement = Placement()
+    """Where the object shall sit between the fingers."""
     request: GraspRequest | None = None
+    """What asked for it; None: an ordinary grasp."""
     started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
+    """When it began."""
     tare_n: float = 0.0
+    """Gross force of the free-hanging gripper that was taken as zero, N."""
     sd_n: float = 0.0
+    """Standard deviation of a reading then, N."""
     z_mm: float = math.nan
+    """Height of the flange at the grasp; NaN before."""
     start_s: float = 0.0
+    """When the jaws began to close, on the bench's clock."""
     times_s: list[float] = field(default_factory=list)
+    """Of the readings, since then."""
     lifts_mm: list[float] = field(default_factory=list)
+    """Lift at each reading."""
     forces_n: list[float] = field(default_factory=list)
+    """Net force of each reading."""
     reason: str = ""
+    """Why it failed; empty: it did not."""
     end: str = ""
+    """How it ended: `separated`, `max_lift`, or by a fault."""
     details: dict[str, float | str] = field(default_factory=dict)
+    """What else is kept with it."""
+
+    def read(self, first: int) -> Trace:
+        """Samples from number `first` on, from any thread."""
+        return read_samples(self.times_s, self.lifts_mm, self.forces_n, first)
 
     def add(self, states: Sequence[ArmState]) -> None:
         """Samples of the wrist, tared."""

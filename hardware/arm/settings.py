@@ -37,10 +37,14 @@ class ArmSettings(Record):
     rack_mm: tuple[Point, ...] = Field(min_length=1, max_length=10, description="flange when the tool of a slot hangs")
     mounts_mm: dict[int, Point] = Field(min_length=1, description="by object: middle of the top of its mount")
     travel_speed_mm_per_s: float = Field(default=250.0, gt=0, le=1000)
+    """Between places."""
     dock_speed_mm_per_s: float = Field(default=50.0, gt=0, le=250, description="into and out of the rack and the grasp")
     acceleration_mm_per_s2: float = Field(default=500.0, gt=0, le=5000)
+    """Of all moves."""
     grip_output: Annotated[int, Field(ge=0, le=7)] = 0
+    """Digital output that closes the jaws."""
     lock_output: Annotated[int, Field(ge=0, le=7)] = 1
+    """Digital output that locks the tool."""
     pressure_input: int | None = Field(
         default=0, ge=0, le=7, description="pressure switch of the gripper's line; none: wait `air_s` instead"
     )
@@ -48,6 +52,7 @@ class ArmSettings(Record):
     air_s: float = Field(default=0.5, gt=0, le=10, description="until the gripper's line has its pressure, or lost it")
     most_force_n: float = Field(default=100.0, gt=0, le=500, description="a stronger pull ends the grasp as failed")
     limits: BenchLimits = _FIXED_GRIPPER
+    """What a grasp can set."""
 
     @model_validator(mode="after")
     def _check_outputs(self) -> "ArmSettings":

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from fast.hardware.cell.diagnostics import NO_OBJECT, DiagnosticRun, Item
+from fast.hardware.cell.live import NOTHING, GraspInView
 from fast.hardware.cell.recorder import GraspRecorder
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.clock import Clock
@@ -31,7 +31,6 @@ logger = logging.getLogger(__name__)
 SETTLE_S = 0.3  # after travelling, before the tare: the tool swings
 BASELINE_S = 0.6  # longer than the time after which identical readings mean a frozen transmitter
 RELEASE_CHECK_S = 0.15  # 12 readings: their mean is ten times better than NOT_RELEASED_N asks
-DEAD_WEIGHT_S = 2.0  # readings with the weight on, and after it was taken off
 CLOSED_SETTLE_S = 0.2  # between the end of closing and the lift
 POSITION_PERIOD_S = 0.1  # 10 Hz, what GRBL answers reliably in motion
 LATE_S = 0.05  # a position whose time is less sure is not recorded: at 5 mm/s it is 0.25 mm
@@ -41,30 +40,34 @@ OVERLOAD_LOWER_MM = 5.0
 SAME_PLACE_MM = 0.05
 LIFT_MARGIN_S = 5.0
 
-Hang = Callable[[float], None]
-"""Called with a mass in kg: returns when it hangs still on the open gripper (0: when nothing hangs there)."""
+Item = tuple[int, int] | GraspRequest
+"""Of a plan: an ordinary grasp (object, repeat), or one that is asked for with its own setup and placement."""
 
 
 @dataclass(frozen=True)
 class MeasuredGrasp:
-    """One grasp as the bench measured it.
-
-    `tare_force_n`: gross force of the free-hanging gripper that was taken as zero. A failed grasp keeps what was
-    recorded until then. `setup` is the one it was made with. `diagnostic`: the experiment it belongs to (`object_id` is
-    then `NO_OBJECT` if it needs none); `request`: what asked for it. Both None: an ordinary grasp.
-    """
+    """One grasp as the bench measured it; a failed one keeps what was recorded until then."""
 
     object_id: int
+    """What was grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     started_at: datetime
+    """When it began."""
     trace: Trace
+    """The samples."""
     status: Literal["ok", "failed"]
+    """Whether it counts."""
     reason: str
+    """Why it failed; empty: it did not."""
     tare_force_n: float
+    """Gross force of the free-hanging gripper that was taken as zero."""
     details: dict[str, float | str] = field(default_factory=dict)
+    """What else is kept with it."""
     setup: GraspSetup = GraspSetup()
-    diagnostic: DiagnosticRun | None = None
+    """How it was made."""
     request: GraspRequest | None = None
+    """What asked for it; None: an ordinary grasp."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ class CellDevices:
 class GraspCell:
     """Runs grasps on the devices of one bench. Between grasps the gripper is open and the head at travel height.
 
-    `recorded`: settings of the bench that are kept with every grasp's details.
+    `recorded`: settings of the bench that are kept with every grasp's details. `present`: the grasp that is made now.
     """
 
     def __init__(
@@ -102,6 +105,7 @@ class GraspCell:
         self._layout = layout
         self._recorded = dict(recorded or {})
         self._stroke: GraspSetup | None = None
+        self.present: GraspInView | None = None
 
     def measure_tool(
         self,
@@ -110,20 +114,18 @@ class GraspCell:
         setup: GraspSetup,
         on_grasp: Callable[[MeasuredGrasp], None],
         should_stop: Callable[[], bool],
-        hang: Hang | None = None,
     ) -> None:
         """Pick the tool of `slot`, measure the planned (object, repeat) grasps in order, park the tool.
 
         `on_grasp` gets each grasp as soon as it is measured; `should_stop` is asked before each grasp and ends the
         plan early, with the tool parked. A grasp that fails by itself (load cell fault, overload) is reported as failed
-        and the plan goes on. Diagnostic runs and grasps that are asked for, which bring their own setup, may stand
-        anywhere in the plan; dead weights need `hang`.
+        and the plan goes on. Grasps that are asked for, which bring their own setup, may stand anywhere in the plan.
 
         Raises:
             UsageError: plan or setup cannot be carried out; nothing has moved.
             DeviceError: the bench cannot go on; it is in the safe state and the tool may still be on the head.
         """
-        tool = self._check_plan(slot, plan, setup, hang)
+        tool = self._check_plan(slot, plan, setup)
         if not plan or should_stop():
             return
         with self._supervisor.guard():
@@ -136,7 +138,7 @@ class GraspCell:
                     logger.info("Stop asked: parking tool %s", tool.tool_id)
                     break
                 self._watch.before_grasp()
-                self._measure(tool, self._begin(item, setup), on_grasp, hang)
+                self._measure(tool, self._begin(item, setup), on_grasp)
             self.park()
 
     def park(self) -> None:
@@ -151,7 +153,7 @@ class GraspCell:
         self._supervisor.end_safe_state("the person who asked to recover")
         self._gantry.move_to(z_mm=self._layout.top_z_mm)
 
-    def _check_plan(self, slot: int, plan: Sequence[Item], setup: GraspSetup, hang: Hang | None) -> MountedTool:
+    def _check_plan(self, slot: int, plan: Sequence[Item], setup: GraspSetup) -> MountedTool:
         tool = self._changer.tools.get(slot)
         if tool is None:
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._changer.tools)}.")
@@ -159,14 +161,10 @@ class GraspCell:
             grasp = self._begin(item, setup)
             self._layout.limits.check(grasp.setup, grasp.placement)
             self._layout.grasp_z_mm(tool.design, grasp.setup)
-            self._place_mm(grasp)
+            self._layout.grasp_xy_mm(grasp.object_id, grasp.placement)
             if grasp.request is not None and grasp.request.tool_id != tool.tool_id:
                 wanted = f"A grasp of tool {grasp.request.tool_id} is asked for"
                 raise UsageError(f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for.")
-            if grasp.run is not None and grasp.run.mass_kg is not None and hang is None:
-                raise UsageError(
-                    "The plan has dead weights, which a person hangs on the gripper; use `fast gantry diagnose`."
-                )
         return tool
 
     def _check_at_rest(self) -> None:
@@ -177,24 +175,20 @@ class GraspCell:
             )
 
     def _begin(self, item: Item, setup: GraspSetup) -> "_GraspInProgress":
-        if isinstance(item, DiagnosticRun):
-            return _GraspInProgress(item.object_id, item.repeat, item.setup_of(setup), dict(self._recorded), run=item)
         if isinstance(item, GraspRequest):
             return _GraspInProgress(item.object_id, item.repeat, item.setup, dict(self._recorded), request=item)
         return _GraspInProgress(*item, setup, dict(self._recorded))
 
-    def _measure(
-        self, tool: MountedTool, grasp: "_GraspInProgress", on_grasp: Callable[[MeasuredGrasp], None], hang: Hang | None
-    ) -> None:
+    def _measure(self, tool: MountedTool, grasp: "_GraspInProgress", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
         """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
+        self.present = GraspInView(
+            tool.tool_id, grasp.object_id, grasp.repeat, grasp.started_at, grasp.read, grasp.purpose
+        )
         grasp.details["wire_from_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
         try:
             self._approach(tool, grasp)
             try:
-                if grasp.run is not None and grasp.run.mass_kg is not None and hang is not None:
-                    self._weigh(grasp, grasp.run.mass_kg, hang)
-                else:
-                    self._grip_and_lift(tool, grasp)
+                self._grip_and_lift(tool, grasp)
             except (SensorFaultError, OverloadError, GraspFaultError) as fault:
                 grasp.reason = str(fault)
                 self._back_off(fault, grasp)
@@ -206,14 +200,9 @@ class GraspCell:
             raise
         on_grasp(grasp.result())
 
-    def _place_mm(self, grasp: "_GraspInProgress") -> tuple[float, float]:
-        if grasp.object_id == NO_OBJECT:
-            return self._layout.free_xy_mm
-        return self._layout.grasp_xy_mm(grasp.object_id, grasp.placement)
-
     def _approach(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
         """Travel over the object, unless the head is there from the last repeat, and tare hanging free."""
-        x_mm, y_mm = self._place_mm(grasp)
+        x_mm, y_mm = self._layout.grasp_xy_mm(grasp.object_id, grasp.placement)
         here_x_mm, here_y_mm, _ = self._gantry.position_mm()
         if math.hypot(x_mm - here_x_mm, y_mm - here_y_mm) > SAME_PLACE_MM:
             self._raise(tool)
@@ -222,8 +211,7 @@ class GraspCell:
         self._changer.check_carrying()
         self._prepare_air(grasp)
         # The panel's register is too small for the number of an own object: its place is shown.
-        is_object = grasp.object_id != NO_OBJECT
-        self._pneumatics.label_job(self._layout.place_of(grasp.object_id) if is_object else NO_OBJECT, grasp.repeat)
+        self._pneumatics.label_job(self._layout.place_of(grasp.object_id), grasp.repeat)
         self._force.tare()
         grasp.baseline = self._force.baseline(BASELINE_S)
         step_n = self._watch.zero.check(tool.tool_id, grasp.baseline)
@@ -238,17 +226,6 @@ class GraspCell:
             self._stroke = grasp.setup
         self._pneumatics.set_supply_pressure(grasp.setup.supply_pressure_psi)
         grasp.details["supply_pressure_psi"] = self._pneumatics.supply_pressure_psi
-
-    def _weigh(self, grasp: "_GraspInProgress", mass_kg: float, hang: Hang) -> None:
-        """Readings with a known weight on the open gripper, and after it was taken off."""
-        hang(mass_kg)
-        self._force.forget()
-        recorder = grasp.recorder = GraspRecorder(self._clock.now_s(), self._gantry.position_mm()[2], grasp.baseline)
-        self._record_until(recorder, self._clock.now_s() + DEAD_WEIGHT_S)
-        grasp.details["dead_weight_n"] = float(recorder.recent_force_n(DEAD_WEIGHT_S).mean())
-        hang(0.0)
-        self._record_until(recorder, self._clock.now_s() + DEAD_WEIGHT_S)
-        grasp.end = "weighed"
 
     def _grip_and_lift(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
         setup = grasp.setup
@@ -270,7 +247,7 @@ class GraspCell:
         recorder.add_position(sample.time_s, sample.z_mm)
         grasp.details.update(self._force.peak_details())
         least_contact_n = max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)
-        if grasp.object_id != NO_OBJECT and not recorder.is_contact_seen(least_contact_n):
+        if not recorder.is_contact_seen(least_contact_n):
             grasp.reason = (
                 f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
                 "not counted; look at the mount."
@@ -290,7 +267,7 @@ class GraspCell:
         """Read force and position until the fingers have left the object; says how it ended."""
         setup = grasp.setup
         speed = setup.lift_speed_mm_per_s
-        least_mm = least_lift_mm(grasp.object_id, setup, self._layout)
+        least_mm = least_lift_mm(grasp.object_id, setup)
         start_s = check_s = self._clock.now_s()
         deadline_s = start_s + setup.max_lift_mm / speed + LIFT_MARGIN_S
         while self._clock.now_s() < deadline_s:
@@ -346,22 +323,41 @@ class _GraspInProgress:
     """What is known of a grasp while it is made."""
 
     object_id: int
+    """What is grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     setup: GraspSetup
+    """How it is made."""
     details: dict[str, float | str]
-    run: DiagnosticRun | None = None
+    """What else is kept with it."""
     request: GraspRequest | None = None
+    """What asked for it; None: an ordinary grasp."""
     started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
+    """When it began."""
     baseline: Baseline = Baseline(0.0, 0.0, 0.0)
-    free_n: float = 0.0  # net force of the open gripper, against which it is judged after the release
+    """Force of the free-hanging gripper before the grasp."""
+    free_n: float = 0.0
+    """Net force of the open gripper, against which it is judged after the release."""
     recorder: GraspRecorder | None = None
+    """What was recorded; None before the jaws close."""
     reason: str = ""
+    """Why it failed; empty: it did not."""
     end: str = ""
+    """How it ended: `separated`, `max_lift`, or by a fault."""
 
     @property
     def placement(self) -> Placement:
         """Where the object shall sit between the fingers."""
         return Placement() if self.request is None else self.request.placement
+
+    @property
+    def purpose(self) -> str:
+        """What it is made for, unless it is an ordinary grasp."""
+        return "asked for" if self.request is not None else ""
+
+    def read(self, first: int) -> Trace:
+        """Its samples from number `first` on, from any thread."""
+        return NOTHING if self.recorder is None else self.recorder.read(first)
 
     def result(self) -> MeasuredGrasp:
         """The grasp as measured; failed when a reason was noted."""
@@ -382,7 +378,6 @@ class _GraspInProgress:
             tare_force_n=self.baseline.gross_n,
             details=self.details,
             setup=self.setup,
-            diagnostic=self.run,
             request=self.request,
         )
 
@@ -392,10 +387,9 @@ def closing_s(setup: GraspSetup) -> float:
     return max(setup.open_gap_mm - setup.closed_gap_mm, 0.0) / 2 / setup.close_speed_mm_per_s
 
 
-def least_lift_mm(object_id: int, setup: GraspSetup, layout: BenchLayout) -> float:
-    """Lift at which the tips have passed the top of an object, without one of the tallest.
+def least_lift_mm(object_id: int, setup: GraspSetup) -> float:
+    """Lift at which the tips have passed the top of an object.
 
     Before that a lift is not over: a waisted object lets go in between.
     """
-    height_mm = layout.object_height_mm if object_id == NO_OBJECT else get_object(object_id).height_mm
-    return min(setup.tip_below_mm + height_mm + TOP_MARGIN_MM, setup.max_lift_mm)
+    return min(setup.tip_below_mm + get_object(object_id).height_mm + TOP_MARGIN_MM, setup.max_lift_mm)

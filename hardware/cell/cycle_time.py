@@ -5,7 +5,6 @@ object's top; an object that holds longer costs its extra millimetres at the lif
 """
 
 import math
-import statistics
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,28 +12,24 @@ from dataclasses import dataclass
 from fast.hardware.cell.cell import (
     BASELINE_S,
     CLOSED_SETTLE_S,
-    DEAD_WEIGHT_S,
     POSITION_PERIOD_S,
     RELEASE_CHECK_S,
     SETTLE_S,
+    Item,
     closing_s,
     least_lift_mm,
 )
-from fast.hardware.cell.diagnostics import DiagnosticRun, Item
 from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools import changer as tool_changer
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.records import GraspRequest, GraspSetup, Placement
 
-PAPER_GRASP_S = 15.0  # "one grasp every 15 s", 240 an hour
-
 _MOVE_S = 0.06  # of every move on top of its trapezoid: planner, dwell, and the poll that finds it done
 _GRIP_S = 0.14  # valve, and pressure up to the switch
 _VENT_S = 0.34  # valve, pressure down, rest of the air
 _LOCK_S = 0.18  # valve, travel of the lock, and the poll that finds it
 _STOP_LIFT_S = 0.05
-_HANG_S = 20.0  # a person hangs a weight on, or takes it off
 
 Point = tuple[float, float, float]
 
@@ -109,16 +104,6 @@ def plan_time(
     return PlanTime(change_s, tuple(parts.total_s for parts in spent), total.longest_first())
 
 
-def remaining_s(modelled_s: Sequence[float], measured_s: Sequence[float]) -> float:
-    """Time that the rest of a plan takes: the model's, times how much slower the first grasps really were.
-
-    `modelled_s`: of all items; `measured_s`: of those made so far. The median ratio does not mind a pause.
-    """
-    ratios = [real / model for model, real in zip(modelled_s, measured_s, strict=False) if model > 0]
-    factor = statistics.median(ratios) if ratios else 1.0
-    return factor * sum(modelled_s[len(measured_s) :])
-
-
 def total_parts(times: Iterable[PlanTime]) -> dict[str, float]:
     """Parts of several tools together, longest first."""
     total = Parts()
@@ -150,18 +135,13 @@ class _Model:
         return spent_s + _LOCK_S + 2 * tool_changer.SENSOR_S
 
     def item(self, item: Item, setup: GraspSetup) -> Parts:
-        """One grasp or diagnostic run."""
-        run = item if isinstance(item, DiagnosticRun) else None
+        """One grasp."""
         placement = item.placement if isinstance(item, GraspRequest) else Placement()
         object_id = item[0] if isinstance(item, tuple) else item.object_id
         if isinstance(item, GraspRequest):
             setup = item.setup
-        setup = run.setup_of(setup) if run is not None else setup
         parts = self._approach(object_id, placement)
-        if run is not None and run.mass_kg is not None:
-            parts["dead_weight"] += 2 * (DEAD_WEIGHT_S + _HANG_S)
-        else:
-            parts.add(self._grip_and_lift(object_id, setup))
+        parts.add(self._grip_and_lift(object_id, setup))
         parts["release_check"] += RELEASE_CHECK_S
         return parts
 
@@ -178,7 +158,7 @@ class _Model:
     def _grip_and_lift(self, object_id: int, setup: GraspSetup) -> Parts:
         grasp_z_mm = self._layout.grasp_z_mm(self._design, setup)
         down_s = self._to_z(grasp_z_mm)
-        lift_mm = least_lift_mm(object_id, setup, self._layout)
+        lift_mm = least_lift_mm(object_id, setup)
         speed, acceleration = setup.lift_speed_mm_per_s, self._profile.acceleration_mm_per_s2[2]
         ideal_s = lift_mm / speed + speed / acceleration / 2
         lift_s = math.ceil(ideal_s / POSITION_PERIOD_S) * POSITION_PERIOD_S

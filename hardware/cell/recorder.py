@@ -4,6 +4,7 @@ from bisect import bisect_left
 
 import numpy as np
 
+from fast.hardware.cell.live import read_samples
 from fast.hardware.parts.force_sensor import Baseline, ForceReading
 from fast.models.records import Trace
 
@@ -59,6 +60,14 @@ class GraspRecorder:
         force_n = np.array(self._force_n)
         n = min(CONTACT_READINGS, len(force_n))
         return n > 0 and bool(np.abs(np.convolve(force_n, np.full(n, 1.0 / n), mode="valid")).max() > threshold_n)
+
+    def read(self, first: int) -> Trace:
+        """Samples from number `first` on as far as they go now, from any thread; see `GraspInView`."""
+        found = read_samples(self._force_s, self._force_n, self._force_n, first)
+        position_s, lift_mm = self._position_s[: len(self._lift_mm)], self._lift_mm[: len(self._position_s)]
+        n = min(len(position_s), len(lift_mm))
+        lift = np.interp(found.time_s, position_s[:n], lift_mm[:n]) if n else np.zeros(len(found.time_s))
+        return Trace(found.time_s - self.start_s, lift, found.force_n)
 
     def trace(self) -> Trace:
         """Trace with time from closing start and lift interpolated to the force's times.

@@ -147,14 +147,6 @@ def parse_address(name: str) -> Address:
     return Address(bank, number)
 
 
-def address_at(space: Space, wire: int) -> Address | None:
-    """Native address whose value starts at a wire address of a Modbus space, or None."""
-    for bank in _BANKS:
-        if bank.space == space and (number := bank.number_at(wire)) is not None:
-            return Address(bank, number)
-    return None
-
-
 def pack_value(kind: Kind, value: Value) -> list[int]:
     """Registers of one value, low word first. Text is at most two characters, the first in the low byte.
 

@@ -72,7 +72,7 @@ class GrblLink:
         self._is_reset_asked = False
         self._was_reset_asked = False
         self._alarm: int | None = None
-        self._alarms_of_epochs: list[int | None] = []
+        self._alarms: dict[int, int] = {}  # by the epoch that ended in it
         self._lost: str | None = None
         self._report: StatusReport | None = None
         self._offset_mm: Vector | None = None
@@ -100,7 +100,7 @@ class GrblLink:
 
         A reset may be asked for twice, since the first banner was late: its alarm is that of the first.
         """
-        return next((alarm for alarm in reversed(self._alarms_of_epochs[epoch:]) if alarm is not None), None)
+        return next((alarm for ended, alarm in reversed(self._alarms.items()) if ended >= epoch), None)
 
     @property
     def lost(self) -> str | None:
@@ -280,8 +280,9 @@ class GrblLink:
         self._n_reports += 1
 
     def _start_epoch(self) -> None:
+        if self._alarm is not None:
+            self._alarms[self._epoch] = self._alarm
         self._epoch += 1
-        self._alarms_of_epochs.append(self._alarm)
         self._was_reset_asked, self._is_reset_asked = self._is_reset_asked, False
         self._alarm = self._report = self._offset_mm = self._overrides = None
         self._void_pending()

@@ -87,37 +87,34 @@ class Feedback:
 
 @dataclass(frozen=True)
 class StatusReport:
-    """`<State|...>`; fields that the report left out are None.
-
-    Attributes:
-        state: `Idle Run Hold Jog Alarm Door Check Home Sleep`.
-        sub_state: number after the colon, as in `Hold:1`.
-        machine_mm: MPos.
-        work_mm: WPos.
-        blocks_free: free planner blocks.
-        rx_free: free bytes of the receive buffer.
-        feed_mm_per_min: present feed.
-        spindle: present spindle speed.
-        pins: letters of closed switches; None when the report has no `Pn` (no switch is closed).
-        offset_mm: WCO.
-        overrides: feed, rapid, spindle in percent.
-        line_number: N word of the running line.
-        other: fields of other dialects, `(key, value)` in order.
-    """
+    """`<State|...>`; fields that the report left out are None."""
 
     state: str
+    """`Idle Run Hold Jog Alarm Door Check Home Sleep`."""
     sub_state: int | None = None
+    """Number after the colon, as in `Hold:1`."""
     machine_mm: Vector | None = None
+    """MPos."""
     work_mm: Vector | None = None
+    """WPos."""
     blocks_free: int | None = None
+    """Free planner blocks."""
     rx_free: int | None = None
+    """Free bytes of the receive buffer."""
     feed_mm_per_min: float | None = None
+    """Present feed."""
     spindle: float | None = None
+    """Present spindle speed."""
     pins: str | None = None
+    """Letters of closed switches; None when the report has no `Pn` (no switch is closed)."""
     offset_mm: Vector | None = None
+    """WCO."""
     overrides: tuple[int, int, int] | None = None
+    """Feed, rapid, spindle in percent."""
     line_number: int | None = None
+    """N word of the running line."""
     other: tuple[tuple[str, str], ...] = ()
+    """Fields of other dialects, `(key, value)` in order."""
 
     @property
     def is_moving(self) -> bool:

@@ -15,9 +15,6 @@ from fast.models.errors import DeviceError
 IDENTITY_REGISTER, N_IDENTITY = 0, 5  # firmware, type, year, serial number, program type
 COMMAND_REGISTER = 5
 STATUS_REGISTER = 6
-GROSS_REGISTER = 7
-NET_REGISTER = 9
-PEAK_REGISTER = 11
 DIVISION_REGISTER = 13
 FIRST_MEASURED_REGISTER, N_MEASURED = STATUS_REGISTER, 8  # status to division in one read
 MAX_REGISTERS_PER_REQUEST = 32

@@ -26,19 +26,27 @@ class BenchLayout(Record):
     """
 
     workspace_mm: tuple[float, float, float] = (1500.0, 1500.0, 180.0)
+    """Travel in x, y, z."""
     n_columns: int = Field(default=6, ge=1, le=36)
+    """Of the grid of objects."""
     object_pitch_mm: float = Field(default=150.0, gt=60)
+    """Between the middles of objects."""
     mount_height_mm: float = 33.0
+    """Of the objects' bottom above the sheet."""
     object_height_mm: float = Field(default=50.0, gt=0, description="of the tallest object")
     head_offset_mm: float = Field(default=60.0, description="base of the fingers above the sheet at z = 0")
     clearance_mm: float = Field(default=10.0, gt=0, description="tips over the tallest object while travelling")
     free_xy_mm: tuple[float, float] = Field(default=(150.0, 600.0), description="place without an object")
     dock_first_x_mm: float = 165.0
+    """Of slot 0."""
     dock_pitch_mm: float = Field(default=130.0, gt=60)
+    """Between slots."""
     dock_y_mm: float = 1420.0
+    """Of all slots."""
     dock_z_mm: float = Field(default=90.0, description="the longest finger hangs 30 mm above the sheet")
     top_z_mm: float = Field(default=175.0, description="travel height to and from the dock")
     limits: BenchLimits = BenchLimits()
+    """What a grasp can set."""
     own_objects: tuple[tuple[int, int], ...] = Field(
         default=(), description="own objects, each with the number of its place"
     )

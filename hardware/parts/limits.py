@@ -17,14 +17,21 @@ class BenchLimits(Record):
     """
 
     open_gap_mm: Range = (20.0, 200.0)
+    """Between front faces before closing."""
     closed_gap_mm: Range = (-20.0, 150.0)
+    """Between undeformed front faces after closing."""
     close_speed_mm_per_s: Range = (1.0, 200.0)
+    """Of the jaws."""
     lift_speed_mm_per_s: Range = Field(default=(0.1, 50.0), description="the Z axis goes 3000 mm/min")
     dwell_s: Range = Field(default=(0.0, 120.0), description="the gripper holds its air behind a check valve")
     supply_pressure_psi: Range = (5.0, 60.0)
+    """Of the gripper's air."""
     offset_x_mm: Range = (-10.0, 10.0)
+    """Along the closing direction."""
     offset_y_mm: Range = (-10.0, 10.0)
+    """Along the fingers' width."""
     yaw_deg: Range = (0.0, 0.0)
+    """About the vertical axis."""
 
     def check(self, setup: GraspSetup, placement: Placement = Placement()) -> None:  # noqa: B008 - frozen record
         """Refuse what this bench cannot do.

@@ -82,19 +82,24 @@ COMMANDS = frozenset(SafeAction) - {SafeAction.KEEP_LOCK, SafeAction.KEEP_GRIP, 
 
 @dataclass(frozen=True)
 class BenchCondition:
-    """What is known when something went wrong. Unknown counts as the worse case.
-
-    `must_freeze`: no output may change (lock lost while carrying, hard limit).
-    """
+    """What is known when something went wrong. Unknown counts as the worse case."""
 
     is_gantry_reachable: bool = True
+    """GRBL answers."""
     is_plc_reachable: bool = True
+    """The PLC answers."""
     is_moving: bool = True
+    """An axis moves."""
     is_tool_on_head: bool = True
+    """A tool hangs on the head."""
     is_gripping: bool = True
+    """The jaws are closed."""
     is_supply_open: bool = True
+    """Air is on."""
     is_estop_pressed: bool = False
+    """The emergency stop is pressed."""
     must_freeze: bool = False
+    """No output may change (lock lost while carrying, hard limit)."""
 
 
 def safe_actions(condition: BenchCondition) -> tuple[SafeAction, ...]:
@@ -122,20 +127,24 @@ def safe_actions(condition: BenchCondition) -> tuple[SafeAction, ...]:
 
 @dataclass(frozen=True)
 class HeldCondition:
-    """What is known of a bench that waits in its safe state. Unknown counts as the worse case.
-
-    `is_confirmed`: a person has looked and wants it to end. `is_down`: the gripper is at the height of its grasp, where
-    nothing can fall. `is_load_taken`: the person says that nothing hangs in the gripper, or holds it.
-    """
+    """What is known of a bench that waits in its safe state. Unknown counts as the worse case."""
 
     is_confirmed: bool = False
+    """A person has looked and wants it to end."""
     is_estop_pressed: bool = False
+    """The emergency stop is pressed."""
     is_plc_reachable: bool = True
+    """The PLC answers."""
     is_gantry_reachable: bool = True
+    """GRBL answers."""
     is_position_known: bool = False
+    """The gantry is homed."""
     is_gripping: bool = True
+    """The jaws are closed."""
     is_down: bool = False
+    """The gripper is at the height of its grasp, where nothing can fall."""
     is_load_taken: bool = False
+    """The person says that nothing hangs in the gripper, or holds it."""
 
 
 def ending_actions(condition: HeldCondition) -> tuple[SafeAction, ...]:

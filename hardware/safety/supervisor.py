@@ -34,7 +34,6 @@ logger = logging.getLogger(__name__)
 
 HARD_LIMIT = 1
 HOMING_ALARMS = (3, 6, 8, 9)
-MAX_SESSION = 29_999
 DOWN_TOLERANCE_MM = 0.5
 _MOTION = (SafeAction.HOLD_MOTION, SafeAction.DROP_MOTOR_ENABLE)
 

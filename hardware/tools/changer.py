@@ -57,25 +57,6 @@ class ToolChanger:
         bits = self._plc.read_bits(tags.FIRST_DOCK_INPUT, tags.N_DOCK_SLOTS)
         return [slot for slot, is_full in enumerate(bits) if is_full]
 
-    def current_slot(self) -> int | None:
-        """Slot of the tool on the head, from the sensors alone, or None with an empty head.
-
-        Raises:
-            InterlockError: the sensors do not name one tool.
-        """
-        is_present = self._plc.read_bit(tags.TOOL_PRESENT_INPUT)
-        if not is_present:
-            return None
-        if not self.is_locked():
-            raise InterlockError("A tool is on the head but the lock is not closed. Don't move; a person must look.")
-        empty = sorted(set(self.tools) - set(self.full_slots()))
-        if len(empty) != 1:
-            raise InterlockError(
-                f"A tool is on the head, but {len(empty)} slots of the tool table are empty ({empty}) instead of one. "
-                "Put the dock in order, then continue."
-            )
-        return empty[0]
-
     def status(self) -> ToolStatus:
         """Where the tool is, from journal and sensors, and the one safe way on. The head must be outside the dock."""
         is_closed, is_open, is_present, *_ = self._plc.read_bits(tags.FIRST_INPUT, tags.N_INPUTS)

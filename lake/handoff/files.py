@@ -60,28 +60,48 @@ _MOST_SHAPES_BYTES = 400_000_000
 
 @dataclass(frozen=True)
 class HandoffGrasp:
-    """One row of grasps.csv (`settings`: as it gives them) with its samples, and its row of simulations.csv if any."""
+    """One row of grasps.csv with its samples, and its row of simulations.csv if any."""
 
     grasp_id: str
+    """As the file has it, after the lab's name."""
     design_id: str
+    """Of designs.csv, or of the lake."""
     object_id: int
+    """What was grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     fidelity: str
+    """`real` or `sim`."""
     tool_id: str
+    """Which print it was; empty of a simulation."""
     started_at: datetime | None
+    """When, if it is said."""
     order: int | None
+    """Place in its campaign, if it is said."""
     settings: dict[str, float]
+    """How it was made, as the file gives it."""
     request_id: str
+    """Of the search that asked for it; empty: none did."""
     trace: Trace | None
+    """The samples, if there are any."""
     simulation: dict[str, float | None] | None
+    """Columns of simulations.csv; None of a measured grasp."""
     lab: str | None = None
+    """Who measured it, if it is said."""
     bench: str = "real"
+    """Which bench made it."""
     world_hash: str | None = None
+    """Of a virtual bench."""
     attempt: int = 0
+    """Counts the tries at this grasp."""
     status: Literal["ok", "failed"] = "ok"
+    """Whether it counts."""
     reason: str = ""
+    """Why it failed."""
     peak_force_n: float | None = None
+    """Of a grasp without samples."""
     software: str = ""
+    """Program that recorded it; empty: nobody said."""
 
 
 @dataclass(frozen=True)

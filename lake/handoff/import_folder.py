@@ -10,7 +10,7 @@ another format in `lake.handoff.readers`.
 import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,25 +55,30 @@ class HandoffCounts(NamedTuple):
     n_known: int = 0  # of an import: grasps that the lake had already, not among the others
 
 
+@dataclass(frozen=True)
+class Origin:
+    """What a person says of a hand-off folder, where its files do not."""
+
+    campaign_id: str | None = None
+    """The campaign that measured grasps become part of; None: `import-<source>`."""
+    setup: GraspSetup = GraspSetup()
+    """How grasps were made; by default as the format says (open gap 70, closed gap 16, tips 5 mm below the object)."""
+    source: str | None = None
+    """Where the data come from; None: the folder's name."""
+    lab: str | None = None
+    """Who measured; it stands in front of the ids of these grasps."""
+
+
+NOT_SAID = Origin()
+
+
 def import_handoff(
-    lake: Lake,
-    directory: Path,
-    provenance: Provenance,
-    *,
-    campaign_id: str | None = None,
-    setup: GraspSetup | None = None,
-    source: str | None = None,
-    lab: str | None = None,
-    is_dry: bool = False,
+    lake: Lake, directory: Path, provenance: Provenance, origin: Origin = NOT_SAID, *, is_dry: bool = False
 ) -> HandoffCounts:
     """Import a hand-off folder; importing it again changes nothing. Returns what was written.
 
-    Measured grasps become `grasps` and `traces` of the campaign `campaign_id` (default
-    `import-<source>`), simulated ones `simulations` and `sim_traces`. Grasps that the lake has as part of
-    another campaign, or simulated itself, stay as they are. `setup` is how grasps were made where the files do not
-    say it, by default the one of the format (open gap 70, closed gap 16, tips 5 mm below the object); `source` names
-    where the data come from, by default the folder. `lab` names who measured, where the files do not; it stands in
-    front of the ids of these grasps. `is_dry`: only check and count.
+    Measured grasps become `grasps` and `traces`, simulated ones `simulations` and `sim_traces`. Grasps that the lake
+    has as part of another campaign, or simulated itself, stay as they are. `is_dry`: only check and count.
 
     Raises:
         HandoffError: something is wrong; every fault is named and nothing was written.
@@ -82,12 +87,12 @@ def import_handoff(
     """
     directory = Path(directory)
     known_designs = lake.ids(DesignRow)
-    handoff = _with_lab(read_handoff(directory, known_designs), lab)
-    source = source or directory.resolve().name
+    handoff = _with_lab(read_handoff(directory, known_designs), origin.lab)
+    source = origin.source or directory.resolve().name
     real = [grasp for grasp in handoff.grasps if grasp.fidelity == "real"]
     there = lake.ids(GraspRow, grasp_id=[grasp.grasp_id for grasp in real])
-    asking = check_answers(lake, [grasp for grasp in real if grasp.grasp_id not in there], setup or GraspSetup())
-    campaign = asking or campaign_id or "import-" + re.sub(r"[^\w .+-]|\.\.", "-", source)[:90]
+    asking = check_answers(lake, [grasp for grasp in real if grasp.grasp_id not in there], origin.setup)
+    campaign = asking or origin.campaign_id or "import-" + re.sub(r"[^\w .+-]|\.\.", "-", source)[:90]
     check_campaign_id(campaign)
     grasps = _new_grasps(lake, directory, handoff, campaign)
     rows: list[Row] = [
@@ -107,7 +112,7 @@ def import_handoff(
                 campaign_row(lake, campaign, source, content_hash),
                 *bench_rows(lake, campaign, source, grasps, places, handoff.tools),
             ]
-        rows += _grasp_rows(grasps, campaign, setup or GraspSetup(), places)
+        rows += _grasp_rows(grasps, campaign, origin.setup, places)
     _check_room(lake, directory)
     known = lake.ids(GraspRow) | lake.ids(SimulationRow)
     new = [grasp for grasp in grasps if grasp.grasp_id not in known]

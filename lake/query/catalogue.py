@@ -24,7 +24,7 @@ class Entry(Record):
 
 def catalogue() -> list[Entry]:
     """Views, tables, macros, each by name, without the columns of provenance, which every table has."""
-    comments = _view_comments() | {name: _first_sentence(row.__doc__ or "") for name, row in TABLE_BY_NAME.items()}
+    comments = view_comments() | {name: row.__doc__ or "" for name, row in TABLE_BY_NAME.items()}
     with duckdb.connect(":memory:") as connection:
         for row_type in TABLES:
             connection.execute(create_table(row_type.table, sql_columns(row_type)))
@@ -37,18 +37,21 @@ def catalogue() -> list[Entry]:
     hidden = set(ProvenanceColumns.model_fields)
     entries = [
         Entry(
-            kind=kind, name=name, columns=tuple(c for c in columns if c not in hidden), comment=comments.get(name, "")
+            kind=kind,
+            name=name,
+            columns=tuple(c for c in columns if c not in hidden),
+            comment=_first_sentence(comments.get(name, "")),
         )
         for kind, name, columns in found
     ]
     return sorted(entries, key=lambda entry: (("view", "table", "macro").index(entry.kind), entry.name))
 
 
-def _view_comments() -> dict[str, str]:
-    """First sentence of the comment above each view and macro."""
+def view_comments() -> dict[str, str]:
+    """The comment above each view and macro in `views.sql`."""
     text = files("fast.lake").joinpath("views.sql").read_text(encoding="utf-8")
     found = re.findall(r"((?:^-- .*\n)+)CREATE (?:VIEW|MACRO) (\w+)", text, flags=re.MULTILINE)
-    return {name: _first_sentence(" ".join(comment.replace("-- ", "").split())) for comment, name in found}
+    return {name: " ".join(comment.replace("-- ", "").split()) for comment, name in found}
 
 
 def _first_sentence(text: str) -> str:

@@ -5,11 +5,11 @@ the Parquet schemas, `lake.store` adds the columns of `lake.provenance` to every
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from fast.lake.tables.features import AnomalyFlagRow, TraceFeaturesRow
 from fast.lake.tables.inference import CalibrationRow, EffectRow, GapFindingRow, PosteriorDrawsRow
@@ -42,15 +42,25 @@ class DesignRow(Row):
 
     table: ClassVar[str] = "designs"
     design_id: str
+    """Of its parameters."""
     length_mm: float
+    """Depth at the base, closing direction."""
     width_mm: float
+    """Across the closing direction."""
     height_mm: float
+    """Base to apex."""
     tip_length_mm: float | None = None
+    """Solid tip, from the apex."""
     front_thickness_mm: float | None = None
+    """Wall that touches the object."""
     back_thickness_mm: float | None = None
+    """Slanted wall."""
     rib_thickness_mm: float | None = None
+    """Of every rib."""
     rib_count: int | None = None
+    """Between the walls."""
     rib_angle_deg: float | None = None
+    """From the horizontal."""
     family: str | None = Field(default=None, description="design family; none: fin ray")
     parameters_json: str | None = Field(default=None, description="all parameters, of families but the fin ray")
 
@@ -92,15 +102,25 @@ class ObjectRow(Row):
 
     table: ClassVar[str] = "objects"
     object_id: int
+    """0 to 35 of the paper's, from 1000 of one's own."""
     name: str
+    """As it is told."""
     object_class: str
+    """Of the catalogue."""
     orientation: str
+    """Where its axis points."""
     parameters_json: str
+    """Sizes of its class, mm."""
     size_x_mm: float | None = None
+    """Along the closing direction."""
     size_y_mm: float | None = None
+    """Across it."""
     height_mm: float | None = None
+    """Along z."""
     mirror_x: bool | None = None
+    """Its own mirror image in the plane x = 0."""
     mirror_y: bool | None = None
+    """The same in the plane y = 0."""
     shape: str | None = Field(default=None, description="of an own object, see `models.objects.own`")
 
     @classmethod
@@ -159,17 +179,29 @@ class ProposalRow(Row):
 
     table: ClassVar[str] = "proposals"
     proposal_id: str
+    """Of campaign, batch, slot and index."""
     campaign_id: str
+    """That asked."""
     batch: int | None = None
+    """Of tools, from 1."""
     slot: int | None = None
+    """Of the rack; empty of a simulation."""
     index: int
+    """Place among those of its kind."""
     fidelity: Literal["sim", "real"]
+    """What is to be done with it."""
     design_id: str
+    """What was asked for."""
     acquisition: str
+    """The rule that chose it."""
     acquisition_value: float | None = None
+    """Of that rule."""
     n_real: int
+    """Measured designs that were known then."""
     n_sim: int
+    """Simulated designs that were known then."""
     n_pending: int
+    """Designs that were under way then."""
     name: str | None = Field(default=None, description="of a design of one's own, as its file says")
 
 
@@ -178,20 +210,35 @@ class ToolRow(Row):
 
     table: ClassVar[str] = "tools"
     tool_id: str
+    """`<campaign_id>/B01T0`."""
     campaign_id: str
+    """That it is of."""
     batch: int
+    """From 1."""
     slot: int = Field(ge=0, le=9)
+    """Of its batch."""
     design_id: str
+    """What it was printed from."""
     status: Literal["printed", "rejected"]
+    """Whether it can be measured."""
     reason: str = ""
+    """Why it was rejected."""
     operator: str = ""
+    """Who said so."""
     material_lot: str = ""
+    """What it was printed with."""
     rack_slot: int | None = None
+    """Where it hangs, if not in its slot."""
     measured_front_thickness_mm: float | None = None
+    """Of the print."""
     measured_back_thickness_mm: float | None = None
+    """Of the print."""
     measured_rib_thickness_mm: float | None = None
+    """Of the print."""
     hardness_shore_a: float | None = None
+    """Of the print."""
     confirmed_by: Literal["person", "auto"]
+    """auto: nobody was asked."""
     recipe: str | None = Field(default=None, description="name of how it was printed; empty: nobody said")
     recipe_json: str | None = Field(default=None, description="all of the recipe, see `models.design.recipe`")
     sure: str | None = Field(default=None, description="what was strange in what was measured of it, and is so")
@@ -239,22 +286,37 @@ class SimulationRow(Row):
 
     table: ClassVar[str] = "simulations"
     simulation_id: str
+    """Of design, object, version and setup."""
     design_id: str
+    """What was simulated."""
     object_id: int
+    """What it met."""
     version_id: str
+    """The simulator."""
     setup_id: str
+    """How it was grasped."""
     setup_json: str
+    """All of the setup."""
     status: Status
+    """Whether there is a result."""
     reason: str = ""
+    """Why there is none."""
     peak_force_n: float | None = None
+    """Largest force during the lift."""
     contact_force_n: float | None = None
+    """Between fingers and object at the end of closing."""
     work_j: float | None = None
+    """Area under the force over the lift."""
     n_dof: int | None = None
+    """Degrees of freedom."""
     n_newton: int | None = None
+    """Iterations."""
     cpu_s: float = 0.0
+    """For everything."""
     details_json: str = "{}"
-    branch: int | None = Field(default=None, description="always 0, that of this row's trace; empty: not looked for")
-    branch_share: float | None = Field(default=None, description="of placements, those that take this branch")
+    """What else is kept with it."""
+    branch: int | None = Field(default=None, description="0 in rows of version 0.2 that were searched for another")
+    branch_share: float | None = Field(default=None, description="of placements, in those rows")
     flag: str | None = Field(default=None, description="why the numbers are not converged as others are")
     pressure_kpa: float | None = Field(
         default=None, description="largest pressure on the object, mean over 10 mm2; empty: not recorded then"
@@ -269,7 +331,7 @@ class SimulationRow(Row):
         return content_id("S", [design_id, object_id, version_id, setup_id])
 
 
-class _TraceColumns(Row):
+class _SampleColumns(Row):
     time_s: Channel
     lift_mm: Channel
     force_n: Channel
@@ -289,10 +351,8 @@ class _TraceColumns(Row):
     @classmethod
     def id_column(cls) -> str:
         """The first field after the inherited channels."""
-        return next(name for name in cls.model_fields if name not in _TraceColumns.model_fields)
+        return next(name for name in cls.model_fields if name not in _SampleColumns.model_fields)
 
-
-class _SampleColumns(_TraceColumns):
     @classmethod
     def of(cls, row_id: str, trace: Trace) -> Self:
         """Row of a trace."""
@@ -306,54 +366,55 @@ class SimTraceRow(_SampleColumns):
     simulation_id: str
 
 
-class SimulationBranchRow(_TraceColumns):
-    """Another branch of a simulated grasp, with its samples; a table of its own, so that no grasp counts twice."""
-
-    table: ClassVar[str] = "simulation_branches"
-    branch_id: str
-    simulation_id: str
-    branch: int = Field(ge=1, description="0 is the branch of the row in `simulations`")
-    branch_share: float = Field(ge=0.0, le=1.0, description="of placements, those that take this branch")
-    cause: Literal["placement", "numerics"] = Field(description="what switches between the branches")
-    share_error: float = Field(ge=0.0, description="half the range of shares that the runs leave open")
-    n_runs: int = Field(description="simulated grasps that it took to find the branches")
-    peak_force_n: float
-    contact_force_n: float
-    work_j: float
-
-    @staticmethod
-    def make_id(simulation_id: str, branch: int) -> str:
-        """Id derived from the simulation and the number of the branch."""
-        return content_id("J", [simulation_id, branch])
-
-
 class GraspRow(Row):
     """Scalars of one measured grasp (tool, object, repeat, attempt); a failed one says why."""
 
     table: ClassVar[str] = "grasps"
     grasp_id: str
+    """Of tool, object, repeat and attempt."""
     campaign_id: str
+    """That it is of."""
     tool_id: str
+    """What grasped."""
     batch: int | None = None
+    """Of the tool."""
     slot: int | None = None
+    """Of the tool."""
     design_id: str
+    """What the tool was printed from."""
     object_id: int
+    """What was grasped."""
     repeat: int
+    """Counts the grasps of the tool on the object."""
     attempt: int = 0
+    """Counts the tries at this grasp."""
     order: int | None = None
+    """Place in its campaign."""
     fidelity: Literal["real"] = "real"
+    """Always real."""
     status: Status
+    """Whether it counts."""
     reason: str = ""
+    """Why it failed."""
     started_at: datetime | None = None
+    """When."""
     peak_force_n: float | None = None
+    """Largest force during the lift."""
     work_j: float | None = None
+    """Area under the force over the lift."""
     initial_force_n: float | None = None
+    """Reading just before the lift."""
     tare_force_n: float | None = None
+    """Gross force of the free gripper that was taken as zero."""
     setup_id: str
+    """How it was made, and where the object sat."""
     setup_json: str
+    """All of the setup."""
     bench: str = Field(description="virtual, real (this program drives it), or the name of a foreign bench")
     world_hash: str | None = None
+    """Of a virtual bench."""
     details_json: str = "{}"
+    """What else is kept with it."""
     offset_x_mm: float | None = Field(
         default=None, description="asked for, of the object between the fingers; empty: 0"
     )
@@ -386,37 +447,6 @@ class TraceRow(_SampleColumns):
     grasp_id: str
 
 
-class DiagnosticRow(_TraceColumns):
-    """One diagnostic run with its samples; a table of its own, so that no query of grasps can take it for one."""
-
-    table: ClassVar[str] = "diagnostics"
-    diagnostic_id: str
-    campaign_id: str
-    tool_id: str
-    batch: int | None = None
-    slot: int | None = None
-    design_id: str
-    kind: str = Field(description="dwell, lift_speed, supply_pressure, closed_empty, dead_weight or reference")
-    parameters_json: str = Field(description="the knobs that were turned, with their values")
-    object_id: int | None = Field(default=None, description="empty where no object was gripped")
-    repeat: int
-    n_grasps_before: int = Field(description="ordinary grasps the tool had made")
-    status: Status
-    reason: str = ""
-    started_at: datetime
-    tare_force_n: float | None = None
-    setup_id: str
-    setup_json: str
-    bench: Literal["virtual", "real"]
-    world_hash: str | None = None
-    details_json: str = "{}"
-
-    @staticmethod
-    def make_id(tool_id: str, kind: str, started_at: datetime) -> str:
-        """Id of a run: every one is a measurement of its own."""
-        return content_id("R", [tool_id, kind, started_at.isoformat()])
-
-
 class FitRow(Row):
     """Hyperparameters and health of the surrogate when tools or simulations were decided (`purpose`).
 
@@ -427,40 +457,69 @@ class FitRow(Row):
 
     table: ClassVar[str] = "fits"
     fit_id: str
+    """Of what was decided with it."""
     campaign_id: str
+    """That it is of."""
     batch: int
+    """That was chosen."""
     n_real: int
+    """Measured designs."""
     n_sim: int
+    """Simulated designs; 0: left aside, since measured ones are predicted better without."""
     rho: float
+    """Scale from simulation to measurement."""
     noise_sd_n: float
+    """Of measurements."""
     log_posterior: float
+    """Of the hyperparameters."""
     loo_rmse_n: float | None = None
+    """Error of measured designs left out."""
     lengthscales_h: tuple[float, ...]
+    """Of the simulated outcome, by dimension."""
     lengthscales_e: tuple[float, ...]
+    """Of the discrepancy, by dimension."""
     sd_h: float
+    """Of the simulated outcome."""
     sd_e: float
+    """Of the discrepancy."""
     seed: int
+    """Of the starts."""
     purpose: Literal["tools", "simulations"] | None = None
+    """What was decided with it."""
     nugget_n: float | None = None
+    """Of simulations."""
     mean_sim_n: float | None = None
+    """By which simulations are centred."""
     mean_real_n: float | None = None
+    """By which measurements are centred."""
     loo_coverage_90: float | None = None
+    """Share of designs left out inside their 90 % interval."""
     loo_q2: float | None = None
+    """Share of their variance that is predicted."""
     sim_loo_rmse_n: float | None = None
+    """The same of simulated designs."""
     sim_loo_coverage_90: float | None = None
+    """The same of simulated designs."""
     sim_loo_q2: float | None = None
+    """The same of simulated designs."""
     shared_variance: float | None = None
+    """Share of the measured outcome's prior variance that comes through the simulator."""
     measured_only_loo_rmse_n: float | None = None
+    """Error of a surrogate of the measurements alone."""
     n_outliers: int | None = None
+    """Measured designs far from their prediction."""
     is_log: bool | None = None
+    """Forces are modelled as ln(1 + force / 1 N), and standard deviations and means are of these."""
     outcome: str | None = Field(default=None, description="what was fitted; empty: mean peak force")
     n_prior: int | None = None
+    """Designs of prior campaigns; 0: left aside."""
     priors_json: str | None = Field(default=None, description="correlation, gain and mean of each prior campaign")
     without_prior_loo_rmse_n: float | None = None
+    """Error of a surrogate without them."""
 
 
 class EventRow(Row):
-    """Something worth keeping that is not a measurement: pause, fault, confirmation."""
+    """Something worth keeping that is not a measurement: pause, fault, confirmation, or a record of a decision."""
 
     table: ClassVar[str] = "events"
     event_id: str
@@ -468,6 +527,35 @@ class EventRow(Row):
     kind: str
     message: str
     payload_json: str = "{}"
+
+    @classmethod
+    def of(
+        cls,
+        key: Sequence[object],
+        kind: str,
+        message: str,
+        payload: BaseModel | Mapping[str, object],
+        campaign: str | None,
+    ) -> Self:
+        """A record that is kept under a key: written again it takes the place of the one before."""
+        values = payload.model_dump(mode="json") if isinstance(payload, BaseModel) else payload
+        return cls(
+            event_id=cls.make_id(*key),
+            campaign_id=campaign or "",
+            kind=kind,
+            message=message,
+            payload_json=canonical_json(values),
+        )
+
+    @property
+    def payload(self) -> dict[str, Any]:
+        """The record that `of` has kept."""
+        return dict(json.loads(self.payload_json))
+
+    @staticmethod
+    def make_id(*key: object) -> str:
+        """Id of the record under a key."""
+        return content_id("E", list(key))
 
 
 class FlowRunRow(Row):
@@ -479,14 +567,23 @@ class FlowRunRow(Row):
     table: ClassVar[str] = "flow_runs"
     flow_run_id: str = Field(description="id of the run in Prefect")
     flow: str
+    """Its name."""
     name: str
+    """Of the run."""
     campaign_id: str | None = None
+    """That it ran."""
     status: Literal["running", "completed", "interrupted", "failed", "died"]
+    """How it stands."""
     reason: str = ""
+    """Why it ended so."""
     started_at: datetime
+    """When."""
     ended_at: datetime | None = None
+    """When; empty while it runs."""
     host: str
+    """Of its process."""
     process_id: int
+    """On that host."""
 
 
 # Samples are written before the scalars that announce them: a crash in between leaves a trace without
@@ -494,8 +591,6 @@ class FlowRunRow(Row):
 TABLES: tuple[type[Row], ...] = (
     TraceRow,
     SimTraceRow,
-    SimulationBranchRow,
-    DiagnosticRow,
     PosteriorDrawsRow,
     CampaignRow,
     ObjectRow,

@@ -18,16 +18,20 @@ class TraceFeaturesRow(Row):
 
     table: ClassVar[str] = "trace_features"
     feature_id: str
+    """Of grasp and version."""
     grasp_id: str
+    """Whose trace it is."""
     feature_version: int = Field(description="of the definitions; queries want one version, the newest")
     peak_force_n: float = Field(description="largest reading of the lift")
     peak_lift_mm: float
+    """Where that is."""
     initial_force_n: float = Field(description="reading just before the lift")
     closing_lowest_n: float = Field(description="lowest reading of the closing; negative: fingers press down")
     dip_n: float = Field(description="lowest in the first 3 mm of the lift")
     positive_after_mm: float = Field(description="lift from which the force is positive, up to the peak")
     work_j: float = Field(description="to break the grasp: area under the force over the lift")
     hold_start_mm: float | None = None
+    """Where that stretch begins."""
     hold_mm: float = Field(description="longest stretch at 80 % of the peak or more")
     hold_force_n: float | None = Field(default=None, description="mean over that stretch")
     hold_slope_n_per_mm: float | None = Field(default=None, description="of the least-squares line through it")
@@ -68,13 +72,18 @@ class AnomalyFlagRow(Row):
 
     table: ClassVar[str] = "anomaly_flags"
     flag_id: str
+    """Of grasp and kind."""
     grasp_id: str
+    """What is flagged."""
     kind: Kind
+    """What is wrong."""
     is_flagged: bool
+    """False: taken back."""
     p_value: float | None = Field(default=None, description="that chance departs as far; empty when taken back")
     compared: Compared | None = Field(default=None, description="what the grasp was compared with")
     shortfall: float | None = Field(default=None, description="in the unit that the reason names")
     reason: str = ""
+    """In words."""
 
     @classmethod
     def of(cls, grasp_id: str, anomaly: Anomaly) -> Self:

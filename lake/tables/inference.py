@@ -18,42 +18,68 @@ class CalibrationRow(Row):
 
     table: ClassVar[str] = "calibrations"
     calibration_id: str
+    """Of what went in."""
     campaign_id: str | None = Field(default=None, description="empty: all measurements of the lake")
     base_version_id: str = Field(description="simulator version that made the simulations")
     version_id: str | None = Field(default=None, description="simulator version with the theta found here")
     data: Literal["design_mean", "object_mean", "trace"] = Field(description="what was compared with measurements")
     status: Status
+    """Failed: no simulator may be built on it."""
     reason: str = ""
+    """Why it failed."""
     n_designs: int = Field(description="measured designs")
     n_objects: int
+    """That they met."""
     n_simulations: int
+    """Designs; grasps where `data` is trace."""
     n_chains: int
+    """Of the sampler."""
     n_draws: int = Field(description="kept per chain")
     n_tune: int = Field(description="dropped per chain")
     sampler: str
+    """The algorithm."""
     settings_json: str = Field(default="{}", description="priors, ranges and options")
     young_modulus_mean_mpa: float | None = None
+    """Mean of the posterior of Young's modulus."""
     young_modulus_sd_mpa: float | None = None
+    """Standard deviation of the posterior of Young's modulus."""
     young_modulus_q05_mpa: float | None = None
+    """5 % quantile of the posterior of Young's modulus."""
     young_modulus_median_mpa: float | None = None
+    """Median of the posterior of Young's modulus."""
     young_modulus_q95_mpa: float | None = None
+    """95 % quantile of the posterior of Young's modulus."""
     young_modulus_mode_mpa: float | None = None
+    """Mode of the posterior of Young's modulus."""
     friction_mean: float | None = None
+    """Mean of the posterior of friction."""
     friction_sd: float | None = None
+    """Standard deviation of the posterior of friction."""
     friction_q05: float | None = None
+    """5 % quantile of the posterior of friction."""
     friction_median: float | None = None
+    """Median of the posterior of friction."""
     friction_q95: float | None = None
+    """95 % quantile of the posterior of friction."""
     friction_mode: float | None = None
+    """Mode of the posterior of friction."""
     poisson_ratio_mean: float | None = None
+    """Mean of the posterior of the Poisson ratio."""
     poisson_ratio_sd: float | None = None
+    """Standard deviation of the posterior of the Poisson ratio."""
     poisson_ratio_q05: float | None = None
+    """5 % quantile of the posterior of the Poisson ratio."""
     poisson_ratio_median: float | None = None
+    """Median of the posterior of the Poisson ratio."""
     poisson_ratio_q95: float | None = None
+    """95 % quantile of the posterior of the Poisson ratio."""
     poisson_ratio_mode: float | None = None
+    """Mode of the posterior of the Poisson ratio."""
     noise_sd_n: float | None = Field(default=None, description="posterior median of the measurement noise")
     r_hat_max: float | None = Field(default=None, description="largest R-hat of theta")
     ess_bulk_min: float | None = Field(default=None, description="smallest bulk effective sample size of theta")
     n_divergences: int | None = None
+    """After tuning."""
     k_hat: float | None = Field(default=None, description="Pareto k of the importance weights")
     correlation_before: float | None = Field(default=None, description="simulated against measured, held-out designs")
     correlation_after: float | None = Field(default=None, description="simulated against measured, held-out designs")
@@ -65,6 +91,7 @@ class CalibrationRow(Row):
     )
     warnings: tuple[str, ...] = Field(default=(), description="sentences on what is doubtful")
     cpu_s: float = 0.0
+    """Of all processes."""
 
     @staticmethod
     def make_id(base_version_id: str, data: str, data_ids: list[str], settings_json: str, seed: int) -> str:
@@ -105,13 +132,19 @@ class EffectRow(Row):
 
     table: ClassVar[str] = "effects"
     effect_id: str
+    """Of version and place."""
     version_id: str
+    """The simulator."""
     place: int = Field(ge=0, description="order in the version; effects act layer by layer, within one in this order")
     effect: str
+    """Its name in the catalogue."""
     title: str
+    """In words."""
     code: str = Field(description="row in the catalogue of effects")
     layer: str
+    """Where it acts."""
     effect_version: int
+    """Of its law."""
     parameters: tuple[str, ...] = Field(description="names; the unit is the suffix")
     parameter_values: tuple[float, ...] = Field(description="in the order of `parameters`")
 
@@ -132,37 +165,54 @@ class GapFindingRow(Row):
 
     table: ClassVar[str] = "gap_findings"
     finding_id: str
+    """Of search, round, kind and rank."""
     gap_id: str
+    """The search."""
     campaign_id: str | None = Field(default=None, description="empty: all measurements of the lake")
     round: int = Field(ge=1)
+    """From 1."""
     kind: Literal["where", "candidate", "named"]
+    """What the row is."""
     place: int = Field(ge=0, description="rank within round and kind, best first")
     sentence: str = ""
+    """In words."""
     phase: str | None = Field(default=None, description="part of the grasp")
     stratum: str | None = Field(default=None, description="which tools, objects, repeats")
     size_n: float | None = Field(default=None, description="measured minus simulated")
     ci90_lower_n: float | None = None
+    """Lower end of its 90 % interval."""
     ci90_upper_n: float | None = None
+    """Upper end of its 90 % interval."""
     p_value: float | None = None
+    """Of the test behind it."""
     q_value: float | None = Field(default=None, description="false-discovery rate at which it is a finding")
     effect: str | None = None
+    """Its name in the catalogue."""
     answer: Literal["effect", "set", "none", "unknown"] | None = None
+    """Of the round."""
     probability: float | None = Field(default=None, ge=0, le=1)
+    """Of the effect; of the answer."""
     visible_fraction: float | None = Field(default=None, description="left of the signature when theta is refitted")
     evidence_nats: float | None = Field(default=None, description="log of how much more probable it makes the data")
     grouped_r2: float | None = Field(default=None, description="of searches before 0.3, as are the next two")
     held_out_gain_nats: float | None = None
+    """What it gained on held-out grasps."""
     held_out_rmse_change: float | None = None
+    """What it changed their error by."""
     parameters: tuple[str, ...] = Field(default=(), description="of the effect; the unit is the suffix")
     parameter_values: tuple[float, ...] = Field(default=(), description="posterior medians")
     parameter_ci90_lower: tuple[float, ...] = ()
+    """Lower ends of their 90 % intervals."""
     parameter_ci90_upper: tuple[float, ...] = ()
+    """Upper ends of their 90 % intervals."""
     rmse_before_n: float | None = Field(default=None, description="of traces, held-out designs and objects")
     rmse_after_n: float | None = Field(default=None, description="of traces, held-out designs and objects")
     rmse_floor_n: float | None = Field(default=None, description="noise and numerical error")
     closed_fraction: float | None = Field(default=None, description="of the gap above the floor")
     closed_ci95_lower: float | None = None
+    """Lower end of its 95 % interval."""
     closed_ci95_upper: float | None = None
+    """Upper end of its 95 % interval."""
     base_version_id: str = Field(description="simulator version that was compared")
     version_id: str | None = Field(default=None, description="simulator version with what was named")
     calibration_id: str | None = Field(default=None, description="inference of the new version's parameters")

@@ -61,8 +61,8 @@ def _column_link(child: str, parent: str, column: str) -> Link:
 
 
 # A proposal names the design that it made: the design comes from the proposal, not the other way. So it does
-# through the batch. Another branch of a simulation comes from the simulation, not from its samples.
-_OTHERWISE = frozenset({("proposals", "designs"), ("batches", "designs"), ("simulation_branches", "sim_traces")})
+# through the batch.
+_OTHERWISE = frozenset({("proposals", "designs"), ("batches", "designs")})
 _WRITTEN_OUT = (
     Link(
         "designs",
@@ -123,11 +123,9 @@ _SUMMARY: Mapping[str, tuple[str, ...]] = {
     ),  # fmt: skip
     "simulator_versions": ("tier", "young_modulus_mpa", "friction", "poisson_ratio"),
     "simulations": ("design_id", "object_id", "status", "reason", "peak_force_n", "contact_force_n", "work_j"),
-    "simulation_branches": ("branch", "branch_share", "cause", "peak_force_n", "contact_force_n", "work_j"),
     "grasps": ("tool_id", "object_id", "repeat", "attempt", "bench", "status", "reason", "peak_force_n", "work_j"),
     "trace_features": ("feature_version", "peak_force_n", "work_j", "hold_mm", "n_peaks", "separation_lift_mm"),
     "anomaly_flags": ("kind", "is_flagged", "p_value", "compared", "reason"),
-    "diagnostics": ("tool_id", "kind", "parameters_json", "object_id", "repeat", "bench", "status", "reason"),
     "materials": ("lot", "quantity", "value", "unit", "sd", "n"),
     "fits": ("batch", "n_real", "n_sim", "rho", "noise_sd_n", "loo_rmse_n"),
     "gap_findings": ("gap_id", "round", "kind", "effect", "answer", "probability", "sentence"),

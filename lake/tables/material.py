@@ -14,14 +14,21 @@ class MaterialRow(Row):
 
     table: ClassVar[str] = "materials"
     material_id: str
+    """Of lot and quantity."""
     lot: str
+    """As `tools.material_lot` names it."""
     quantity: str
+    """What was measured."""
     value: float
+    """As measured."""
     unit: str
+    """Of the value."""
     sd: float | None = Field(default=None, description="standard deviation of single tests, in the unit of the value")
     n: int | None = Field(default=None, description="number of tests")
     method: str
+    """How."""
     source: str
+    """By whom."""
     sure: str | None = Field(default=None, description="what was strange in it, and is so")
     taken_back_by: str | None = Field(default=None, description="who said that it was not measured after all")
 

@@ -32,17 +32,27 @@ class GraspRequestRow(Row):
 
     table: ClassVar[str] = "grasp_requests"
     request_id: str
+    """Of all that is asked."""
     search_id: str = Field(description="of what asks, such as a gap search")
     campaign_id: str | None = None
+    """Of the tool; empty: a search of the whole lake."""
     place: int = Field(ge=0, description="order in which the grasps of a search are made")
     tool_id: str
+    """What shall grasp."""
     object_id: int
+    """What shall be grasped."""
     repeat: int
+    """Counts the grasps of the same kind."""
     setup_id: str
+    """How, and where the object shall sit."""
     setup_json: str
+    """All of the setup."""
     offset_x_mm: float | None = None
+    """Of the object between the fingers; empty: 0."""
     offset_y_mm: float | None = None
+    """Of the object between the fingers; empty: 0."""
     yaw_deg: float | None = None
+    """Of the object between the fingers; empty: 0."""
     purpose: str = Field(default="", description="what it shall tell, in words")
     parameter: str | None = Field(default=None, description="whose interval it shall shorten, if no effects are told")
 

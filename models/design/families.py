@@ -13,7 +13,7 @@ from fast.models.validation import closest, load_record
 # A family of a user's own needs no line here: configs name it as `module:Class`.
 FAMILIES: Mapping[str, str] = {
     "fin-ray": "fast.models.design.fin_ray:FinRay",
-    "graded-fin-ray": "fast.models.design.graded:GradedFinRay",
+    "graded-fin-ray": "fast.models.design.fin_ray:GradedFinRay",
     "free-form": "fast.models.design.free_form:FreeForm",
 }
 

@@ -33,18 +33,29 @@ class Recipe(Record):
         default=None, description="path of a recipe file, relative to the config: it gives what is not said here"
     )
     name: str = Field(min_length=1, max_length=60)
+    """Of the recipe: that of its file unless it says otherwise."""
     process: Literal["polyjet", "fdm", "sla", "sls"]
+    """How bodies are made."""
     printer: str = _Text
+    """Which machine."""
     bed_mm: tuple[float, float]
+    """Build plate, x by y."""
     compliant: BodyMaterial
+    """Material of the fingers."""
     rigid: BodyMaterial
+    """Material of their bases."""
     layer_mm: float = Field(gt=0, le=1)
+    """Height of a layer."""
     nozzle_mm: float | None = Field(default=None, gt=0, le=3, description="of FDM, required there")
     min_wall_mm: float | None = Field(default=None, gt=0, le=10, description="required but of FDM")
     infill_percent: float = Field(default=100.0, gt=0, le=100)
+    """Of the walls."""
     finish: str = _Text
+    """Of the surfaces."""
     support: str = _Text
+    """What holds overhangs."""
     support_gap_mm: float = Field(ge=0, le=20)
+    """Circle that must fit into every cavity, so that what removes support gets in; 0 where cavities have none."""
     post_processing: tuple[str, ...] = Field(min_length=1, description="steps, in order")
 
     @model_validator(mode="after")

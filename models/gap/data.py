@@ -7,6 +7,7 @@ import numpy as np
 
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.bank.surrogate import Surrogate
+from fast.models.gap.evidence.facts import Fact
 from fast.models.gap.grasps import Grasps
 
 
@@ -16,13 +17,20 @@ class GapData:
 
     held_out_tools (t) and held_out_objects (o): masks, frozen before anything is looked at; a grasp that touches
     either is not used before the evaluation, but for the question whether anything is missing at all, which adds
-    nothing to a simulator.
+    nothing to a simulator. facts: what persons measured of effects.
     """
 
     grasps: Grasps
     bank: Bank
     held_out_tools: np.ndarray
     held_out_objects: np.ndarray
+    facts: tuple[Fact, ...] = ()
+
+    @staticmethod
+    def of_all(grasps: Grasps, bank: Bank, facts: tuple[Fact, ...] = ()) -> "GapData":
+        """Grasps of which none is held out."""
+        tools, objects = (np.zeros(len(names), dtype=bool) for names in (grasps.tools, grasps.objects))
+        return GapData(grasps, bank, tools, objects, facts)
 
     @property
     def is_held_out(self) -> np.ndarray:

@@ -22,21 +22,25 @@ _ROTATIONS: dict[str, np.ndarray] = {
 
 
 class RigidObject(Record):
-    """A rigid object on its mount, in the object frame: footprint centred in x and y, resting on z = 0.
-
-    `mirror_x` / `mirror_y`: the shape is its own mirror image in the plane x = 0 / y = 0. `orientation`: where the
-    shape's own axis points, or how it is turned about z. `shape`: of an own object, its text as of
-    `models.objects.shape_text`; None for the 36, whose class and parameters say it.
-    """
+    """A rigid object on its mount, in the object frame: footprint centred in x and y, resting on z = 0."""
 
     object_id: int
+    """0 to 35 of the paper's, from 1000 of one's own."""
     name: str
+    """As it is told."""
     object_class: str
+    """Of the catalogue."""
     parameters: dict[str, float]
+    """Sizes of its class, mm."""
     orientation: Orientation
+    """Where the shape's own axis points, or how it is turned about z."""
     mirror_x: bool
+    """The shape is its own mirror image in the plane x = 0."""
     mirror_y: bool
+    """The same in the plane y = 0."""
     shape: str | None = None
+    """Of an own object, its text as of `models.objects.shape_text`; None for the 36, whose class and parameters say it.
+    Of an own object, its text as of `models.objects.shape_text`; None for the 36, whose class and parameters say it."""
 
     @property
     def primitives(self) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -34,6 +33,7 @@ Constraint = Callable[[Design], bool]  # whether a design may be made
 # One proposal at a time deserves fewer candidates than a batch that is printed.
 BATCH_CANDIDATES = CandidateSettings()
 SINGLE_CANDIDATES = CandidateSettings(n_random=250, n_local=350)
+MIN_DISTANCE = 0.05  # of tools of a batch, in the unit cube
 _MAX_ROUNDS = 20
 N_NEAR_TOOLS = 300  # candidates near measured tools, where there are several criteria
 _NEAR_SCALES = np.array([0.03, 0.1, 0.2])
@@ -47,65 +47,90 @@ class Proposal:
     value: float
 
 
+@dataclass(frozen=True)
+class Rule:
+    """How designs are chosen among those that may be proposed."""
+
+    acquisition: str = "mes"
+    """A name of `ACQUISITIONS`, `random`, or `module:function` of one's own."""
+    n_best: int = 0
+    """So many of the designs are those with the largest predicted force; the others are chosen given them."""
+    criteria: Sequence[Criterion] = ()
+    """Objectives and limits, by whose hypervolume improvement tools are chosen instead; none: the largest force."""
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """Where proposals may lie: designs of a space of d parameters, but for these."""
+
+    space: DesignSpace = FIN_RAYS
+    """The designs that may be made."""
+    printing: PrintingRules | None = None
+    """Rules that a design must keep; left out before anything is chosen, as by `constraint`."""
+    constraint: Constraint | None = None
+    """What else a design must keep."""
+    taken: np.ndarray | None = None
+    """Points (k x d, unit cube) that were proposed before, whatever became of them: never proposed again."""
+    rejected: np.ndarray | None = None
+    """Points (k x d, unit cube) that proposals keep away from, as they do from each other and from pending ones."""
+    min_distance: float = MIN_DISTANCE
+    """How far they keep, Euclidean, in the unit cube."""
+
+    def keep(self, points: np.ndarray) -> np.ndarray:
+        """Those of the points (m x d) that keep the rules of printing and the constraint."""
+        return keep_allowed(points, self.printing, self.constraint, self.space)
+
+
+ANYWHERE = Room()
+
+
 def propose(
     surrogate: Surrogate | OwnSurrogate | None,
     fidelity: int,
     n: int,
     pending: np.ndarray,
     rng: np.random.Generator,
-    *,
-    min_distance: float = 0.05,
-    acquisition: str = "mes",
-    taken: np.ndarray | None = None,
-    rejected: np.ndarray | None = None,
-    printing: PrintingRules | None = None,
-    constraint: Constraint | None = None,
-    n_best: int = 0,
-    space: DesignSpace = FIN_RAYS,
-    criteria: Sequence[Criterion] = (),
+    rule: Rule = Rule(),
+    room: Room = ANYWHERE,
 ) -> list[Proposal]:
-    """The next n designs of `space` (d parameters) for one fidelity (0 sim, 1 real), best first.
+    """The next n designs for one fidelity (0 sim, 1 real), best first, by a rule, where there is room for them.
 
     pending: m x (d + 1), unit-cube points under way and their fidelity in the last column; their outcomes are
-    conditioned on. The proposals keep `min_distance` (Euclidean, unit cube) from each other, from pending
-    points of the same fidelity and from `rejected` ones (k x d), and never repeat data of the same fidelity or what was
-    proposed before (`taken`, k x d), whatever became of it. What is known at one fidelity may be proposed at the other.
-    Candidates that break a rule of `printing` or that `constraint` refuses are left out before anything is chosen, so
-    that the optimum looked for is that of what can be printed. `acquisition` is a name of `ACQUISITIONS`, `random`, or
-    `module:function` of one's own. The first `n_best` are those with the largest predicted force instead; the others
-    are chosen given them. Deterministic given the arguments and the state of `rng`. `surrogate` may be None for
-    `acquisition="random"` only. With `criteria` tools are chosen by hypervolume improvement of these instead.
+    conditioned on. The proposals keep their distance from pending points of the same fidelity, and never repeat data
+    of the same fidelity. What is known at one fidelity may be proposed at the other. Deterministic given the arguments
+    and the state of `rng`. `surrogate` may be None for the rule `random` only.
 
     Raises:
         UsageError: unknown acquisition or fidelity, wrong shape of pending, no surrogate, no room for n designs, or a
             function of one's own that cannot be used.
 
     Example:
-        >>> proposals = propose(None, 1, 3, NO_PENDING, np.random.default_rng(0), acquisition="random")
+        >>> proposals = propose(None, 1, 3, NO_PENDING, np.random.default_rng(0), Rule("random"))
         >>> len({proposal.design.design_id for proposal in proposals})
         3
     """
-    _check(surrogate, fidelity, n, pending, acquisition, space)
+    space = room.space
+    _check(surrogate, fidelity, n, pending, rule.acquisition, space)
     nothing = np.zeros((0, space.n_dims))
-    known = np.concatenate([_known(surrogate, fidelity, nothing), nothing if taken is None else taken])
-    neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], nothing if rejected is None else rejected])
-    spacing = Spacing(known, neighbours, min_distance)
-    allowed = partial(keep_allowed, rules=printing, constraint=constraint, space=space)
-    if surrogate is None or acquisition == RANDOM:
-        return _propose_random(n, spacing, rng, allowed, space)
-    select: Callable[..., list[tuple[int, float]]] = _selection(acquisition, surrogate)
-    if criteria:
-        select = partial(select_by_hypervolume, criteria)
+    known = np.concatenate([_known(surrogate, fidelity, nothing), nothing if room.taken is None else room.taken])
+    rejected = nothing if room.rejected is None else room.rejected
+    neighbours = np.concatenate([pending[pending[:, -1] == fidelity, :-1], rejected])
+    spacing = Spacing(known, neighbours, room.min_distance)
+    if surrogate is None or rule.acquisition == RANDOM:
+        return _propose_random(n, spacing, rng, room)
+    select: Callable[..., list[tuple[int, float]]] = _selection(rule.acquisition, surrogate)
+    if rule.criteria:
+        select = select_by_hypervolume(rule.criteria)
     with one_blas_thread():
         # From fresh candidates until n are found; what is already chosen counts as pending.
         settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
-        best = _best_predicted(surrogate, min(n_best, n), spacing, rng, allowed, space)
+        best = _best_predicted(surrogate, min(rule.n_best, n), spacing, rng, room)
         proposals = [Proposal(design, 0.0) for design in space.from_unit(best)]
         if len(proposals) == n:
             return proposals
         pending = np.concatenate([pending, np.column_stack([best, np.full(len(best), fidelity)])])
         for _ in range(_MAX_ROUNDS):
-            points = allowed(_candidates(surrogate, criteria, rng, settings, space))
+            points = room.keep(_candidates(surrogate, rule.criteria, rng, settings, space))
             if not len(points):
                 continue
             n_left = n - len(proposals)
@@ -125,30 +150,24 @@ def _best_predicted(
     n: int,
     spacing: Spacing,
     rng: np.random.Generator,
-    allowed: Callable[[np.ndarray], np.ndarray],
-    space: DesignSpace,
+    room: Room,
 ) -> np.ndarray:
     """Up to n candidates with the largest predicted real force that keep the spacing, best first, m x d."""
     if not n:
-        return np.zeros((0, space.n_dims))
-    points = allowed(candidate_points(surrogate, rng, BATCH_CANDIDATES, space))
+        return np.zeros((0, room.space.n_dims))
+    points = room.keep(candidate_points(surrogate, rng, BATCH_CANDIDATES, room.space))
     chosen: list[np.ndarray] = []
     for point in points[np.argsort(-surrogate.mean(points, REAL), kind="stable")]:
         if len(chosen) < n and spacing.allowed(point[None, :])[0]:
             chosen.append(point)
             spacing.add(point)
-    return np.array(chosen).reshape(-1, space.n_dims)
+    return np.array(chosen).reshape(-1, room.space.n_dims)
 
 
-def _propose_random(
-    n: int,
-    spacing: Spacing,
-    rng: np.random.Generator,
-    allowed: Callable[[np.ndarray], np.ndarray],
-    space: DesignSpace,
-) -> list[Proposal]:
+def _propose_random(n: int, spacing: Spacing, rng: np.random.Generator, room: Room) -> list[Proposal]:
+    space = room.space
     chosen: list[np.ndarray] = []
-    for point in allowed(space.random_unit(max(200, 20 * n), rng)):
+    for point in room.keep(space.random_unit(max(200, 20 * n), rng)):
         if len(chosen) == n:
             break
         if spacing.allowed(point[None, :])[0]:
@@ -185,7 +204,7 @@ def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callabl
         raise UsageError(f"Acquisition `{acquisition}` needs FAST's surrogate; with a model of your own use `mes`.")
     from fast.models.scientist.bridge.choose import select_by_rule  # imports torch
 
-    return partial(select_by_rule, acquisition)
+    return select_by_rule(acquisition)
 
 
 def keep_allowed(

@@ -18,6 +18,7 @@ class MeshSettings(Record):
     """
 
     mesher: Literal["extruded", "tetwild"] = "extruded"
+    """Hexahedra and wedges, or tetrahedra."""
     edge_mm: float = Field(default=8.0, gt=0.5, le=20, description="longest edge along the walls")
     refine: int = Field(default=0, ge=0, le=2, description="uniform divisions of the section (extruded only)")
     layers: int = Field(default=1, ge=1, le=6, description="quadratic layers over the half width (extruded only)")

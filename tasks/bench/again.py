@@ -5,7 +5,6 @@ quality; old and new stay in the lake. Two events frame it: `again_due` when a b
 was decided. A batch with the first and without the second is not finished, so that a kill in between loses nothing.
 """
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -119,5 +118,5 @@ def _look(campaign: Campaign) -> list[dict[str, Any]]:
 
 
 def _has_event(campaign: Campaign, batch: int, kind: str) -> bool:
-    rows = campaign.lake.rows(EventRow, campaign_id=campaign.campaign_id, kind=kind)
-    return any(json.loads(row["payload_json"])["batch"] == batch for row in rows)
+    rows = campaign.lake.records(EventRow, campaign_id=campaign.campaign_id, kind=kind)
+    return any(row.payload["batch"] == batch for row in rows)

@@ -1,6 +1,5 @@
 """The rack of a virtual arm: its bench file, and the tools that a lake says hang in it."""
 
-import json
 import tomllib
 from pathlib import Path
 
@@ -18,7 +17,7 @@ def read_rack(address: str) -> dict[int, MountedTool]:
         return {}
     lake = Lake.open(address)
     try:
-        opened = [json.loads(row["payload_json"]) for row in lake.rows(EventRow, kind=BENCH_OPENED)]
+        opened = [row.payload for row in lake.records(EventRow, kind=BENCH_OPENED)]
         hanging: dict[str, str] = next((found["hanging"] for found in reversed(opened) if "hanging" in found), {})
         tools = {row.tool_id: row.design_id for row in lake.records(ToolRow, tool_id=list(hanging.values()))}
         designs = {row.design_id: row.design for row in lake.records(DesignRow, design_id=list(tools.values()))}

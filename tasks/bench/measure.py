@@ -6,22 +6,18 @@ from contextlib import AbstractContextManager
 from itertools import count
 
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.diagnostics import NO_OBJECT
 from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.hardware.grasp_bench import GraspBench
 from fast.lake.leases import exclusive
 from fast.lake.maintenance import compact
-from fast.lake.provenance import Provenance
-from fast.lake.store import Lake
-from fast.lake.tables.campaign import DiagnosticRow, GraspRow, TraceRow
+from fast.lake.tables.campaign import GraspRow, TraceRow
 from fast.lake.tables.requests import setup_columns
-from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
 from fast.models.records import Placement
 from fast.models.traces import initial_force_n, peak_force_n, work_j
 from fast.tasks.bench.again import decide_again, note_due, plan_again
+from fast.tasks.bench.leave_out import is_left_out
 from fast.tasks.bench.plan import ToolWork, plan_tool, seed_of_order
-from fast.tasks.bench.reference_grasps import ReferenceGrasps
 from fast.tasks.bench.reference_tools import add_references, ask_references, plan_reference
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event, note_verbs, require_room
@@ -32,11 +28,10 @@ MeasureTool = Callable[[GraspBench, ToolWork, Callable[[MeasuredGrasp], None]], 
 
 CHECKED, LOST_STEPS = "position_checked", "lost_steps"  # kinds of events
 
-# Ordinary grasps and diagnostic runs that came after the last check; after lost steps the gantry was homed.
+# Grasps that came after the last check; after lost steps the gantry was homed.
 _SINCE_LAST_CHECK = f"""
     WITH made AS (
-        SELECT grasp_id AS id, (sequence, created_at) AS place FROM raw_grasps WHERE campaign_id = $campaign
-        UNION SELECT diagnostic_id, (coalesce(sequence, 0), created_at) FROM diagnostics WHERE campaign_id = $campaign
+        SELECT DISTINCT grasp_id AS id, (sequence, created_at) AS place FROM raw_grasps WHERE campaign_id = $campaign
     ), last AS (
         SELECT max((sequence, created_at)) AS checked FROM events
         WHERE campaign_id = $campaign AND kind IN ('{CHECKED}', '{LOST_STEPS}')
@@ -74,19 +69,13 @@ def measure_batch(
     batch, state = tools[0].batch, campaign.state()
     # All that stands on the rack, since a finished tool may still be on the head.
     mounted = [tool for tool in state.tools_of(batch) if state.confirmed.get(tool.tool_id) == "printed"]
-    references = ReferenceGrasps(campaign, batch)
-    mounted = references.add_to(mounted)
     ask_references(campaign, state, batch)
     note_due(campaign, batch)
     again = add_references(campaign, state, batch, mounted)
     mounted = [*mounted, *again]
 
     def work_on(bench: GraspBench, work: ToolWork) -> None:
-        def count(grasp: MeasuredGrasp) -> None:
-            references.count(work.tool, grasp)
-            on_grasp(work.tool, grasp)
-
-        measure(bench, work, count)
+        measure(bench, work, lambda grasp: on_grasp(work.tool, grasp))
         # A file for each grasp makes every look at the lake dearer: a batch would leave two thousand.
         for row_type in (GraspRow, TraceRow):
             compact(campaign.lake, row_type, _MERGED_BYTES)
@@ -105,10 +94,9 @@ def measure_batch(
                 break
             if every and number and number % every == 0:
                 check_position(campaign, bench, batch)
-            for work in (*references.plan_due(), plan_tool(campaign, state, tool)):
-                work_on(bench, work)
-        for work in references.plan_due(is_last=True):
-            work_on(bench, work)
+            if is_left_out(campaign.lake, tool.tool_id):
+                continue
+            work_on(bench, plan_tool(campaign, state, tool))
         for work in [] if should_stop() else plan_again(campaign, state, batch):
             work_on(bench, work)
         check_position(campaign, bench, batch)
@@ -126,7 +114,7 @@ def measure_tool(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
-    """Make the missing grasps of a tool and the diagnostic runs it owes, and write each to the lake.
+    """Make the missing grasps of a tool, and write each to the lake.
 
     `world_hash` names the world of a virtual bench; None is a real one.
 
@@ -136,15 +124,10 @@ def measure_tool(
     """
     if not work.items:
         return
-    orders, n_made = count(find_first_order(campaign)), work.n_made
+    orders = count(find_first_order(campaign))
 
     def record(grasp: MeasuredGrasp) -> None:
-        nonlocal n_made
-        if grasp.diagnostic is None:
-            n_made += 1
-            _append_grasp(campaign, work, grasp, order=next(orders), world_hash=world_hash)
-        else:
-            _append_run(campaign, work.tool, grasp, n_made, world_hash)
+        _append_grasp(campaign, work, grasp, order=next(orders), world_hash=world_hash)
         on_grasp(grasp)
 
     def may_not_go_on() -> bool:
@@ -158,7 +141,7 @@ def check_position(campaign: Campaign, bench: GraspBench, batch: int) -> None:
     """Check that the gantry is where it is counted, and keep the outcome as an event.
 
     Raises:
-        LostStepsError: it is not; the event `lost_steps` names every grasp and diagnostic run since the last check.
+        LostStepsError: it is not; the event `lost_steps` names every grasp since the last check.
         DeviceError: a device failed on the way.
     """
     lake, name = campaign.lake, campaign.campaign_id
@@ -171,16 +154,6 @@ def check_position(campaign: Campaign, bench: GraspBench, batch: int) -> None:
         raise
     what = {"batch": batch, "slip_mm": slip_mm, "limit_mm": SLIP_LIMIT_MM, "n_grasps": len(since)}
     append_event(lake, name, CHECKED, f"no lost steps over {len(since)} grasps", **what)
-
-
-def _append_run(
-    campaign: Campaign, tool: ProposedTool, grasp: MeasuredGrasp, n_made: int, world_hash: str | None
-) -> None:
-    provenance = campaign.provenance(seed_of_order(campaign, tool), [tool.tool_id, tool.design.design_id])
-    name = campaign.campaign_id
-    append_diagnostic(
-        campaign.lake, provenance, tool, grasp, campaign_id=name, n_grasps_before=n_made, world_hash=world_hash
-    )
 
 
 def find_first_order(campaign: Campaign) -> int:
@@ -228,48 +201,3 @@ def _append_grasp(
     campaign.lake.append([TraceRow.of(grasp_id, grasp.trace), row], provenance)
     if not ok:
         logger.warning("grasp %s on object %d failed: %s", tool.label, grasp.object_id, grasp.reason)
-
-
-def append_diagnostic(
-    lake: Lake,
-    provenance: Provenance,
-    tool: ProposedTool,
-    grasp: MeasuredGrasp,
-    *,
-    campaign_id: str,
-    n_grasps_before: int,
-    world_hash: str | None,
-) -> None:
-    """Write a diagnostic run; the lake's table of grasps does not see it. `world_hash` None is a real bench.
-
-    Raises:
-        UsageError: it is an ordinary grasp.
-    """
-    run = grasp.diagnostic
-    if run is None:
-        raise UsageError("An ordinary grasp is not a diagnostic run; write it to the grasps.")
-    row = DiagnosticRow(
-        diagnostic_id=DiagnosticRow.make_id(tool.tool_id, run.kind, grasp.started_at),
-        campaign_id=campaign_id,
-        tool_id=tool.tool_id,
-        batch=tool.batch,
-        slot=tool.slot,
-        design_id=tool.design.design_id,
-        kind=run.kind,
-        parameters_json=canonical_json(run.parameters),
-        object_id=None if run.object_id == NO_OBJECT else run.object_id,
-        repeat=run.repeat,
-        n_grasps_before=n_grasps_before,
-        status=grasp.status,
-        reason=grasp.reason,
-        started_at=grasp.started_at,
-        tare_force_n=grasp.tare_force_n,
-        bench="real" if world_hash is None else "virtual",
-        world_hash=world_hash,
-        details_json=canonical_json(grasp.details),
-        time_s=grasp.trace.time_s,
-        lift_mm=grasp.trace.lift_mm,
-        force_n=grasp.trace.force_n,
-        **setup_columns(grasp.setup),
-    )
-    lake.append([row], provenance)

@@ -1,6 +1,5 @@
 """What callipers and durometer gave of printed tools: asked about where it is strange, kept, taken back."""
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -47,8 +46,8 @@ def measure_printed(
     found = measured.model_dump(exclude_none=True)
     if not found:
         raise UsageError("nothing was measured; give front=MM, back=MM, rib=MM or hardness=SHORE_A.")
-    drawn = {row.tool_id: load_designs(lake)[row.design_id]}
-    sure = mark_measured(lake, row.campaign_id, row.batch, row.material_lot, drawn, {tool_id: measured}, is_sure)
+    told = {tool_id: (load_designs(lake)[row.design_id], measured)}
+    sure = mark_measured(lake, row.campaign_id, row.batch, row.material_lot, told, is_sure)
     after = row.model_copy(update={**found, "sure": sure.get(tool_id)})
     lake.append([after], stored_provenance(lake, row.campaign_id))
     note_measured(lake, row, after, operator)
@@ -62,7 +61,7 @@ def take_back_measured(lake: Lake, tool_id: str, operator: str) -> ToolRow:
         UsageError: there is no such tool, or nothing was told of it.
     """
     row = _find_printed(lake, tool_id)
-    told = [json.loads(event.payload_json) for event in lake.records(EventRow, kind=MEASURED)]
+    told = [event.payload for event in lake.records(EventRow, kind=MEASURED)]
     left: list[dict[str, Any]] = []
     for payload in (payload for payload in told if payload["tool_id"] == tool_id):
         left = left[:-1] if payload["is_undone"] else [*left, payload]
@@ -89,12 +88,11 @@ def mark_measured(
     campaign_id: str,
     batch: int,
     lot: str,
-    drawn: Mapping[str, Design],
-    told: Mapping[str, MeasuredTool],
+    told: Mapping[str, tuple[Design, MeasuredTool]],
     is_sure: bool,
     way: str = "--sure",
 ) -> dict[str, str]:
-    """What is strange of each tool, of numbers that a person is sure of; `drawn`: designs of the tools that are told.
+    """What is strange of each tool, of numbers that a person is sure of; `told`: each as drawn and as measured.
 
     Raises:
         UsageError: something cannot be, or is strange and nobody is sure of it.
@@ -110,8 +108,8 @@ def mark_measured(
     ]
     walls += [
         wall
-        for tool_id, measured in told.items()
-        for wall in _list_walls(tool_id, drawn[tool_id], measured.model_dump(), is_new=True)
+        for tool_id, (drawn, measured) in told.items()
+        for wall in _list_walls(tool_id, drawn, measured.model_dump(), is_new=True)
     ]
     proposed = lake.rows(ProposalRow, campaign_id=campaign_id, fidelity="real", batch=batch)
     others = {
@@ -120,7 +118,8 @@ def mark_measured(
         if row["design_id"] in designs
     }
     found = [(q, {walls[number].tool for number in q.numbers}) for q in find_wall_questions(walls, others)]
-    hard = {_name(tool_id): one.hardness_shore_a for tool_id, one in told.items() if one.hardness_shore_a is not None}
+    shore_a = {_name(tool_id): measured.hardness_shore_a for tool_id, (_, measured) in told.items()}
+    hard = {name: value for name, value in shore_a.items() if value is not None}
     found += [(q, {[*hard][number] for number in q.numbers}) for q in _ask_hardness(lake, lot, known, hard)]
     settle([question for question, _ in found], is_sure, way=way)
     return {

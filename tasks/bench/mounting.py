@@ -1,6 +1,5 @@
 """A person's word on kept tools: which hang on the rack again, and which are gone. An event of the lake."""
 
-import json
 from typing import Literal
 
 from pydantic import Field
@@ -9,7 +8,6 @@ from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import UsageError
-from fast.models.ids import canonical_json, content_id
 from fast.models.records import Record
 from fast.tasks.campaign.campaign import stored_provenance
 
@@ -38,17 +36,12 @@ def confirm_mounting(lake: Lake, campaign_id: str, mounting: Mounting) -> None:
         if not 0 <= slot < N_SLOTS or list(mounting.slots.values()).count(slot) > 1:
             raise UsageError(f"rack slot {slot} is not there or has two tools; the rack has 0 to {N_SLOTS - 1}.")
     gone = f"; gone: {', '.join(mounting.gone)}" if mounting.gone else ""
-    row = EventRow(
-        event_id=content_id("E", [MOUNTED, mounting.search_id]),
-        campaign_id=campaign_id,
-        kind=MOUNTED,
-        message=f"{mounting.operator} mounted {len(mounting.slots)} kept tools for search {mounting.search_id}{gone}",
-        payload_json=canonical_json(mounting.model_dump(mode="json")),
-    )
+    message = f"{mounting.operator} mounted {len(mounting.slots)} kept tools for search {mounting.search_id}{gone}"
+    row = EventRow.of([MOUNTED, mounting.search_id], MOUNTED, message, mounting, campaign_id)
     lake.append([row], stored_provenance(lake, campaign_id))
 
 
 def read_mounting(lake: Lake, search_id: str) -> Mounting | None:
     """What a person said of the tools of a search; None before."""
-    found = lake.records(EventRow, event_id=content_id("E", [MOUNTED, search_id]))
-    return Mounting.model_validate(json.loads(found[-1].payload_json)) if found else None
+    found = lake.records(EventRow, event_id=EventRow.make_id(MOUNTED, search_id))
+    return Mounting.model_validate(found[-1].payload) if found else None

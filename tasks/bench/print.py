@@ -28,13 +28,17 @@ class PrintConfirmation(Record):
     """One person's word on a printed batch, by slot."""
 
     operator: str = Field(min_length=1)
+    """Who says so."""
     material_lot: str = ""
+    """What was printed with; empty: as the config says."""
     rejected: Mapping[int, str] = Field(default_factory=dict, description="slot -> reason")
     again: Mapping[int, str] = Field(default_factory=dict, description="slot to be printed again -> reason, or empty")
     measured: Mapping[int, MeasuredTool] = Field(default_factory=dict)
+    """Slot -> walls and hardness as measured."""
     is_sure: bool = Field(default=False, description="what was measured is so, however strange it looks")
     mounted: Mapping[int, int] = Field(default_factory=dict, description="slot -> slot of the rack where it hangs")
     confirmed_by: Literal["person", "auto"] = "person"
+    """auto: nobody was asked."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,8 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path, slots: Co
         UsageError: unknown batch, or a folder that cannot be written.
     """
     # A second of imports, which a campaign whose batches are printed does without.
-    from fast.models.design.sheet import batch_sheet_html
     from fast.models.design.tray import PrintItem, tray_files
+    from fast.tasks.bench.sheet import batch_sheet_html
 
     rows = [row for row in _proposals(lake, campaign_id, batch) if slots is None or row["slot"] in slots]
     designs = load_designs(lake)
@@ -138,11 +142,11 @@ def confirm_print(
     _check_rack([row["slot"] for row in said], before, confirmation)
     stock = _campaign_stock(lake, campaign_id, confirmation.material_lot)
     tools = [_tool_row(campaign_id, batch, r["slot"], r["design_id"], stock, confirmation) for r in said]
-    told = {tool.tool_id: confirmation.measured[tool.slot] for tool in tools if tool.slot in confirmation.measured}
+    measured = confirmation.measured
+    designs = load_designs(lake) if measured else {}
+    told = {t.tool_id: (designs[t.design_id], measured[t.slot]) for t in tools if t.slot in measured}
     if told:
-        designs = load_designs(lake)
-        drawn = {tool.tool_id: designs[tool.design_id] for tool in tools}
-        sure = mark_measured(lake, campaign_id, batch, stock.lot, drawn, told, confirmation.is_sure, way)
+        sure = mark_measured(lake, campaign_id, batch, stock.lot, told, confirmation.is_sure, way)
         tools = [tool.model_copy(update={"sure": sure.get(tool.tool_id)}) for tool in tools]
     lake.append(tools, stored_provenance(lake, campaign_id, [r["proposal_id"] for r in said]))
     for tool in (tool for tool in tools if tool.tool_id in told):

@@ -41,20 +41,26 @@ Ask = Callable[[Campaign, Mapping[str, ProposedTool], Sequence["ToldGrasp"]], li
 
 @dataclass(frozen=True)
 class ToldGrasp:
-    """A grasp as somebody tells it: with a peak, a trace (then the peak is its), or a reason why it failed.
-
-    place: file and row, for messages.
-    """
+    """A grasp as somebody tells it: with a peak, a trace (then the peak is its), or a reason why it failed."""
 
     place: str
+    """File and row, for messages."""
     tool_id: str
+    """With or without its campaign."""
     object_id: int
+    """What was grasped."""
     repeat: int
+    """Counts the grasps of a tool on the object."""
     peak_force_n: float | None = None
+    """Largest force during the lift."""
     trace: Trace | None = None
+    """The samples."""
     reason: str = ""
+    """Why it failed; empty: it did not."""
     started_at: datetime | None = None
-    setup_id: str | None = None  # of how it was made, where it says so
+    """When, if it is said."""
+    setup_id: str | None = None
+    """Of how it was made, where it says so."""
 
     @property
     def key(self) -> Key:
@@ -100,11 +106,12 @@ def take_told(
     may_replace: bool = False,
     ask: Ask | None = None,
     is_sure: bool = False,
+    way: str = "--sure",
 ) -> Taken:
     """Write what was told; tools of which a grasp is told count as printed, unless somebody has said otherwise.
 
     is_dry: only check. may_replace: numbers may correct those that were told before. ask: what finds strange numbers;
-    is_sure: they are so, and are marked in the lake.
+    is_sure: they are so, and are marked in the lake; `way` is how a person says so.
 
     Raises:
         UsageError: a grasp was not asked for, is told twice or with other numbers than before, or is implausible;
@@ -123,7 +130,7 @@ def take_told(
         raise UsageError(_say(faults))
     new = [one for one in told if not _is_known(one, before.get(one.key))]
     questions = ask(campaign, tools, new) if ask is not None else []
-    settle(questions, is_sure, "Correct the file")
+    settle(questions, is_sure, "Correct the file", way)
     if new and not is_dry:
         _write(campaign, state, new, before, asked, operator, _mark(questions, new))
     n_traces = sum(one.trace is not None for one in new)

@@ -1,6 +1,5 @@
 """What a calibration compares, from the lake: measured tools, and simulated designs with a theta of their own."""
 
-import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +20,7 @@ from fast.models.scientist.surrogate.imputation import mean_over_objects
 from fast.models.simulation.effects.scaling import scales_with_modulus
 from fast.models.simulation.version import SimulatorVersion
 from fast.models.validation import closest, load_record
-from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
 from fast.tasks.gap.bank import read_bank_thetas
 from fast.tasks.gap.trace_rows import require_one_bench
@@ -36,23 +35,30 @@ class TooLittleDataError(UsageError):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredTools:
-    """Measured tools, in the order in which they were first measured.
+    """Measured tools, in the order in which they were first measured."""
 
-    points: m x 9, the fingers as they were printed, in the unit cube. forces_n: m x n_objects, mean peak over the
-    repeats, NaN where there is none. `design_ids`: m, what each tool was printed from.
-    """
-
-    campaign_id: str | None  # that was asked for; None: all that are in the lake
+    campaign_id: str | None
+    """That was asked for; None: all that are in the lake."""
     campaign_ids: tuple[str, ...]
+    """That they are of."""
     setup: GraspSetup
+    """How all were grasped."""
     object_ids: tuple[int, ...]
+    """Of the columns of `forces_n`."""
     tool_ids: tuple[str, ...]
+    """Of its rows."""
     designs: tuple[Design, ...]
+    """The fingers as they were printed, m."""
     design_ids: tuple[str, ...]
+    """What each tool was printed from, m."""
     points: np.ndarray
+    """The fingers as they were printed, m x 9, in the unit cube."""
     forces_n: np.ndarray
+    """m x n_objects, mean peak over the repeats, NaN where there is none."""
     grasp_ids: tuple[str, ...]
+    """Of all grasps behind them."""
     warnings: tuple[str, ...] = ()
+    """What a person should know of them, in sentences."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,10 +341,7 @@ def _consulted(lake: Lake, campaign_ids: set[str]) -> dict[str, SimulatorVersion
     found = {}
     for row in lake.records(CampaignRow):
         if row.campaign_id in campaign_ids and not is_imported(row.config_toml):
-            source = f"stored config of {row.campaign_id}"
-            found[row.campaign_id] = load_record(
-                CampaignConfig, tomllib.loads(row.config_toml), source
-            ).simulator.version
+            found[row.campaign_id] = read_stored_config(row.config_toml, row.campaign_id).simulator.version
     return found
 
 

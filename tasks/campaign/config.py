@@ -1,13 +1,12 @@
 """A campaign's config file: TOML, composed from the sections that the layers own."""
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from fast.hardware.cell.diagnostics import DiagnosticPlan
-from fast.hardware.parts.layout import BenchLayout
 from fast.models.design.printability import PrintingRules
 from fast.models.design.recipe import Recipe
 from fast.models.design.reference import make_reference
@@ -17,10 +16,9 @@ from fast.models.material import TABLE_3, MaterialLot
 from fast.models.records import GraspSetup, Record
 from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
-from fast.models.simulation.version import check_tier
 from fast.models.validation import load_record, parse_toml
+from fast.tasks.campaign.retired import drop_retired, refuse_retired
 from fast.tasks.campaign.settings import (
-    REMOVED_RULES,
     DesignSettings,
     Execution,
     GapSettings,
@@ -83,6 +81,7 @@ class CampaignConfig(Record):
         default=None, pattern=NAME, description="lower-case letters, digits, hyphens; who prints and measures"
     )
     seed: int = Field(default=0, ge=0)
+    """Of every draw."""
     material: str | None = Field(
         default=None, description="path of the file of the material lot, relative to the config"
     )
@@ -90,27 +89,27 @@ class CampaignConfig(Record):
         default=None, description="path of a CSV file of designs of one's own, relative to the config"
     )
     design: DesignSettings = DesignSettings()
+    """Which fingers may be made."""
     schedule: Schedule = Schedule()
+    """How many tools and simulations."""
     objects: ObjectPlan = ObjectPlan()
+    """What tools are measured on."""
     grasp: GraspSetup = GraspSetup()
-    diagnostics: DiagnosticPlan = DiagnosticPlan()
+    """How they are grasped."""
     simulator: SimulatorSettings = SimulatorSettings()
+    """What the scientist consults."""
     scientist: ScientistSettings = ScientistSettings()
+    """How designs are proposed."""
     gap: GapSettings = GapSettings()
+    """Whether the campaign looks for what its simulator misses."""
     night: NightSettings = NightSettings()
+    """Whether it simulates with a new simulator between batches."""
     bench: BenchChoice
+    """Where tools are measured."""
     print: Recipe | None = None
+    """How tools are printed; None: nobody says."""
     execution: Execution = Execution()
-
-    @model_validator(mode="after")
-    def _check_reference_slot(self) -> "CampaignConfig":
-        reference, n_tools = self.diagnostics.reference_tool, self.schedule.tools_per_batch
-        if reference is not None and reference.slot < n_tools:
-            raise ValueError(
-                f"the reference tool's slot {reference.slot} is one of the {n_tools} that a batch uses; set "
-                "diagnostics.reference_tool.slot above them or schedule.tools_per_batch lower"
-            )
-        return self
+    """How the work is spread; changes no result."""
 
     @model_validator(mode="after")
     def _check_first_data(self) -> "CampaignConfig":
@@ -119,15 +118,6 @@ class CampaignConfig(Record):
             raise ValueError(
                 f"schedule.initial_tools and initial_simulations give the surrogate {n} observations before the first "
                 f"guided batch, it needs {MIN_OBSERVATIONS}; raise one of them"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _check_folder_bench(self) -> "CampaignConfig":
-        if self.bench.is_folder and self.diagnostics.is_made:
-            raise ValueError(
-                'a bench of kind "folder" makes grasps alone; remove diagnostics.reference_every and '
-                "diagnostics.protocol_slot (schedule.reference_tools measures tools again)"
             )
         return self
 
@@ -154,7 +144,9 @@ class CampaignConfig(Record):
         unused: dict[str, Any] = {"execution": True, "lab": True} | ({"material": True} if not self.material else {})
         unused |= {"designs": True} if self.designs is None else {}
         unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
-        unused["schedule"] = {name for name in ("reference_tools", "reference") if not getattr(self.schedule, name)}
+        # When a campaign ends decides no row of it.
+        unused["schedule"] = {"stop", "stop_margin"}
+        unused["schedule"] |= {name for name in ("reference_tools", "reference") if not getattr(self.schedule, name)}
         unused |= {"print": {"recipe"} if self.print else True}  # what its file is called decides nothing
         unused |= {"design": True} if self.design == DesignSettings() else {}
         unused |= {"gap": True} if self.gap == GapSettings() else {}
@@ -181,11 +173,6 @@ class CampaignConfig(Record):
         return self.printing_rules if self.scientist.manufacturable else None
 
     @property
-    def follows_newest(self) -> bool:
-        """Whether each guided batch takes the newest accepted simulator version."""
-        return self.night.active or self.simulator.follow == "latest"
-
-    @property
     def config_hash(self) -> str:
         """Id of the part that decides results."""
         return content_id("H", self.science)
@@ -195,9 +182,10 @@ def load_config(path: Path) -> CampaignConfig:
     """Read and check a campaign config.
 
     Raises:
-        ConfigError: the file is missing, is not TOML, or has a wrong value or key.
+        ConfigError: the file is missing, is not TOML, or has a wrong value or key, or one that is gone.
     """
     data = read_toml(path, "campaign config")
+    refuse_retired(data, str(path))
     if isinstance(data.get("print"), dict):
         data["print"] = read_recipe(data["print"], path)
     config = with_own_objects(load_record(CampaignConfig, data, str(path)), path)
@@ -209,6 +197,15 @@ def load_config(path: Path) -> CampaignConfig:
     if config.material is not None:
         read_lot(relative_to(path, config.material))
     return config
+
+
+def read_stored_config(config_toml: str, campaign_id: str) -> CampaignConfig:
+    """The config that a lake keeps of a campaign, without keys that are gone since it was written.
+
+    Raises:
+        ConfigError: a newer program wrote it.
+    """
+    return load_record(CampaignConfig, drop_retired(tomllib.loads(config_toml)), f"stored config of {campaign_id}")
 
 
 def with_own_objects(config: CampaignConfig, path: Path) -> CampaignConfig:
@@ -322,20 +319,15 @@ def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 
 def _check_science(config: CampaignConfig, source: str) -> None:
-    """Refuse unknown effects, functions that are not there, and a tier or rules that only stored configs may name."""
+    """Refuse unknown effects, functions that are not there, and what cannot be printed or learned."""
     from fast.models.own_code import load_own
     from fast.models.simulation.effects.catalogue import build_effects
 
     try:
         _check_design(config)
         _check_recipe(config)
-        _check_diagnostics(config)
         _check_objectives(config)
         build_effects(config.simulator.effects)
-        check_tier(config.simulator.tier)
-        for rule in (config.scientist.acquisition, config.scientist.simulation_acquisition):
-            if rule in REMOVED_RULES:
-                raise ConfigError(f'The acquisition rule "{rule}" was removed, "mes" is no worse; set it instead.')
         for name in config.scientist.own_functions:
             load_own(name)
     except UsageError as error:
@@ -365,17 +357,6 @@ def _check_recipe(config: CampaignConfig) -> None:
                 f"be {lowest:g} mm; set design.ranges.{name} = [{recipe.wall_mm:g}, "
                 f"{largest[name]:g}] or change the recipe."
             )
-
-
-def _check_diagnostics(config: CampaignConfig) -> None:
-    """Refuse experiments on objects that do not stand on the bench.
-
-    Raises:
-        UsageError: with the object.
-    """
-    layout = config.objects.stand_on(BenchLayout())
-    for object_id in sorted(config.diagnostics.objects_of_batch):
-        layout.place_of(object_id)
 
 
 def _check_objectives(config: CampaignConfig) -> None:

@@ -1,13 +1,10 @@
 """What a night of a campaign has done, in numbers and in words: events of the lake, read by page and report."""
 
-import json
-
 import numpy as np
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.gap.findings import Verdict
-from fast.models.ids import canonical_json, content_id
 from fast.models.records import Record
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
@@ -21,27 +18,34 @@ _FEWEST_TOOLS = 3  # whose ranks are compared: two are in order or not, which sa
 
 
 class Night(Record):
-    """A night that has ended. None: not known.
-
-    n_planned, n_done: designs to be simulated with the new version, and those that are done on every object.
-    worker_hours: what that took, of all workers together. rank_before, rank_after: Spearman's rank correlation of the
-    forces that both versions give for `n_tools` measured tools with the measured ones. named: what the search behind
-    the version has found; error_before_n, error_after_n: its held-out errors, in N.
-    """
+    """A night that has ended. None: not known."""
 
     stage: int
+    """Of the schedule, from 0."""
     batch: int
+    """That was chosen after it, from 1."""
     old_version_id: str
+    """The simulator before."""
     version_id: str
+    """The simulator since."""
     change: str
+    """What the new one differs in, in words."""
     n_planned: int
+    """Designs to be simulated with it."""
     n_done: int
+    """Those that are done on every object."""
     worker_hours: float
+    """What that took, of all workers together."""
     n_tools: int
+    """Measured tools that both versions have simulated."""
     rank_before: float | None
+    """Spearman's rank correlation of the old version's forces of these tools with the measured ones."""
     rank_after: float | None
+    """The same of the new version."""
     error_before_n: float | None
+    """Held-out error of the old version, of the search behind the new one."""
     error_after_n: float | None
+    """The same of the new version."""
 
     @property
     def sentence(self) -> str:
@@ -78,15 +82,14 @@ def find_night(campaign: Campaign, stage: int) -> Night | None:
 
 def read_nights(lake: Lake, campaign_id: str) -> list[Night]:
     """The nights of a campaign that have ended, in order."""
-    rows = lake.rows(EventRow, campaign_id=campaign_id, kind=KIND)
-    nights = [Night.model_validate(json.loads(row["payload_json"])) for row in rows]
+    nights = [Night.model_validate(row.payload) for row in lake.records(EventRow, campaign_id=campaign_id, kind=KIND)]
     return sorted(nights, key=lambda night: night.stage)
 
 
 def read_verdicts(lake: Lake, campaign_id: str) -> list[Verdict]:
     """What the searches of a campaign, or of the whole lake, said of the simulators that they ended with, in order."""
     rows = [row for row in lake.records(EventRow, kind=GAP_ENDED) if row.campaign_id in ("", campaign_id)]
-    verdicts = [GapRun.model_validate(json.loads(row.payload_json)).findings.verdict for row in rows]
+    verdicts = [GapRun.model_validate(row.payload).findings.verdict for row in rows]
     return [verdict for verdict in verdicts if verdict is not None]
 
 
@@ -112,13 +115,8 @@ def end_night(campaign: Campaign, old: SimulatorVersion, stage: int) -> Night:
     if known is not None:
         return known
     night = _sum_up(campaign, old, stage)
-    row = EventRow(
-        event_id=content_id("E", [campaign.campaign_id, KIND, stage]),
-        campaign_id=campaign.campaign_id,
-        kind=KIND,
-        message=night.sentence,
-        payload_json=canonical_json(night.model_dump(mode="json")),
-    )
+    name = campaign.campaign_id
+    row = EventRow.of([name, KIND, stage], KIND, night.sentence, night, name)
     campaign.lake.append([row], campaign.provenance())
     return night
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TypeVar, cast
 
 from prefect import task
@@ -74,6 +75,20 @@ def print_batch(
         prompts.close(batch)
 
 
+@dataclass(frozen=True)
+class BenchUse:
+    """How a process measures."""
+
+    open_bench: OpenBench
+    """Opens the bench with tools in its rack."""
+    world_hash: str | None
+    """The world behind a virtual bench; None: a real one."""
+    should_stop: Callable[[], bool]
+    """Asked before each grasp."""
+    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
+    """Hears of each grasp."""
+
+
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
 def measure_tool(
     label: str,
@@ -106,10 +121,7 @@ def measure_batch(
     label: str,
     campaign: Campaign,
     tools: Sequence[ProposedTool],
-    open_bench: OpenBench,
-    world_hash: str | None,
-    should_stop: Callable[[], bool],
-    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+    use: BenchUse,
 ) -> None:
     """Measure the tools of a batch, each as a task of its own; errors as of `tasks.bench.measure.measure_batch`."""
 
@@ -119,12 +131,14 @@ def measure_batch(
             unmapped(campaign),
             unmapped(bench),
             unmapped(work),
-            world_hash,
-            unmapped(should_stop),
+            use.world_hash,
+            unmapped(use.should_stop),
             unmapped(on_tool_grasp),
         )
 
-    measuring.measure_batch(campaign, tools, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)
+    measuring.measure_batch(
+        campaign, tools, use.open_bench, measure, should_stop=use.should_stop, on_grasp=use.on_grasp
+    )
 
 
 @task(task_run_name="{label} mount kept tools", cache_policy=NO_CACHE)
@@ -157,19 +171,18 @@ def measure_asked(
     campaign: Campaign,
     tools: Sequence[ProposedTool],
     search_id: str,
-    open_bench: OpenBench,
-    world_hash: str | None,
-    should_stop: Callable[[], bool],
-    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+    use: BenchUse,
 ) -> None:
     """Make the grasps that a search asks for and that are missing; errors as of `tasks.bench.mount.measure_asked`."""
 
     def measure(bench: GraspBench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
         measuring.measure_tool(
-            campaign, bench, work, world_hash=world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
+            campaign, bench, work, world_hash=use.world_hash, should_stop=use.should_stop, on_grasp=on_tool_grasp
         )
 
-    mounting.measure_asked(campaign, tools, search_id, open_bench, measure, should_stop=should_stop, on_grasp=on_grasp)
+    mounting.measure_asked(
+        campaign, tools, search_id, use.open_bench, measure, should_stop=use.should_stop, on_grasp=use.on_grasp
+    )
 
 
 def is_answered(

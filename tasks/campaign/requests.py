@@ -13,7 +13,6 @@ from fast.lake.query.engine import Mark
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import FastError, LakeError
-from fast.models.ids import canonical_json, content_id
 from fast.tasks.campaign.campaign import stored_provenance
 
 STARTED = "started"  # kind of the event with which a process begins to run a campaign
@@ -39,13 +38,7 @@ LEAST_FREE_MB = 100.0  # some thousand grasps of 30 kB
 
 def append_event(lake: Lake, campaign_id: str, kind: str, message: str, **payload: object) -> None:
     """Add a line to the campaign's log in the lake; equal kind, message and payload are distinct events."""
-    row = EventRow(
-        event_id=content_id("E", [campaign_id, kind, message, uuid.uuid4().hex]),
-        campaign_id=campaign_id,
-        kind=kind,
-        message=message,
-        payload_json=canonical_json(payload),
-    )
+    row = EventRow.of([campaign_id, kind, message, uuid.uuid4().hex], kind, message, payload, campaign_id)
     lake.append([row], stored_provenance(lake, campaign_id))
 
 

@@ -35,8 +35,6 @@ class PlaceInName:
 
     def count(self, grasp: MeasuredGrasp) -> None:
         """A grasp was made, whatever came of it; the name follows now and then, and at the end."""
-        if grasp.diagnostic is not None:
-            return
         self._done.add((grasp.object_id, grasp.repeat))
         is_last = len(self._done) >= self._n_grasps
         if not is_last and time.monotonic() - self._renamed_s < INTERVAL_S:

@@ -13,8 +13,9 @@ from fast.models.design.reference import REFERENCES
 from fast.models.design.space import FIN_RAYS, DesignSpace, LinearLimit
 from fast.models.own_code import OWN, is_own
 from fast.models.records import EffectValue, Record, Theta
+from fast.models.scientist.insights.rules import MARGIN
 from fast.models.scientist.objectives import LESS_IS_BETTER, MEAN_PEAK, MEASURED, NAMES
-from fast.models.simulation.version import REMOVED_TIER, TIERS, MeshSettings, SimulatorVersion, Tier
+from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.validation import closest
 from fast.tasks.simulation.engine import check_engine
 
@@ -23,10 +24,12 @@ class ObjectPlan(Record):
     """Which objects a tool is measured on, and how often."""
 
     ids: Literal["all"] | tuple[int, ...] = "all"
+    """Objects that every tool and simulated design meets: numbers from 0 to 35, each once."""
     files: tuple[str, ...] = Field(default=(), description="own objects: paths, relative to the config")
     places: tuple[int, ...] = Field(default=(), description="where those of `files` stand; none: free ones in order")
     file_ids: dict[str, int] = Field(default={}, description="numbers of `files`; written by the program, not by you")
     repeats: int = Field(default=3, ge=1, le=20)
+    """Grasps of a tool on an object."""
     order: Literal["fixed", "random"] = Field(
         default="random", description="the shortest way for every tool, or drawn for each tool"
     )
@@ -126,7 +129,6 @@ class ObjectPlan(Record):
 RULES = ("mes", "random")  # how designs can be chosen
 LOG = "log"
 SURROGATES = ("bi-fidelity", LOG)  # what predicts the force of a design
-REMOVED_RULES = ("nei", "jes", "thompson")  # configs that lakes keep may name them; `load_config` refuses them
 
 
 class SimulatorSettings(Record):
@@ -135,33 +137,13 @@ class SimulatorSettings(Record):
     theta: Theta = Theta()
     mesh: MeshSettings = MeshSettings()
     effects: tuple[EffectValue, ...] = ()
-    tier: Tier = "production"
-    objective: Literal["peak_force_n", "contact_force_n"] = Field(
-        default="peak_force_n", description="what of a simulated grasp the scientist learns from"
-    )
+    """`[[simulator.effects]]` tables with `effect` and `parameters`."""
+    tier: Literal["production", "reference"] = "production"
+    """Which mesh and steps."""
     simulate_tools: bool = Field(
         default=True, description="also simulate every printed design: the pairs that show where simulation is wrong"
     )
-    find_branches: bool = Field(
-        default=True, description="search the grasps of printed designs for a second branch (simulator.md)"
-    )
     grasp_deadline_s: float = Field(default=120, gt=0, description="wall time after which one grasp has failed")
-    follow: Literal["pinned", "latest"] = Field(
-        default="pinned", description="stay with this version, or take the newest calibrated one before a guided batch"
-    )
-    old_versions: Literal["fidelity", "rerun"] = Field(
-        default="fidelity", description="simulations of an older version: mapped by designs of both, or left out"
-    )
-    reruns: int = Field(
-        default=20, ge=0, le=100_000, description="designs simulated again when the version changes, the best first"
-    )
-
-    @field_validator("tier", mode="before")
-    @classmethod
-    def _check_tier(cls, tier: Any) -> Any:
-        if tier not in (*TIERS, REMOVED_TIER):
-            raise ValueError(f"it must be {_alternatives(TIERS)}; change it")
-        return tier
 
     @property
     def version(self) -> SimulatorVersion:
@@ -199,12 +181,6 @@ class ScientistSettings(Record):
     )
     acquisition: str = Field(default="mes", description="how tools to print are chosen")
     simulation_acquisition: str = Field(default="mes", description="how designs to simulate are chosen")
-    min_distance: float = Field(
-        default=0.05,
-        ge=0,
-        le=1,
-        description="of tools from others of the batch and from rejected ones, in the unit cube of the design space",
-    )
     best_predicted: int = Field(
         default=0,
         ge=0,
@@ -231,11 +207,12 @@ class ScientistSettings(Record):
     )
     manufacturable: bool = Field(default=False, description="propose only what keeps the rules of `printing`")
     printing: PrintingRules = PrintingRules()
+    """What a tool must keep to be printed."""
 
     @field_validator("acquisition", "simulation_acquisition")
     @classmethod
     def _check_rule(cls, rule: str) -> str:
-        if rule not in (*RULES, *REMOVED_RULES) and not is_own(rule):
+        if rule not in RULES and not is_own(rule):
             raise ValueError(f"it must be {_alternatives((*RULES, OWN))}; change it")
         return rule
 
@@ -294,16 +271,28 @@ class Schedule(Record):
     """How many tools and simulations, in which order (the paper: 30 + 50, then 8 x (10 with 100))."""
 
     initial_tools: int = Field(default=30, ge=2, le=1000)
+    """Random designs that are printed first."""
     tools_per_batch: int = Field(default=10, ge=1, le=10, description="the rack has ten tool heads")
     guided_batches: int = Field(default=8, ge=0, le=1000)
+    """Batches that are proposed from the surrogate; may be changed later."""
     initial_simulations: int = Field(default=50, ge=0, le=100_000)
+    """Random designs that are simulated during the initial batches."""
     simulations_per_batch: int = Field(default=100, ge=0, le=100_000)
+    """Designs that are proposed and simulated during each guided batch."""
     reference_tools: Annotated[int, Field(ge=0, le=9)] | tuple[str, ...] = Field(
         default=0, description="measured tools that each later batch measures again: how many of the best, or which"
     )
 
     reference: str | None = Field(
         default=None, description="reference finger that is printed as the first tool of the first batch: `fin-ray`"
+    )
+
+    stop: Literal["advice", "by itself", "never"] = Field(
+        default="advice",
+        description="whether another batch is worth it: said after each, acted on after two that say no, or not said",
+    )
+    stop_margin: float = Field(
+        default=MARGIN, gt=0, le=1, description="by which share a batch must beat the best to be worth it"
     )
 
     @field_validator("reference")
@@ -369,7 +358,7 @@ class NightSettings(Record):
         default=False, description="take the newest accepted simulator version for each batch, and simulate with it"
     )
     max_designs: int = Field(
-        default=2000, ge=0, le=100_000, description="designs simulated with a new version before the batch is chosen"
+        default=2000, ge=0, le=100_000, description="simulated with a new version before the batch is chosen; 0: none"
     )
     max_hours: float = Field(
         default=4.0, gt=0, le=1000, description="how long that may take; no design is begun after it"
@@ -380,12 +369,14 @@ class Execution(Record):
     """How the work is spread over this machine; changes no result."""
 
     simulation_workers: int = Field(default=2, ge=1, le=256)
+    """Processes that simulate."""
     engine: str = Field(
         default="local",
         description='what simulates: "local" processes, "dask://127.0.0.1:8786", "dask+tls://HOST:8786"',
     )
     physics_workers: int = Field(default=1, ge=1, le=64, description="processes behind a virtual bench")
     print_poll_s: float = Field(default=5.0, gt=0, le=3600)
+    """Between looks whether a person has confirmed a batch."""
     print_reminder_h: float = Field(
         default=4.0, ge=0, le=1000, description="hours between reminders of a batch to be printed; 0: none"
     )
@@ -394,6 +385,7 @@ class Execution(Record):
     )
     notify_virtual: bool = Field(default=False, description="also of campaigns on a virtual bench")
     max_grasp_attempts: int = Field(default=2, ge=1, le=10)
+    """Failures after which a grasp is given up."""
     position_check_tools: int = Field(
         default=0, ge=0, le=10, description="tools between checks of the gantry for lost steps; 0: after a batch only"
     )

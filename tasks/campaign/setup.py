@@ -20,7 +20,14 @@ from fast.models.ids import content_id
 from fast.models.objects.catalogue import get_object, name_object
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.config import BODIES, CampaignConfig, differences, read_toml, relative_to
+from fast.tasks.campaign.config import (
+    BODIES,
+    CampaignConfig,
+    differences,
+    read_stored_config,
+    read_toml,
+    relative_to,
+)
 from fast.tasks.campaign.material import store_lot
 from fast.tasks.campaign.own_designs import OWN
 from fast.tasks.scientist.prior import check_prior
@@ -45,11 +52,6 @@ def check_arm(config: CampaignConfig, config_path: Path, settings: ArmSettings, 
         ConfigError: with what is missing, and where.
     """
     schedule, n_slots = config.schedule, len(settings.rack_mm)
-    if config.diagnostics.is_made:
-        raise ConfigError(
-            f"{config_path}: an arm makes no diagnostic runs; remove diagnostics.reference_every and "
-            "diagnostics.protocol_slot (schedule.reference_tools measures tools again)."
-        )
     if schedule.n_references and n_slots < N_SLOTS:
         raise ConfigError(
             f"{path}: reference tools hang in the last of {N_SLOTS} slots, rack_mm has {n_slots}; teach the others, or "
@@ -125,10 +127,10 @@ def register(campaign: Campaign, config_toml: str) -> None:
             'or continue it with bench.kind = "folder" (docs/how-to/bring-your-own-bench.md).'
         )
     if known and not is_adopted:
-        before = load_record(CampaignConfig, tomllib.loads(known[-1]["config_toml"]), f"stored config of {name}")
+        before = read_stored_config(known[-1]["config_toml"], name)
         changes = differences(before.science, campaign.config.science)
-        if not changes:
-            return
+        if not changes and known[-1]["config_hash"] == campaign.config.config_hash:
+            return  # an older program gave the same config another hash: rows of now are found by a row of its own
         if not all(change.startswith(GROWABLE) for change in changes):
             raise ConfigError(
                 f"campaign `{name}` was started with another config ({'; '.join(changes)}); "

@@ -1,20 +1,17 @@
 """Which simulator version each stage of a campaign uses: decided once, at its beginning, and kept as an event."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import zip_longest
 from typing import NamedTuple
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulatorVersionRow
 from fast.models.calibration.inference.settings import WITH_EFFECTS
-from fast.models.ids import canonical_json, content_id
 from fast.models.records import Design
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import tuples
-from fast.tasks.scientist.observe import means_of_simulations, means_of_tools, older_simulations, proposed_designs
+from fast.tasks.scientist.observe import older_simulations, proposed_designs
 
 KIND = "simulator_version"
 _SECONDS = """
@@ -37,7 +34,7 @@ class StageVersion(NamedTuple):
 
 def at_stage(campaign: Campaign, stage: int) -> Campaign:
     """The campaign with the simulator version of a stage, which is decided now unless it has been before."""
-    if not campaign.config.follows_newest:
+    if not campaign.config.night.active:
         return campaign
     decided = _decisions(campaign)
     if stage > 0 and stage not in {decision.stage for decision in decided}:
@@ -48,7 +45,7 @@ def at_stage(campaign: Campaign, stage: int) -> Campaign:
 
 def at_present(campaign: Campaign) -> Campaign:
     """The campaign with the simulator version of its last stage so far."""
-    return _with_versions(campaign, _decisions(campaign)) if campaign.config.follows_newest else campaign
+    return _with_versions(campaign, _decisions(campaign)) if campaign.config.night.active else campaign
 
 
 def find_decision(campaign: Campaign, stage: int) -> StageVersion | None:
@@ -63,7 +60,7 @@ def find_newest_decision(campaign: Campaign) -> StageVersion | None:
 
 def list_reruns(campaign: Campaign, stage: int) -> list[Design]:
     """Designs that a stage simulates again because its simulator version is new, in order."""
-    if not campaign.config.follows_newest:
+    if not campaign.config.night.active:
         return []
     decision = find_decision(campaign, stage)
     wanted = decision.reruns if decision else ()
@@ -127,13 +124,19 @@ def _decide(campaign: Campaign, stage: int) -> None:
     version, calibration_id = found or (base, None)
     reruns: list[str] = []
     if force_ratio(campaign.version, version) is None:
-        reruns = _worth_rerunning(campaign, stage)
+        from fast.tasks.scientist.night import choose_designs  # needs SciPy, which a campaign without nights does not
+
+        chosen = choose_designs(campaign, stage, campaign.config.night.max_designs)
+        reruns = [design.design_id for design in chosen]
     if rows := missing_version_rows(campaign.lake, version):
         campaign.lake.append(rows, campaign.provenance())
     batch = campaign.config.schedule.batches_of(stage)[-1]
     message = f"B{batch:02d} is chosen and simulated with {version.version_id}"
     if version != campaign.version:
-        message += f" instead of {campaign.version.version_id}; {_count_in_words(campaign, len(reruns))}"
+        message += (
+            f" instead of {campaign.version.version_id}; at most {len(reruns)} designs are simulated with it in the "
+            f"night, for {campaign.config.night.max_hours:g} h at most"
+        )
     payload = {
         "stage": stage,
         "version_id": version.version_id,
@@ -142,34 +145,6 @@ def _decide(campaign: Campaign, stage: int) -> None:
         "spent_s": count_seconds(campaign, version, reruns),
     }
     _append_event(campaign, KIND, (stage,), message, payload, [calibration_id] if calibration_id else [])
-
-
-def _count_in_words(campaign: Campaign, n_reruns: int) -> str:
-    night = campaign.config.night
-    if not night.active:
-        return f"{n_reruns} designs are simulated again"
-    return f"at most {n_reruns} designs are simulated with it in the night, for {night.max_hours:g} h at most"
-
-
-def _worth_rerunning(campaign: Campaign, stage: int) -> list[str]:
-    """Designs by their use under a new version: in turn the best measured tool and the best simulated design.
-
-    A night adds new designs to them (`tasks.scientist.night`).
-    """
-    if campaign.config.night.active:
-        from fast.tasks.scientist.night import choose_designs  # needs SciPy, which a campaign without nights does not
-
-        chosen = choose_designs(campaign, stage, campaign.config.night.max_designs)
-        return [design.design_id for design in chosen]
-    state = campaign.state()
-    design_of = {tool.tool_id: tool.design.design_id for tool in state.tools}
-    measured = means_of_tools(campaign, state)
-    found = means_of_simulations(campaign, campaign.version, proposed_designs(state))
-    ranked = (design_of[tool_id] for _, tool_id in sorted(zip(-measured.y, measured.ids, strict=True)))
-    tools = [design_id for design_id in ranked if design_id in found.ids]
-    simulated = [design_id for _, design_id in sorted(zip(-found.y, found.ids, strict=True))]
-    alternating = (design_id for pair in zip_longest(tools, simulated) for design_id in pair if design_id is not None)
-    return list(dict.fromkeys(alternating))[: campaign.config.simulator.reruns]
 
 
 def _with_versions(campaign: Campaign, decided: list[StageVersion]) -> Campaign:
@@ -181,10 +156,8 @@ def _with_versions(campaign: Campaign, decided: list[StageVersion]) -> Campaign:
 
 def _decisions(campaign: Campaign) -> list[StageVersion]:
     """What was decided so far, by stage."""
-    payloads = (
-        json.loads(row["payload_json"])
-        for row in campaign.lake.rows(EventRow, campaign_id=campaign.campaign_id, kind=KIND)
-    )
+    rows = campaign.lake.records(EventRow, campaign_id=campaign.campaign_id, kind=KIND)
+    payloads = [row.payload for row in rows]
     return sorted(
         StageVersion(p["stage"], p["version_id"], tuple(p["reruns"]), p.get("spent_s", 0.0)) for p in payloads
     )
@@ -208,11 +181,6 @@ def _append_event(
     parents: list[str] | None = None,
 ) -> None:
     """An event that is itself however often it is written."""
-    row = EventRow(
-        event_id=content_id("E", [campaign.campaign_id, kind, *key]),
-        campaign_id=campaign.campaign_id,
-        kind=kind,
-        message=message,
-        payload_json=canonical_json(payload),
-    )
+    name = campaign.campaign_id
+    row = EventRow.of([name, kind, *key], kind, message, payload, name)
     campaign.lake.append([row], campaign.provenance(parents=parents or []))

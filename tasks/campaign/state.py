@@ -67,17 +67,29 @@ class CampaignState:
     """All decisions and results of one campaign."""
 
     tools: tuple[ProposedTool, ...]
+    """Proposed for printing, in order."""
     simulations: tuple[ProposedSimulation, ...]
-    night: tuple[ProposedSimulation, ...] = ()  # added by nights, of which time may have left out any
-    confirmed: dict[str, str] = field(default_factory=dict)  # tool_id -> printed | rejected
-    measured: dict[str, set[Cell]] = field(default_factory=dict)  # tool_id -> good grasps whose trace is there
-    failures: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> failures of its own
-    next_attempts: dict[tuple[str, Cell], int] = field(default_factory=dict)  # (tool_id, cell) -> number, if not 0
-    imported: frozenset[int] = frozenset()  # batches that another lab made, whose tools are not here
-    batch_on_rack: int = 0  # of a real bench: the one it measured last, 0 before its first grasp and on a virtual one
-    simulated: dict[str, set[int]] = field(default_factory=dict)  # design_id -> objects with a result or a failure
-    simulated_before: dict[str, set[int]] = field(default_factory=dict)  # the same, by an older simulator version
-    fruitful: frozenset[str] = frozenset()  # design ids with a simulated result, by whichever version
+    """Proposed for the simulator, in order."""
+    night: tuple[ProposedSimulation, ...] = ()
+    """Added by nights, of which time may have left out any."""
+    confirmed: dict[str, str] = field(default_factory=dict)
+    """By tool id: printed or rejected."""
+    measured: dict[str, set[Cell]] = field(default_factory=dict)
+    """By tool id, good grasps whose trace is there."""
+    failures: dict[tuple[str, Cell], int] = field(default_factory=dict)
+    """By tool id and cell, failures of its own."""
+    next_attempts: dict[tuple[str, Cell], int] = field(default_factory=dict)
+    """By tool id and cell, number of the next attempt if not 0."""
+    imported: frozenset[int] = frozenset()
+    """Batches that another lab made, whose tools are not here."""
+    batch_on_rack: int = 0
+    """Of a real bench: the one it measured last; 0 before its first grasp and on a virtual one."""
+    simulated: dict[str, set[int]] = field(default_factory=dict)
+    """By design id, objects with a result or a failure."""
+    simulated_before: dict[str, set[int]] = field(default_factory=dict)
+    """The same, by an older simulator version."""
+    fruitful: frozenset[str] = frozenset()
+    """Design ids with a simulated result, by whichever version."""
 
     def tools_of(self, batch: int) -> list[ProposedTool]:
         """The proposed tools of a batch, by slot."""

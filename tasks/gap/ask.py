@@ -50,7 +50,8 @@ def ask(search: SearchInputs, naming: NamingResult, settings: AskSettings) -> Ne
         known = [pair for pair in pairs if all((one.name, pair) in moved for one in hypotheses)]
         wider = _Plan.of(hypotheses, grasps, [*plan.pairs, *known], settings, moved)
         plan = wider if wider.n_open < plan.n_open or not plan.choice.n else plan
-    person = _ask_person(hypotheses, plan)
+    measured = () if search.answers is None else tuple(one.kind for one in search.answers.readings)
+    person = _ask_person(hypotheses, plan, measured)
     return person if person is not None else plan.write(naming)
 
 
@@ -145,10 +146,10 @@ class _Plan:
         return tuple(Promise(between=between, nats=round(value, 1)) for between, value in ordered)
 
 
-def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan) -> NextExperiment | None:
+def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan, measured: Sequence[str]) -> NextExperiment | None:
     """What a person measures where effects stay together in the plan for the bench; None if no reading tells more.
 
-    A reading is made once, so what is expected of it counts.
+    A reading is made once, so what is expected of it counts, and no kind that was `measured` is asked for again.
     """
     open_pairs = [pair for pair in plan.open_effects if all(hypotheses[i].own for i in pair)]
     known, forecast = forecast_measurements(hypotheses)
@@ -156,7 +157,8 @@ def _ask_person(hypotheses: tuple[Hypothesis, ...], plan: _Plan) -> NextExperime
         return None
     nats = [compute_nats(forecast.select([place]), [1]).expected for place in range(len(known))]
     told = [
-        sum(own[pair] >= _WORTH_NATS for pair in open_pairs) / one.minutes for own, one in zip(nats, known, strict=True)
+        sum(own[pair] >= _WORTH_NATS for pair in open_pairs) / one.minutes if one.kind not in measured else 0.0
+        for own, one in zip(nats, known, strict=True)
     ]
     place = int(np.argmax(told))
     if not told[place]:

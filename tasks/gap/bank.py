@@ -1,6 +1,5 @@
 """The bank of gap discovery in the lake: what to simulate for it, and the simulations as arrays."""
 
-import json
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +29,6 @@ from fast.models.gap.bank.bank import (
 from fast.models.gap.bank.sensor_effects import N_LEAD, read_lead
 from fast.models.gap.fit.theta import make_grid_bank
 from fast.models.gap.grasps import Cells
-from fast.models.ids import canonical_json, content_id
 from fast.models.records import Design, GraspSetup, Placement, Theta, Trace, find_setup_id
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
@@ -131,25 +129,20 @@ def note_bank(lake: Lake, gap_id: str, campaign_id: str | None, bank_plan: BankP
     """Write down that a search simulates a bank of its own, so that its thetas are known for what they are."""
     thetas = [theta.model_dump(mode="json") for theta in (bank_plan.centre, *bank_plan.grid_thetas)]
     centre, grid = bank_plan.centre, bank_plan.grid
-    row = EventRow(
-        event_id=content_id("E", [BANK, gap_id, thetas]),
-        campaign_id=campaign_id or "",
-        kind=BANK,
-        message=(
-            f"gap search {gap_id} simulates a bank around {centre.young_modulus_mpa:g} MPa, friction "
-            f"{centre.friction:g} ({grid.friction[0]:g} to {grid.friction[1]:g}), Poisson ratio "
-            f"{centre.poisson_ratio:g} ({grid.poisson_ratio[0]:g} to {grid.poisson_ratio[1]:g})"
-        ),
-        payload_json=canonical_json({"gap_id": gap_id, "thetas": thetas}),
+    message = (
+        f"gap search {gap_id} simulates a bank around {centre.young_modulus_mpa:g} MPa, friction "
+        f"{centre.friction:g} ({grid.friction[0]:g} to {grid.friction[1]:g}), Poisson ratio "
+        f"{centre.poisson_ratio:g} ({grid.poisson_ratio[0]:g} to {grid.poisson_ratio[1]:g})"
     )
+    row = EventRow.of([BANK, gap_id, thetas], BANK, message, {"gap_id": gap_id, "thetas": thetas}, campaign_id)
     if not lake.has(EventRow, row.event_id):
         lake.append([row], current_provenance())
 
 
 def read_bank_thetas(lake: Lake) -> set[Theta]:
     """Every theta that a bank of gap discovery in this lake was simulated at, the wide bank's too."""
-    payloads = (json.loads(row["payload_json"]) for row in lake.rows(EventRow, kind=BANK))
-    own = {Theta.model_validate(theta) for payload in payloads for theta in payload["thetas"]}
+    rows = lake.records(EventRow, kind=BANK)
+    own = {Theta.model_validate(theta) for row in rows for theta in row.payload["thetas"]}
     return {WIDE.centre, *WIDE.grid_thetas} | own
 
 

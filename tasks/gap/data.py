@@ -17,6 +17,7 @@ from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import Answers
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData
+from fast.models.gap.evidence.facts import Fact, list_facts
 from fast.models.gap.grasps import Grasps, number_distinct
 from fast.models.ids import content_id
 from fast.models.records import Design, GraspContext, GraspSetup, Placement, Trace
@@ -54,6 +55,12 @@ class MeasuredGrasps:
             return self.grasps.content_id
         readings = [reading.model_dump() for reading in self.answers.readings]
         return content_id("M", [self.grasps.content_id, self.answers.grasps.content_id, readings])
+
+    @property
+    def facts(self) -> tuple[Fact, ...]:
+        """What persons measured of effects."""
+        readings = () if self.answers is None else self.answers.readings
+        return list_facts((one.kind, one.value) for one in readings)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -102,6 +109,7 @@ def make_data(measured: MeasuredGrasps, bank: Bank, split: Split) -> GapData:
         bank=bank,
         held_out_tools=np.array([split.designs[design_id] for design_id in measured.design_ids]),
         held_out_objects=np.array([split.objects[object_id] for object_id in grasps.objects]),
+        facts=measured.facts,
     )
 
 

@@ -1,21 +1,22 @@
 """What gap discovery found, in the lake: one line a row in `gap_findings`, and the whole answer as an event."""
 
-import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fast.lake.provenance import Provenance, current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GapFindingRow
 from fast.lake.tables.row import Row
 from fast.models.gap.findings import Candidate, Decision, Findings, NextExperiment, RoundFindings, WhereFinding
-from fast.models.ids import canonical_json, content_id
+from fast.models.ids import content_id
 from fast.models.records import EffectValue, Record
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
-from fast.tasks.gap.data import MeasuredGrasps
 from fast.tasks.gap.readings import is_answered
-from fast.tasks.gap.split import Split
+
+if TYPE_CHECKING:  # seconds of imports, which whoever only reads what was found does without
+    from fast.tasks.gap.data import MeasuredGrasps
+    from fast.tasks.gap.split import Split
 
 KIND, STARTED = "gap", "gap_started"
 _N_MADE = "SELECT count(*) AS n FROM asked_grasps WHERE search_id = $search AND state = 'made'"
@@ -39,7 +40,9 @@ class GapRun(Record):
     findings: Findings
 
 
-def make_gap_id(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, settings: Mapping[str, object]) -> str:
+def make_gap_id(
+    measured: "MeasuredGrasps", base: SimulatorVersion, split: "Split", settings: Mapping[str, object]
+) -> str:
     """Id of a search: the same grasps, samples, measured walls, simulator, split, catalogue and settings."""
     catalogue = {name: spec.version for name, spec in CATALOGUE.items()}
     content = [measured.content_id, base.version_id, split.split_id, catalogue, dict(settings)]
@@ -48,8 +51,8 @@ def make_gap_id(measured: MeasuredGrasps, base: SimulatorVersion, split: Split, 
 
 def find_run(lake: Lake, gap_id: str) -> GapRun | None:
     """The finished search with this id, if the lake has it."""
-    found = lake.records(EventRow, event_id=_event_id(gap_id))
-    return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
+    found = lake.records(EventRow, event_id=EventRow.make_id(KIND, gap_id))
+    return GapRun.model_validate(found[-1].payload) if found else None
 
 
 def find_newest_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
@@ -60,7 +63,7 @@ def find_newest_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
 def find_last_run(lake: Lake) -> GapRun | None:
     """The search of a lake that ended last, of whatever campaign."""
     found = lake.records(EventRow, kind=KIND)
-    return GapRun.model_validate(json.loads(found[-1].payload_json)) if found else None
+    return GapRun.model_validate(found[-1].payload) if found else None
 
 
 def find_answered_run(lake: Lake, campaign_id: str | None) -> GapRun | None:
@@ -105,7 +108,7 @@ def read_questions(lake: Lake, campaign_id: str | None) -> list[NextExperiment]:
 def _read_runs(lake: Lake, campaign_id: str | None) -> list[GapRun]:
     """Finished searches of a campaign, or of a whole lake, in order."""
     rows = lake.records(EventRow, kind=KIND, campaign_id=campaign_id or "")
-    return [GapRun.model_validate(json.loads(row.payload_json)) for row in rows]
+    return [GapRun.model_validate(row.payload) for row in rows]
 
 
 class Start(NamedTuple):
@@ -117,10 +120,10 @@ class Start(NamedTuple):
 
 def find_start(lake: Lake, gap_id: str) -> Start | None:
     """What a search began with, if it has begun."""
-    found = lake.records(EventRow, event_id=_event_id(gap_id, STARTED))
+    found = lake.records(EventRow, event_id=EventRow.make_id(STARTED, gap_id))
     if not found:
         return None
-    payload = json.loads(found[-1].payload_json)
+    payload = found[-1].payload
     version = payload.get("version")
     effects = tuple(map(EffectValue.model_validate, payload["effects"]))
     return Start(effects, SimulatorVersion.model_validate(version) if version else None)
@@ -132,27 +135,15 @@ def write_start(lake: Lake, gap_id: str, campaign_id: str | None, start: Start, 
     names = ", ".join(value.effect for value in effects) or "no effect"
     version = start.version.model_dump(mode="json") if start.version else None
     payload = {"effects": [value.model_dump(mode="json") for value in effects], "version": version}
-    row = EventRow(
-        event_id=_event_id(gap_id, STARTED),
-        campaign_id=campaign_id or "",
-        kind=STARTED,
-        message=f"gap search {gap_id} begins with {names} in the simulator",
-        payload_json=canonical_json(payload),
-    )
+    message = f"gap search {gap_id} begins with {names} in the simulator"
+    row = EventRow.of([STARTED, gap_id], STARTED, message, payload, campaign_id)
     lake.append([row], current_provenance(seed=seed))
 
 
 def write_run(lake: Lake, run: GapRun, message: str, provenance: Provenance) -> None:
     """Write a finished search: its lines, and last the event by which it is found again."""
     rows: list[Row] = [row for number in range(len(run.findings.rounds)) for row in make_round_rows(run, number)]
-    event = EventRow(
-        event_id=_event_id(run.gap_id),
-        campaign_id=run.campaign_id or "",
-        kind=KIND,
-        message=message,
-        payload_json=canonical_json(run.model_dump(mode="json")),
-    )
-    lake.append([*rows, event], provenance)
+    lake.append([*rows, EventRow.of([KIND, run.gap_id], KIND, message, run, run.campaign_id)], provenance)
 
 
 def make_round_rows(run: GapRun, number: int) -> list[GapFindingRow]:
@@ -242,7 +233,3 @@ def _columns(run: GapRun, number: int, kind: str, place: int) -> dict[str, Any]:
         "place": place,
         "base_version_id": run.base_version_id,
     }
-
-
-def _event_id(gap_id: str, kind: str = KIND) -> str:
-    return content_id("E", [kind, gap_id])

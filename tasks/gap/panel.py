@@ -11,7 +11,8 @@ from fast.models.design.space import space_of
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design
-from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
+
+LEAST_DESIGNS, LEAST_OBJECTS = 1, 2  # with fewer, whatever is missing is as well friction or a modulus
 
 
 @dataclass(frozen=True)
@@ -22,17 +23,14 @@ class PanelSize:
     objects: int | None = None
 
     def __post_init__(self) -> None:
-        """Check that some can be held out.
+        """Check that anything can be told.
 
         Raises:
             UsageError: there are too few.
         """
-        for what, n, least in (("designs", self.designs, MIN_DESIGNS), ("objects", self.objects, MIN_OBJECTS)):
+        for what, n, least in (("designs", self.designs, LEAST_DESIGNS), ("objects", self.objects, LEAST_OBJECTS)):
             if n is not None and n < least:
-                raise UsageError(
-                    f"a panel of {n} {what} is too small, gap discovery needs at least {least} to hold some out; ask "
-                    "for more."
-                )
+                raise UsageError(f"a panel of {n} {what} tells nothing, {least} are the least; ask for more.")
 
 
 WHOLE = PanelSize()

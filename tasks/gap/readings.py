@@ -5,7 +5,6 @@ finds it, also one that was in the file of the lot before anybody asked. Wall th
 simulates each tool as it was measured, and where all are, walls explain nothing more.
 """
 
-import json
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import Reading
 from fast.models.gap.ask.person import find_measurement, find_reading_questions
-from fast.models.ids import canonical_json, content_id
 from fast.models.material import LAYER_EXCESS, MaterialMeasurement
 from fast.models.question import settle
 from fast.tasks.campaign.campaign import stored_provenance
@@ -80,19 +78,13 @@ def take_back_reading(lake: Lake, campaign_id: str | None, gap_id: str, kind: st
 
 
 def _event(campaign_id: str | None, gap_id: str, kind: str, message: str, said: dict[str, Any]) -> EventRow:
-    return EventRow(
-        event_id=content_id("E", [KIND, gap_id, kind]),
-        campaign_id=campaign_id or "",
-        kind=KIND,
-        message=message,
-        payload_json=canonical_json({"gap_id": gap_id, **said}),
-    )
+    return EventRow.of([KIND, gap_id, kind], KIND, message, {"gap_id": gap_id, **said}, campaign_id)
 
 
 def read_readings(lake: Lake, campaign_id: str | None) -> tuple[Reading, ...]:
     """All readings of a campaign, or of the lake, in order; bar and walls as lot and tools have them, if known."""
     where = {"campaign_id": campaign_id} if campaign_id else {}
-    payloads = [json.loads(row.payload_json) for row in lake.records(EventRow, kind=KIND, **where)]
+    payloads = [row.payload for row in lake.records(EventRow, kind=KIND, **where)]
     told = [payload for payload in payloads if "value" in payload]
     ordered = sorted(told, key=lambda payload: (payload["gap_id"], payload["kind"]))
     said = [Reading(kind=payload["kind"], value=payload["value"]) for payload in ordered]
@@ -108,8 +100,8 @@ def read_readings(lake: Lake, campaign_id: str | None) -> tuple[Reading, ...]:
 
 def is_answered(lake: Lake, gap_id: str, kind: str) -> bool:
     """Whether a person has measured what a search asked for."""
-    rows = lake.records(EventRow, event_id=content_id("E", [KIND, gap_id, kind]))
-    return bool(rows) and "value" in json.loads(rows[-1].payload_json)
+    rows = lake.records(EventRow, event_id=EventRow.make_id(KIND, gap_id, kind))
+    return bool(rows) and "value" in rows[-1].payload
 
 
 def _excess_of_tools(lake: Lake, campaign_id: str | None) -> tuple[float, float] | None:

@@ -23,4 +23,4 @@ def rehearse_panel(
     """
     usable, known = data.usable, {value.effect for value in effects}
     families = {name: CATALOGUE[name].family for name in usable.names if name not in known}
-    return rehearse(Panel(Problem.of(usable, effects), families), n, n_workers, progress)
+    return rehearse(Panel(Problem.of(usable, effects, data.facts), families), n, n_workers, progress)

@@ -41,7 +41,6 @@ from fast.tasks.gap.findings import read_questions
 from fast.tasks.gap.moved import simulate_moved
 from fast.tasks.simulation.plan import SimulationPlan
 
-_FRICTION_STEP = 0.02  # relative, of a finite difference
 _N_DRAWS = 40
 
 
@@ -102,7 +101,7 @@ class Settled:
 def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: BankPlan | None = None) -> Settled:
     """Name what is missing with the wide bank, and again with one around the theta that was found, which is simulated.
 
-    Whether anything is missing is told by the wide bank, from which the rehearsal is.
+    Either bank may raise the alarm, by the lines of the rehearsal.
 
     in_model: effects of the simulator, and those that are taken for granted. former: the bank of the round before,
     which stays if it can.
@@ -114,7 +113,7 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
 
     def answer(plan: BankPlan) -> tuple[SearchInputs, NamingResult]:
         search = _with_bank(wide, plan)
-        return search, name_effect(search.data, wide.rehearsal, in_model, proposed.alarm)
+        return search, name_effect(search.data, wide.rehearsal, in_model, proposed.standing_alarm)
 
     proposed = name_effect(wide.data, wide.rehearsal, in_model)
     search, naming, _ = answer_locally(proposed, former, answer)
@@ -129,7 +128,7 @@ def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingRe
         return naming, None
     moved = simulate_moved(search, hypotheses, list(search.answers.experiments))
     likelihood = search.answers.weigh(hypotheses, moved)
-    if np.ptp(likelihood) == 0.0:  # readings in which none of them has a say
+    if np.ptp(likelihood) == 0.0:  # no grasp that was asked for was made
         return naming, None
     questions = [one for one in read_questions(search.lake, search.campaign_id) if not one.parameter]
     asked = tell_asked(questions, hypotheses, likelihood, search.answers)
@@ -145,8 +144,8 @@ def run_round(settled: Settled, before: CalibratedSimulator) -> Round:
         FastError: the chains of the new simulator did not converge, or held-out grasps could not be simulated.
     """
     search, naming = settled.search, settled.naming
-    residuals, friction_slope_n = _compute_residuals(naming.fit)
-    where = locate(residuals, friction_slope_n, seed=search.settings.seed)
+    residuals = _compute_residuals(naming.fit)
+    where = locate(residuals, seed=search.settings.seed)
     kept = [value for value in before.effects if value.effect not in naming.dropped]
     after, refused, named = before, "", naming.named
     if naming.values:
@@ -159,7 +158,7 @@ def run_round(settled: Settled, before: CalibratedSimulator) -> Round:
     if refused:
         after = before
     if named.kind == "unknown":
-        named = named.model_copy(update={"rest": describe_rest(residuals, search.settings.seed)})
+        named = named.model_copy(update={"rest": describe_rest(residuals)})
     found = RoundFindings(
         where=where.findings,
         candidates=naming.candidates,
@@ -272,16 +271,11 @@ def _compare_held_out(
     return held_out, rows, steps_n[0][rows], steps_n[1][rows]
 
 
-def _compute_residuals(fit: Fit) -> tuple[Residuals, np.ndarray]:
-    """What the calibrated simulator leaves of the grasps to learn from, and its slope by ln friction, n x steps."""
+def _compute_residuals(fit: Fit) -> Residuals:
+    """What the calibrated simulator leaves of the grasps to learn from."""
     surrogate = fit.features.surrogate
-
-    def predict_n(friction_factor: float) -> np.ndarray:
-        theta = fit.theta * np.array([1.0, friction_factor, 1.0])
-        return surrogate.predict_steps(theta, fit.effects, fit.tool_factor)
-
-    slope_n = (predict_n(1.0 + _FRICTION_STEP) - predict_n(1.0 - _FRICTION_STEP)) / (2.0 * _FRICTION_STEP)
-    return Residuals.of(surrogate, predict_n(1.0), float(fit.theta[0]), fit.tool_factor), slope_n
+    predicted_n = surrogate.predict_steps(fit.theta, fit.effects, fit.tool_factor)
+    return Residuals.of(surrogate, predicted_n, float(fit.theta[0]))
 
 
 def _with_posterior(named: Decision, simulator: CalibratedSimulator) -> Decision:

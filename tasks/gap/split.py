@@ -101,8 +101,8 @@ def _hold_out(
 
 
 def _newest(lake: Lake, campaign_id: str | None, seed: int) -> Split:
-    for row in reversed(lake.rows(EventRow, kind=KIND, campaign_id=campaign_id or "")):
-        payload = json.loads(row["payload_json"])
+    for row in reversed(lake.records(EventRow, kind=KIND, campaign_id=campaign_id or "")):
+        payload = row.payload
         if payload["seed"] == seed:
             objects = {int(key): held for key, held in payload["objects"].items()}
             return Split(payload["designs"], objects)
@@ -110,11 +110,7 @@ def _newest(lake: Lake, campaign_id: str | None, seed: int) -> Split:
 
 
 def _write(lake: Lake, campaign_id: str | None, seed: int, split: Split) -> None:
-    row = EventRow(
-        event_id=content_id("E", [KIND, campaign_id, seed, split.split_id]),
-        campaign_id=campaign_id or "",
-        kind=KIND,
-        message=f"{split.words} are held out of gap discovery, {split.split_id}",
-        payload_json=json.dumps(json.loads(split.json()) | {"seed": seed}, sort_keys=True),
-    )
+    message = f"{split.words} are held out of gap discovery, {split.split_id}"
+    payload = json.loads(split.json()) | {"seed": seed}
+    row = EventRow.of([KIND, campaign_id, seed, split.split_id], KIND, message, payload, campaign_id)
     lake.append([row], current_provenance(seed=seed))

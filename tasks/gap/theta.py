@@ -87,8 +87,7 @@ def gather_traces(lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion, 
     """
     grasps = measured.grasps
     bank = read_grid_bank(lake, base, grasps.cells)
-    nothing = [np.zeros(n, dtype=bool) for n in (len(grasps.tools), len(grasps.objects))]
-    data = GapData(grasps, bank, *nothing)
+    data = GapData.of_all(grasps, bank)
     kept = data.training
     plans = plan_theta_grid(base, grasps.cells)
     known = tuple(sorted(lake.ids(SimulationRow, simulation_id=list_plan_ids(plans), status="ok")))

@@ -11,6 +11,7 @@ from fast.lake.tables.campaign import FitRow
 from fast.models.blas import one_blas_thread
 from fast.models.errors import UsageError
 from fast.models.ids import canonical_json, content_id
+from fast.models.scientist.insights.health import surrogate_cards
 from fast.models.scientist.object_surrogate import ObjectsSurrogate, fit_objects
 from fast.models.scientist.objectives import Outcome
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior, trust_simulations
@@ -208,8 +209,9 @@ def _fit_row(
 
 def _with_health(row: FitRow, surrogate: Surrogate) -> FitRow:
     health = health_of(surrogate)
-    for finding in health.findings:
-        logger.warning("%s, before B%02d: %s", row.campaign_id, row.batch, finding)
+    for card in surrogate_cards(health, row.campaign_id):
+        if card.tone != "green":
+            logger.warning("%s, before B%02d: %s %s", row.campaign_id, row.batch, card.sentence, card.next_step)
     return row.model_copy(
         update=health.model_dump(include=set(FitRow.model_fields) - {"n_real", "n_sim", "n_prior", "rho"})
     )

@@ -11,7 +11,6 @@ from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM,
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.again import is_owed
-from fast.tasks.bench.plan import find_missing_runs
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState, ProposedTool, tuples
 from fast.tasks.scientist.prior import prior_designs, read_prior
@@ -142,16 +141,12 @@ def proposed_designs(state: CampaignState) -> dict[str, Design]:
 
 
 def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> list[ProposedTool]:
-    """Printed tools of a confirmed batch with grasps or runs still to be made; all of one that owes a second look."""
+    """Printed tools of a confirmed batch with grasps still to be made; all of one that owes a second look."""
     if not state.is_confirmed(batch):
         return []
     plan = campaign.config.objects.cells(0)
     limit = campaign.config.max_grasp_attempts
-    found = [
-        tool
-        for tool in state.tools_of(batch)
-        if state.missing_grasps(tool, plan, limit) or find_missing_runs(campaign, state, tool)
-    ]
+    found = [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
     if found or not is_owed(campaign, batch):
         return found
     return [tool for tool in state.tools_of(batch) if state.is_to_be_had(tool)]
@@ -218,8 +213,6 @@ def _older(
     campaign: Campaign, designs: Mapping[str, Design], present: Means, outcome: Outcome = MEAN_PEAK
 ) -> list[OlderSimulations]:
     """Older versions mapped to the present; each design counts once, by the newest version that has it."""
-    if campaign.config.simulator.old_versions == "rerun":
-        return []
     parts, taken = [], set(present.ids)
     for version in campaign.older_versions:
         old = means_of_simulations(campaign, version, designs, outcome)
@@ -264,15 +257,14 @@ def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool], outcome: Out
 def _simulated_forces(
     campaign: Campaign, version: SimulatorVersion, design_ids: Sequence[str], outcome: Outcome = MEAN_PEAK
 ) -> np.ndarray:
-    """The simulator's objective, n_designs x n_objects in N (work: J), NaN where the simulation failed.
+    """An outcome of simulations, n_designs x n_objects in N (work: J), NaN where the simulation failed.
 
     What versions of the campaign gave that differ in Young's modulus alone is scaled to `version`, which goes first.
     """
     forces = np.full((len(design_ids), len(campaign.object_ids)), np.nan)
-    column = campaign.config.simulator.objective if outcome.column == "peak_force_n" else outcome.column
     ratios = campaign.force_ratios(version)
     found = campaign.lake.query(
-        _FORCES.format(column=column),
+        _FORCES.format(column=outcome.column),
         {
             "setup": campaign.config.grasp.setup_id,
             "versions": list(ratios),

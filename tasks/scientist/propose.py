@@ -14,7 +14,7 @@ from fast.models.own_code import is_own
 from fast.models.records import Design
 from fast.models.scientist.acquisition.front import Criterion
 from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
-from fast.models.scientist.propose import RANDOM, propose
+from fast.models.scientist.propose import MIN_DISTANCE, RANDOM, Room, Rule, propose
 from fast.models.scientist.propose import Proposal as ProposedDesign
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -189,17 +189,13 @@ def propose_tools(
             n_tools,
             pending,
             np.random.default_rng(seed),
-            min_distance=scientist.min_distance,
-            acquisition=scientist.acquisition,
-            taken=campaign.space.to_unit([*(t.design for t in state.tools), *own]),
-            rejected=campaign.space.to_unit(
-                [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"]
+            Rule(scientist.acquisition, min(scientist.best_predicted, n_tools), criteria),
+            find_room(
+                campaign,
+                [*(t.design for t in state.tools), *own],
+                [t.design for t in state.tools if state.confirmed.get(t.tool_id) == "rejected"],
+                MIN_DISTANCE,
             ),
-            printing=campaign.config.proposal_rules,
-            constraint=campaign.constraint,
-            n_best=min(scientist.best_predicted, n_tools),
-            space=campaign.space,
-            criteria=criteria,
         )
     )
     fit_id = tools_fit_id(campaign, batch, data)
@@ -220,15 +216,25 @@ def propose_simulation(
         1,
         pending,
         np.random.default_rng(seed),
-        min_distance=0.0,
-        acquisition=scientist.simulation_acquisition,
-        taken=campaign.space.to_unit(simulated_designs(campaign, state)),
-        printing=campaign.config.proposal_rules,
-        constraint=campaign.constraint,
-        space=campaign.space,
+        Rule(scientist.simulation_acquisition),
+        find_room(campaign, simulated_designs(campaign, state)),
     )[0]
     choice = Choice(scientist.simulation_acquisition, seed, surrogate.data, len(pending), (fit_id,))
     append_simulation(campaign, batch, index, proposal, choice)
+
+
+def find_room(
+    campaign: Campaign, taken: Sequence[Design], rejected: Sequence[Design] = (), min_distance: float = 0.0
+) -> Room:
+    """Where designs of a campaign may lie that are not taken."""
+    return Room(
+        space=campaign.space,
+        printing=campaign.config.proposal_rules,
+        constraint=campaign.constraint,
+        taken=campaign.space.to_unit(taken),
+        rejected=campaign.space.to_unit(rejected),
+        min_distance=min_distance,
+    )
 
 
 def pending_points(campaign: Campaign, state: CampaignState, fidelity: int) -> np.ndarray:

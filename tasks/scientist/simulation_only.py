@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fast.models.scientist.propose import Proposal, propose
+from fast.models.scientist.propose import Proposal, Rule, propose
 from fast.models.scientist.surrogate.observations import REAL, SIM
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.tasks.campaign.campaign import Campaign
@@ -15,6 +15,7 @@ from fast.tasks.scientist.propose import (
     Choice,
     append_simulation,
     append_tools,
+    find_room,
     pending_points,
     simulated_designs,
 )
@@ -38,12 +39,8 @@ def propose_improvement(campaign: Campaign, batch: int, index: int, state: Campa
         1,
         pending,
         np.random.default_rng(seed),
-        min_distance=0.0,
-        acquisition=IMPROVEMENT,
-        taken=campaign.space.to_unit(simulated_designs(campaign, state)),
-        printing=campaign.config.proposal_rules,
-        constraint=campaign.constraint,
-        space=campaign.space,
+        Rule(IMPROVEMENT),
+        find_room(campaign, simulated_designs(campaign, state)),
     )[0]
     append_simulation(campaign, batch, index, proposal, Choice(IMPROVEMENT, seed, data, len(pending), (fit_id,)))
 

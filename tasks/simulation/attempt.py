@@ -19,7 +19,7 @@ from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import canonical_json, content_id
 from fast.models.objects.catalogue import get_object
 from fast.models.objects.rigid import RigidObject
-from fast.models.records import Branches, Design, GraspSetup, GraspSimulation, Placement
+from fast.models.records import Design, GraspSetup, GraspSimulation, Placement
 from fast.models.simulation.effects.catalogue import build_effects
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
@@ -39,10 +39,7 @@ MESHES_KEPT = 4  # half and full width of a design, for two designs
 
 @dataclass(frozen=True)
 class GraspJob:
-    """A grasp to simulate; `deadline_s` is wall time. Meshes are cached beside the lake at `lake_root` if given.
-
-    `find_branches`: a grasp that succeeded is searched for a second branch, for as long as is left of its deadline.
-    """
+    """A grasp to simulate; `deadline_s` is wall time. Meshes are cached beside the lake at `lake_root` if given."""
 
     design: Design
     obj: RigidObject  # as a whole: a worker on another machine has no lake to ask for an own object
@@ -50,7 +47,6 @@ class GraspJob:
     setup: GraspSetup
     deadline_s: float
     lake_root: Path | None = None
-    find_branches: bool = False
     placement: Placement = Placement()
 
     @property
@@ -61,22 +57,24 @@ class GraspJob:
 
 @dataclass(frozen=True)
 class Attempt:
-    """Outcome of a job: a result, or None with the reason of the failure and its message.
-
-    `cpu_s` is the worker's CPU time for everything, `mesh_cpu_s` the part spent on the mesh (none where the worker
-    still had it); `wall_s` is from start to end. `worker` is the process's id and `max_rss_mb` the most memory it
-    has held so far. `branches` are those of the grasp, None where they were not looked for or time ran out.
-    """
+    """Outcome of a job: a result, or None with the reason of the failure and its message."""
 
     result: GraspSimulation | None
+    """None: it failed."""
     reason: str
+    """One word of why."""
     message: str
+    """The sentence of why."""
     cpu_s: float
+    """The worker's CPU time for everything."""
     mesh_cpu_s: float
+    """The part spent on the mesh; none where the worker still had it."""
     wall_s: float
+    """From start to end."""
     worker: int = 0
+    """Id of its process."""
     max_rss_mb: float = 0.0
-    branches: Branches | None = None
+    """Most memory that the process has held so far."""
 
 
 def attempt_grasp(job: GraspJob) -> Attempt:
@@ -103,7 +101,6 @@ def attempt_grasp(job: GraspJob) -> Attempt:
         reason, message = error.reason, str(error)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         reason, message = "arithmetic", f"{type(error).__name__}: {error}"
-    branches = None if result is None or not job.find_branches else _branches_of(job, result, wall)
     ended = time.process_time()
     return Attempt(
         result=result,
@@ -114,22 +111,7 @@ def attempt_grasp(job: GraspJob) -> Attempt:
         wall_s=time.perf_counter() - wall,
         worker=os.getpid(),
         max_rss_mb=_max_rss_mb(),
-        branches=branches,
     )
-
-
-def _branches_of(job: GraspJob, result: GraspSimulation, started_s: float) -> Branches | None:
-    """The branches of a grasp that began at `started_s` (of `perf_counter`); None if they are not found in time."""
-    from fast.models.simulation.branches import find_branches
-
-    left_s = job.deadline_s - (time.perf_counter() - started_s)
-    try:
-        return find_branches(job.design, job.obj, job.version, job.setup, result, deadline_s=left_s)
-    except SimulationFailed as error:
-        logger.info("%s on object %d: %s", job.design.design_id, job.object_id, error)
-    except (MeshingFailed, ArithmeticError, np.linalg.LinAlgError) as error:
-        logger.warning("%s on object %d is not searched for branches: %s", job.design.design_id, job.object_id, error)
-    return None
 
 
 @cache

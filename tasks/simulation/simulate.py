@@ -5,12 +5,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from fast.lake.tables.campaign import Row, SimTraceRow, SimulationBranchRow, SimulationRow
+from fast.lake.tables.campaign import Row, SimTraceRow, SimulationRow
 from fast.lake.tables.catalogue_rows import missing_version_rows
 from fast.lake.tables.requests import setup_columns
 from fast.models.ids import canonical_json
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Branches, Design
+from fast.models.records import Design
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
 from fast.tasks.simulation.engine import Engine
@@ -31,13 +31,12 @@ def simulate_design(
     append_version(campaign)
     n_failed = 0
     state = campaign.state()
-    is_tool = any(tool.design.design_id == design.design_id for tool in state.tools)
     with pool.lend() as worker, _Writer(campaign, design) as writer:
         last: tuple[GraspJob, Attempt] | None = None
         for object_id in state.missing_objects(design.design_id, campaign.object_ids):
             if should_stop():
                 break
-            job = _job(campaign, design, object_id, is_tool=is_tool)
+            job = _job(campaign, design, object_id)
             future = worker.submit(attempt_grasp, job)
             if last is not None:
                 n_failed += writer.add(*last)
@@ -54,16 +53,14 @@ def append_version(campaign: Campaign) -> None:
         campaign.lake.append(rows, campaign.provenance())
 
 
-def _job(campaign: Campaign, design: Design, object_id: int, *, is_tool: bool) -> GraspJob:
-    settings = campaign.config.simulator
+def _job(campaign: Campaign, design: Design, object_id: int) -> GraspJob:
     return GraspJob(
         design,
         get_object(object_id),
         campaign.version,
         campaign.config.grasp,
-        settings.grasp_deadline_s,
+        campaign.config.simulator.grasp_deadline_s,
         campaign.lake.root,
-        find_branches=is_tool and settings.find_branches,  # only tools are compared with measurements
     )
 
 
@@ -99,7 +96,7 @@ class _Writer:
 
 
 def simulation_rows(job: GraspJob, attempt: Attempt) -> list[Row]:
-    """The row of a grasp and, if it succeeded, its trace and other branch; a failed one says why, as does the log."""
+    """The row of a grasp and, if it succeeded, its trace; a failed one says why, as does the log."""
     version_id, design_id, how = job.version.version_id, job.design.design_id, setup_columns(job.setup, job.placement)
     simulation_id = SimulationRow.make_id(design_id, job.object_id, version_id, how["setup_id"])
     key: dict[str, Any] = {
@@ -111,15 +108,12 @@ def simulation_rows(job: GraspJob, attempt: Attempt) -> list[Row]:
         **how,
     }
     details: dict[str, Any] = {"wall_s": round(attempt.wall_s, 3)}
-    result, found = attempt.result, attempt.branches
+    result = attempt.result
     if result is None:
         logger.warning("simulation of %s on object %d failed: %s", design_id, job.object_id, attempt.message)
         details_json = canonical_json(details | {"message": attempt.message})
         return [SimulationRow(**key, status="failed", reason=attempt.reason, details_json=details_json)]
     details["mesh_id"] = result.mesh_id
-    if found is not None:
-        key |= {"branch": 0, "branch_share": found.branches[0].share}
-        details |= {"branch_runs": found.n_runs, "branch_cpu_s": round(found.cpu_s, 3)}
     scalars = SimulationRow(
         **key,
         status="ok",
@@ -132,28 +126,4 @@ def simulation_rows(job: GraspJob, attempt: Attempt) -> list[Row]:
         pressure_kpa=result.pressure_kpa,
         details_json=canonical_json(details),
     )
-    return [SimTraceRow.of(simulation_id, result.trace), *_other_branches(simulation_id, found), scalars]
-
-
-def _other_branches(simulation_id: str, found: Branches | None) -> list[SimulationBranchRow]:
-    """Rows of the branches that a grasp did not take."""
-    if found is None or not found.cause:
-        return []
-    return [
-        SimulationBranchRow(
-            branch_id=SimulationBranchRow.make_id(simulation_id, number),
-            simulation_id=simulation_id,
-            branch=number,
-            branch_share=branch.share,
-            cause=found.cause,
-            share_error=found.share_error,
-            n_runs=found.n_runs,
-            peak_force_n=branch.result.peak_force_n,
-            contact_force_n=branch.result.contact_force_n,
-            work_j=branch.result.work_j,
-            time_s=branch.result.trace.time_s,
-            lift_mm=branch.result.trace.lift_mm,
-            force_n=branch.result.trace.force_n,
-        )
-        for number, branch in enumerate(found.branches[1:], start=1)
-    ]
+    return [SimTraceRow.of(simulation_id, result.trace), scalars]

@@ -107,13 +107,21 @@ class ClassQuality(NamedTuple):
     """One measure of the tools on a class of objects or an object: first batch, last batch, and the change."""
 
     campaign_id: str
+    """Of the tools."""
     measure: str
+    """What is compared."""
     object_class: str
+    """Class of objects, or an object."""
     first_batch: int
+    """Number, from 1."""
     first: Interval
+    """Of its tools."""
     last_batch: int | None
+    """Number; None where there is one batch alone."""
     last: Interval | None
+    """Of its tools."""
     change: Interval | None
+    """From the first to the last."""
 
 
 def class_quality(

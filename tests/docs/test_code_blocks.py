@@ -3,11 +3,9 @@
 import re
 import shlex
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cyclopts import App
 from cyclopts.exceptions import CoercionError, CycloptsError, MissingArgumentError
 
 from fast.flows.cli.main import app
@@ -97,24 +95,6 @@ def test_python_compiles(page: Path):
 def test_toml_parses(page: Path):
     for block in blocks_of(page, "toml"):
         tomllib.loads(block.text)
-
-
-def options_of(command: App, *path: str) -> Iterator[tuple[str, str]]:
-    """Every command below this one, with each of its options that is given by name."""
-    if command.default_command is not None:
-        for argument in command.assemble_argument_collection():
-            if argument.index is None:
-                yield from ((" ".join(path), name) for name in argument.names if name.startswith("--"))
-    for name in command:
-        if not name.startswith("-"):
-            yield from options_of(command[name], *path, name)
-
-
-def test_the_reference_names_every_option():
-    page = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
-    options = list(options_of(app, "fast"))
-    assert len(options) > 100
-    assert [pair for pair in options if not re.search(rf"{pair[1]}\b", page)] == []
 
 
 @pytest.mark.parametrize("words", ["campaign rn x", "sql --formt csv", "simulate --workers five", "nothing"])

@@ -17,6 +17,11 @@ def test_a_how_to_begins_with_what_the_reader_will_have(page: Path):
     assert first.startswith("At the end ")
 
 
+@pytest.mark.parametrize("page", sorted((DOCS / "explanation").glob("*.md")), ids=name_of)
+def test_an_explanation_begins_with_what_the_reader_can_do_after_it(page: Path):
+    assert page.read_text(encoding="utf-8").splitlines()[2].startswith("After this page you ")
+
+
 @pytest.mark.parametrize("page", sorted((DOCS / "decisions").glob("[0-9]*.md")), ids=name_of)
 def test_a_decision_has_its_four_parts(page: Path):
     lines = page.read_text(encoding="utf-8").splitlines()

@@ -11,7 +11,7 @@ import pytest
 
 from fast.lake.tables.campaign import ProposalRow
 from fast.models.design.space import from_unit, random_unit
-from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.propose import NO_PENDING, Rule, propose
 from fast.models.scientist.surrogate.fit import ObservationSet, fit_surrogate
 from fast.tasks.campaign.config import load_config
 from fast.tasks.scientist.propose import propose_guided
@@ -44,7 +44,7 @@ def test_each_function_has_at_most_ten_lines() -> None:
 def test_every_rule_of_the_page_chooses_tools_apart(rule: str) -> None:
     x, s = random_unit(24, np.random.default_rng(1)), np.repeat([0, 1], 12)
     surrogate = fit_surrogate(ObservationSet(x, s, 10.0 + 8.0 * x[:, 0] + s, np.zeros(24)))
-    chosen = propose(surrogate, 1, 3, NO_PENDING, np.random.default_rng(2), acquisition=f"my_lab:{rule}")
+    chosen = propose(surrogate, 1, 3, NO_PENDING, np.random.default_rng(2), Rule(f"my_lab:{rule}"))
     assert len({proposal.design for proposal in chosen}) == 3
     assert np.mean([p.design.length_mm for p in chosen]) > np.mean([d.length_mm for d in from_unit(x)])
 

@@ -1,6 +1,7 @@
-"""Lakes of version 0.1 open, report and continue (tests/data/lakes-0.1)."""
+"""Lakes of version 0.1, and of 0.2 before parts of it were given up, open, report and continue (tests/data)."""
 
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -9,11 +10,16 @@ from pathlib import Path
 import pytest
 
 from fast.flows.report.calibration.page import write_calibration_report
+from fast.hardware.virtual.world.file import World
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, GraspRow, PosteriorDrawsRow, SimulationRow, ToolRow
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.setup import register
 from tests.flows.cli.cli_lakes import ROOT, Fast
+from tests.studies.benchmarks.made_up_batch import measure_missing
 
-ARCHIVES = ROOT / "tests" / "data" / "lakes-0.1"
+ARCHIVES, ARCHIVES_2 = (ROOT / "tests" / "data" / f"lakes-{version}" for version in ("0.1", "0.2"))
 N_GRASPS, N_SIMULATIONS = 16, 14
 
 
@@ -22,8 +28,8 @@ def fast(capsys: pytest.CaptureFixture[str]) -> Fast:
     return Fast(capsys)
 
 
-def unpacked(name: str, folder: Path) -> Path:
-    with tarfile.open(ARCHIVES / f"{name}.tar.gz") as archive:
+def unpacked(name: str, folder: Path, archives: Path = ARCHIVES) -> Path:
+    with tarfile.open(archives / f"{name}.tar.gz") as archive:
         archive.extractall(folder, filter="data")
     return folder
 
@@ -95,3 +101,49 @@ def test_findings_of_a_gap_search_are_read(fast: Fast, tmp_path: Path) -> None:
     (found,) = fast("sql", sql, "--lake", root, "--format", "json").json
     assert found["effect"] == "load_cell_lag"
     assert fast("lake", "lineage", found["finding_id"], "--lake", root).status == 0
+
+
+# What the config of the killed batch comes to without the keys that are gone.
+CONTINUED = """
+name = "study"
+[schedule]
+initial_tools = 2
+tools_per_batch = 2
+initial_simulations = 0
+guided_batches = 0
+[objects]
+ids = [3, 8]
+repeats = 2
+[night]
+active = true
+max_designs = 5
+[bench]
+world = "world.toml"
+"""
+
+
+def test_a_lake_with_tables_that_are_gone_opens_and_reports(fast: Fast, tmp_path: Path, no_figures: None) -> None:
+    root = unpacked("killed-batch", tmp_path, ARCHIVES_2) / "lake"
+    assert {"diagnostics", "simulation_branches"} <= {entry.name for entry in root.iterdir()}
+    assert fast("lake", "check", "--lake", root).status == 0
+    answer = fast("report", "study", "--lake", root)
+    assert answer.status == 0, answer
+    (row,) = fast("sql", "SELECT count(*) AS n FROM grasps", "--lake", root, "--format", "json").json
+    assert row["n"] == 4
+    assert "4/8" in fast("campaign", "status", "--lake", root).out
+
+
+def test_a_batch_with_keys_that_are_gone_is_told_so_and_continues_without(fast: Fast, tmp_path: Path) -> None:
+    root = unpacked("killed-batch", tmp_path, ARCHIVES_2) / "lake"
+    shutil.copy(ROOT / "worlds" / "quick.toml", tmp_path / "world.toml")
+    assert "`diagnostics` is gone: " in fast.refused("campaign", "run", tmp_path / "study.toml", "--lake", root)
+    (tmp_path / "study.toml").write_text(CONTINUED)
+    campaign = Campaign(Lake.open(root), load_config(tmp_path / "study.toml"))
+    before = {row["grasp_id"]: row["peak_force_n"] for row in campaign.lake.rows(GraspRow)}
+    register(campaign, CONTINUED)
+    measure_missing(campaign, World(), lambda tool, grasp: None)
+    after = {row["grasp_id"]: row["peak_force_n"] for row in campaign.lake.rows(GraspRow, status="ok")}
+    assert (len(before), len(after)) == (4, 8)
+    assert before.items() <= after.items(), "nothing was measured again"
+    for grasp_id in (min(before), min(after.keys() - before.keys())):
+        assert "of campaign study" in fast("lake", "lineage", grasp_id, "--lake", root).out

@@ -44,6 +44,7 @@ class Chosen:
     n_real: Annotated[int | None, Parameter(help="Measured designs of a made-up problem.")] = None
     n: Annotated[int | None, Parameter(help="How many kills, seeds or cases.")] = None
     worlds: Annotated[int | None, Parameter(help="How many made-up problems of known truth.")] = None
+    panel: Annotated[Path | None, Parameter(help="File of true grasps and their bank (panel.npz).")] = None
 
 
 @app.default

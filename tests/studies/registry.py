@@ -8,7 +8,6 @@ from tests.studies.benchmarks.grasp import measure_grasp
 from tests.studies.benchmarks.lake import measure_lake
 from tests.studies.benchmarks.overhead import measure_overhead
 from tests.studies.benchmarks.scientist import measure_scientist
-from tests.studies.calibration.peers import measure_calibration_peers
 from tests.studies.calibration.ranks import measure_calibration_ranks
 from tests.studies.calibration.traces import measure_calibration_traces
 from tests.studies.challenge.study import measure_challenge
@@ -19,7 +18,9 @@ from tests.studies.gap.ask import measure_asking
 from tests.studies.gap.development import measure_gap
 from tests.studies.gap.independent import measure_gap_independent
 from tests.studies.gap.intervals import measure_gap_intervals
+from tests.studies.gap.moduli import measure_moduli
 from tests.studies.gap.sealed import measure_gap_sealed
+from tests.studies.gap.shapes import measure_gap_shapes
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.landscapes.compare import measure_landscapes
 from tests.studies.landscapes.make_bank import measure_landscape_bank
@@ -27,19 +28,11 @@ from tests.studies.platform.day import measure_day
 from tests.studies.platform.environments import measure_environments
 from tests.studies.platform.feature_pairs import measure_feature_pairs
 from tests.studies.platform.paper_schedule import measure_paper_schedule
-from tests.studies.scientist.lab_bounds import measure_lab_bounds
+from tests.studies.scientist.insights import measure_insights
 from tests.studies.scientist.lab_world import measure_lab_world
-from tests.studies.scientist.object_models import measure_object_models
-from tests.studies.scientist.peers import measure_scientist_peers
-from tests.studies.scientist.prior import measure_prior
-from tests.studies.simulation.branches import measure_branches
-from tests.studies.simulation.material_law import measure_material_law
-from tests.studies.simulation.placement import measure_placement
 from tests.studies.simulation.robustness import measure_robustness
-from tests.studies.simulation.scale import measure_scale
 from tests.studies.simulation.slopes import measure_slopes
 from tests.studies.traces.anomalies import measure_anomalies
-from tests.studies.traces.figure import measure_traces
 from tests.studies.traces.identification import measure_identification
 from tests.studies.traces.told_slips import measure_told_slips
 
@@ -55,31 +48,24 @@ STUDIES: dict[str, Benchmark] = {
     "lake": benchmark(measure_lake, "grasps"),
     "overhead": benchmark(measure_overhead),
     "robustness": benchmark(measure_robustness, *_KEPT, "workers"),
-    "branches": benchmark(measure_branches, "designs", "objects"),
-    "material-law": benchmark(measure_material_law, "designs", "objects"),
-    "placement": benchmark(measure_placement, "designs", "objects"),
     "slopes": benchmark(measure_slopes, "objects", "figure"),
-    "scale": benchmark(measure_scale, "workers"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
     "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds", "workers"),
     "gap-ask": benchmark(measure_asking, "worlds", "results"),
     "gap-independent": benchmark(measure_gap_independent, "results", "limit_minutes", "worlds"),
     "gap-intervals": benchmark(measure_gap_intervals, "results", "limit_minutes", "worlds", "workers"),
     "gap-sealed": benchmark(measure_gap_sealed, "results", "limit_minutes", "worlds", "workers"),
+    "gap-shapes": benchmark(measure_gap_shapes, "panel", "results", "worlds", "workers", "n"),
+    "gap-moduli": benchmark(measure_moduli, "panel"),
     "challenge": benchmark(measure_challenge, "results", "worlds", "figure"),
     "calibration-ranks": benchmark(
         measure_calibration_ranks, "worlds", "results", "limit_minutes", "workers", "figure"
     ),
-    "calibration-peers": benchmark(measure_calibration_peers, "results", "worlds"),
     "calibration-traces": benchmark(measure_calibration_traces, *_KEPT, "workers", "figure", "worlds"),
-    "scientist-peers": benchmark(measure_scientist_peers, "limit_minutes", "figure"),
-    "prior": benchmark(measure_prior),
-    "object-models": benchmark(measure_object_models, "results", "worlds"),
+    "insights": benchmark(measure_insights, "n", "results"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "landscapes": benchmark(measure_landscapes, "n", "results", "workers", "figure"),
     "landscape-bank": benchmark(measure_landscape_bank, "results", "limit_minutes"),
-    "lab-bounds": benchmark(measure_lab_bounds),
-    "traces": benchmark(measure_traces, "designs", "objects", "figure"),
     "identification": benchmark(measure_identification, *_KEPT, "figure"),
     "anomalies": benchmark(measure_anomalies, *_KEPT, "worlds"),
     "told-slips": benchmark(measure_told_slips, *_KEPT, "worlds"),

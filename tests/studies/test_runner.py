@@ -1,5 +1,6 @@
 """The runner of studies: its commands, options and refusals."""
 
+import re
 import subprocess
 import sys
 
@@ -35,6 +36,11 @@ def test_every_study_says_what_it_measures_and_has_options_of_the_command_line()
 def test_wrong_use_is_refused(capsys: pytest.CaptureFixture[str], words: list[str], sentence: str) -> None:
     assert run(words, app) == 2
     assert sentence in capsys.readouterr().err
+
+
+def test_every_study_guards_a_claim() -> None:
+    page = (ROOT / "docs" / "reference" / "studies.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `([\w-]+)` \|", page, flags=re.M)) == sorted(STUDIES)
 
 
 def test_it_runs_as_a_module() -> None:

@@ -9,7 +9,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from fast.models.calibration.means.problem import THETA_LOWER, THETA_UPPER, CalibrationProblem, friction_at
+from fast.models.calibration.means.joint import _Terms
+from fast.models.calibration.means.parameters import (
+    LENGTHSCALE,
+    N_DESIGN,
+    NOISE_SD,
+    NUGGET,
+    RHO_MEAN,
+    RHO_SD,
+    SD_E,
+    SD_H,
+    Parameters,
+)
+from fast.models.calibration.means.problem import (
+    THETA_LOWER,
+    THETA_UPPER,
+    CalibrationProblem,
+    Standardised,
+    friction_at,
+)
 from fast.models.design.space import LOWER, PARAMETERS, UPPER, snap
 
 _N_FIRST = 30  # measured designs that fill the space; the others gather around a good design
@@ -114,3 +132,21 @@ def _measured_points(n: int, rng: np.random.Generator) -> np.ndarray:
     good = (_GOOD - LOWER) / (UPPER - LOWER)
     later = np.clip(good + _SPREAD * rng.standard_normal((n - n_first, len(PARAMETERS))), 0.0, 1.0)
     return snap(np.concatenate([first, later]))
+
+
+def draw_prior(parameters: Parameters, rng: np.random.Generator) -> np.ndarray:
+    """One draw of the prior, the unconstrained vector (n_phi + n_psi)."""
+    rows = [LENGTHSCALE] * parameters.n_inputs + [SD_H, NUGGET] + [LENGTHSCALE] * N_DESIGN + [SD_E, NOISE_SD]
+    mean, sd = np.array(rows + [(RHO_MEAN, RHO_SD)] * parameters.has_rho).T
+    theta = parameters.unconstrained_theta(parameters.priors.draw(1, rng))[0]
+    return np.concatenate([mean + sd * rng.standard_normal(len(mean)), theta])
+
+
+def draw_outputs(
+    data: Standardised, parameters: Parameters, values: np.ndarray, rng: np.random.Generator
+) -> Standardised:
+    """The same designs with outputs drawn from the model at a vector."""
+    n_phi, n_sim = parameters.n_phi, len(data.y_sim)
+    terms = _Terms.of(data, parameters.phi(values[:n_phi]), parameters.psi(values[n_phi:]))
+    y = np.linalg.cholesky(terms.covariance()) @ rng.standard_normal(len(terms.z))
+    return replace(data, y_sim=y[:n_sim], y_real=y[n_sim:] + terms.c[n_sim:] * data.mean)

@@ -94,8 +94,8 @@ def made_up_gap(
         noise=truth.noise,
         **of_one_setup(len(tool)),
     )
-    masks = [np.arange(n) >= n - left for n, left in zip((n_tools, n_objects), held_out, strict=True)]
-    return GapData(grasps, _bank_of(designs, objects), *masks)
+    tools, objs = (np.arange(n) >= n - left for n, left in zip((n_tools, n_objects), held_out, strict=True))
+    return GapData(grasps, _bank_of(designs, objects), tools, objs)
 
 
 def made_up_answers(data: GapData, seed: int, truth: GapTruth, experiments: Mapping[Pair, int]) -> Answers:

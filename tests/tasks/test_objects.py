@@ -94,16 +94,6 @@ def test_objects_are_found_by_name_number_and_file(folder: Path) -> None:
             find_object(text, lake)
 
 
-def test_experiments_are_on_objects_that_stand_on_the_bench(folder: Path) -> None:
-    text = CONFIG.replace('files = ["ball.stl", "dumbbell.toml"]', 'files = ["ball.stl"]\nplaces = [14]')
-    (folder / "own.toml").write_text(text + "[diagnostics]\nreference_every = 4\n")
-    ball = read_object(folder / "ball.stl").object_id
-    with pytest.raises(ConfigError, match=f"object 14 is not on the bench, own object {ball} stands on its place"):
-        load_config(folder / "own.toml")
-    (folder / "own.toml").write_text(f"{text}[diagnostics]\nreference_every = 4\nreference_object = {ball}\n")
-    assert load_config(folder / "own.toml").diagnostics.objects_of_batch == {ball}
-
-
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [

@@ -20,19 +20,30 @@ SETUP = GraspSetup()  # with which truths are solved
 
 
 class Nuisance(Record):
-    """What varies without being hidden: relative scatters, sensor noise of an AR(1) process, tare, lost traces."""
+    """What varies without being hidden."""
 
     tool_sd: float = 0.04
+    """Relative, of prints."""
     cell_sd: float = 0.02
+    """Relative, of a tool on an object."""
     repeat_sd: float = 0.01
+    """Relative, of grasps."""
     noise_sd_n: float = 0.12
+    """Of a reading."""
     noise_correlation_s: float = 0.05
+    """Of an AR(1) process."""
     rate_hz: float = 80.0
+    """Readings."""
     heavy_tails: bool = False
+    """Of the noise."""
     tare_n: float = 0.05
+    """Standard deviation of the zero."""
     missing: float = 0.015
+    """Share of lost traces."""
     seconds_per_grasp: float = 38.0
+    """Of the bench."""
     seconds_per_tool: float = 240.0
+    """Of a tool change."""
 
 
 NASTIER = Nuisance(tool_sd=0.08, cell_sd=0.03, heavy_tails=True, missing=0.03)

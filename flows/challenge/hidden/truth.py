@@ -38,21 +38,26 @@ _MODEL_SOURCES = ("design/fin_ray.py", "objects", "simulation")
 
 
 class TrueGrasp(Record):
-    """One grasp of a truth. `law`: its name in `GRASP_LAWS`, or empty. `raised_mm`: the object above its place.
-
-    is_other: whether the law is the second one, of `OTHER_GRASP_LAWS`. `setup`, `placement`: as asked for; jaws reach
-    another force with other air.
-    """
+    """One grasp of a truth."""
 
     theta: Theta
+    """Of the world."""
     design: int
+    """Number."""
     object_id: int
+    """What is grasped."""
     law: str = ""
+    """Its name in `GRASP_LAWS`, or empty."""
     is_other: bool = False
+    """Whether the law is the second one, of `OTHER_GRASP_LAWS`."""
     parameters: dict[str, float] = {}
+    """Of the law."""
     raised_mm: float = 0.0
+    """The object above its place."""
     setup: GraspSetup = SETUP
+    """As asked for; jaws reach another force with other air."""
     placement: Placement = Placement()
+    """As asked for."""
 
     @property
     def grasp_id(self) -> str:

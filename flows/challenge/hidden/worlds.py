@@ -85,20 +85,26 @@ class Hidden(Record):
 
 
 class WorldKey(Record):
-    """What a world hides: everything that makes its data, and what an answer is judged by.
-
-    designs, objects: of the panel, in the world's order; empty where it has all of them.
-    """
+    """What a world hides: everything that makes its data, and what an answer is judged by."""
 
     group: Group
+    """Of worlds."""
     number: int
+    """Within its group."""
     seed: int
+    """Of its draws."""
     base: str
+    """Which set of true grasps."""
     young_modulus_mpa: float
+    """Of its material."""
     effects: tuple[Hidden, ...] = ()
+    """Hidden."""
     nuisance: Nuisance = Nuisance()
+    """What varies besides."""
     designs: tuple[int, ...] = ()
+    """Of the panel, in the world's order; empty: all of them."""
     objects: tuple[int, ...] = ()
+    """Of the panel, in the world's order; empty: all of them."""
 
     @property
     def world_id(self) -> str:
@@ -112,14 +118,14 @@ class WorldKey(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class _Change:
+class Change:
     """What an effect changes (n x 120, N; NaN where it is not known) in the forces of grasps (n x 120) at sites (n)."""
 
     sites: Sequence[Site]
     change_n: np.ndarray
     force_n: np.ndarray
 
-    def without_strongest_cell(self) -> "_Change":
+    def without_strongest_cell(self) -> "Change":
         """The grasps of all cells but the one whose squares it changes most."""
         cells = [(site.tool, site.obj) for site in self.sites]
         squares = dict.fromkeys(cells, 0.0)
@@ -127,26 +133,29 @@ class _Change:
             squares[cell] += float(np.nansum(row**2))
         strongest = max(squares, key=lambda cell: squares[cell])
         kept = [place for place, cell in enumerate(cells) if cell != strongest]
-        return _Change([self.sites[place] for place in kept], self.change_n[kept], self.force_n[kept])
+        return Change([self.sites[place] for place in kept], self.change_n[kept], self.force_n[kept])
 
 
 @dataclass(frozen=True, eq=False)
 class Worlds:
-    """Draws worlds of a panel; `seed` is public for development and a secret for sealed worlds.
-
-    moduli_mpa: ends between which Young's modulus is drawn. has_other_laws: whether the lab's law for an effect is
-    drawn from two; else it is the first. n_designs, n_objects: of a world, drawn from the panel's.
-    strengths: of laws of the lab, of the force.
-    """
+    """Draws worlds of a panel."""
 
     panels: Panels
+    """True grasps."""
     bank: Bank
+    """Simulated ones."""
     seed: int | str
+    """Public for development, a secret for sealed worlds."""
     moduli_mpa: tuple[float, float] = MODULI_MPA
+    """Ends between which Young's modulus is drawn."""
     has_other_laws: bool = False
+    """Whether the lab's law for an effect is drawn from two; else it is the first."""
     n_designs: int = N_DESIGNS
+    """Of a world, drawn from the panel's."""
     n_objects: int = N_OBJECTS
+    """Of a world, drawn from the panel's."""
     strengths: tuple[float, ...] = STRENGTHS
+    """Of laws of the lab, of the force."""
 
     def draw(self, group: Group, number: int) -> WorldKey:
         """The key of a world, always the same for a seed."""
@@ -226,7 +235,7 @@ class Worlds:
         is_other = self.has_other_laws and name in OTHER_LAB_LAWS and rng.uniform() < 0.5
         amplitude = sign * 0.1 * largest
         for _ in range(3):
-            change = self._change_by(key, Hidden(effect=name, amplitude=amplitude, is_other=is_other))
+            change = self.change_by(key, Hidden(effect=name, amplitude=amplitude, is_other=is_other))
             ratio = strength / max(raw_strength(change.change_n, change.force_n), 1e-9)
             amplitude = sign * min(abs(amplitude) * ratio, largest)
         return self._appended(key, Hidden(effect=name, amplitude=float(f"{amplitude:.4g}"), is_other=is_other))
@@ -242,23 +251,23 @@ class Worlds:
         )
 
     def _appended(self, key: WorldKey, hidden: Hidden) -> WorldKey:
-        change = self._change_by(key, hidden)
+        change = self.change_by(key, hidden)
         raw, visible = self._measure_strength(key, change)
         _, spread = self._measure_strength(key, change.without_strongest_cell())
         measured = {"raw_strength": raw, "visible_strength": visible, "spread_strength": spread}
         return key.model_copy(update={"effects": (*key.effects, hidden.model_copy(update=measured))})
 
-    def _change_by(self, key: WorldKey, hidden: Hidden) -> _Change:
-        """What a hidden effect changes in the grasps of a world that has all cells of these panels."""
+    def change_by(self, key: WorldKey, hidden: Hidden) -> Change:
+        """What a hidden effect changes in the grasps of a world that has all cells of these panels, in N."""
         lab, factor = self.lab(key), modulus_factor(key.young_modulus_mpa)
         sites = lab.order()
         if hidden.truth_set:
             change_n = factor * _at(self.panels.change_of_law(hidden.truth_set), sites)
         else:
             change_n = self.panels.change_of_lab_law(_law_of(hidden), key.base, lab, factor)
-        return _Change(sites, change_n, factor * _at(self.panels.steps_n[key.base], sites))
+        return Change(sites, change_n, factor * _at(self.panels.steps_n[key.base], sites))
 
-    def _measure_strength(self, key: WorldKey, change: _Change) -> tuple[float, float]:
+    def _measure_strength(self, key: WorldKey, change: Change) -> tuple[float, float]:
         """Raw and visible strength."""
         raw = raw_strength(change.change_n, change.force_n)
         theta = self.panels.sets[key.base].theta

@@ -1,40 +1,30 @@
-"""The page of one calibration, and the newest calibration as a section of its campaign's report."""
+"""The page of one calibration, and what its campaign's report shows of the newest one."""
 
-from functools import partial
+import json
 from pathlib import Path
+from typing import Any
 
 from fast.flows.report.calibration.data import Evidence, StoredCalibration, write_archive
-from fast.flows.report.calibration.posterior_figures import Markers, pairs_figure
+from fast.flows.report.calibration.posterior_figures import Markers, pairs_figure, theta_history_figure
 from fast.flows.report.calibration.sections import (
-    agreement_columns,
-    agreement_section,
-    chains_section,
-    drift_section,
-    headline,
-    provenance_section,
-    scores_table,
-    supplement_section,
-    theta_section,
-    theta_table,
-    warnings_of,
+    draw_agreement,
+    draw_chains,
+    draw_panels,
+    draw_supplement,
+    list_parameters,
+    list_scores,
 )
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder, write_page
-from fast.flows.report.html import Markup, Page, columns, moment, paragraph, section
 from fast.lake.store import Lake
+from fast.models.calibration.inference.result import ESS_LIMIT, K_HAT_LIMIT, R_HAT_LIMIT
+from fast.models.calibration.inference.settings import ThetaPriors
+from fast.models.calibration.inference.summary import correlate_ranks
 from fast.models.calibration.means.predict import N_DRAWS
+from fast.models.calibration.means.problem import THETA
 from fast.models.errors import UsageError
 
 _N_SECTION_DRAWS = 60  # a campaign's report is written often; its page has all
-
-NAV = {
-    "theta": "Theta",
-    "agreement": "Before and after",
-    "supplement": "Sensitivities",
-    "chains": "Chains",
-    "drift": "Over time",
-    "provenance": "Provenance",
-}
 
 NEWEST = """
 SELECT calibration_id, campaign_id, status, created_at FROM calibrations
@@ -63,56 +53,50 @@ def write_calibration_report(
     folder = Folder(Path(out))
     data = calibration.evidence.fitted if calibration.evidence else None
     write_archive(folder.root / "data" / "posterior.nc", calibration.result, calibration_id, data)
-    row = calibration.row
-    page = Page(
-        title=f"Calibration {calibration_id}",
-        kicker=f"FAST campaign {row.campaign_id}" if row.campaign_id else "FAST, all measurements of the lake",
-        footer=f"Calibration {calibration_id}, made {moment(calibration.made_at)} UTC. Units: mm, N, MPa.",
-        nav=NAV,
-    )
-    sections = (
-        partial(theta_section, markers=markers),
-        agreement_section,
-        supplement_section,
-        chains_section,
-        drift_section,
-        provenance_section,
-    )
-    return write_page(folder, calibration, page, headline, sections)
+    template = "flows/report/calibration/page.html.j2"
+    return write_page(folder, template, lambda folder: _prepare_page(calibration, markers, folder))
 
 
-def calibration_section(content: Content, folder: Folder) -> Markup:
+def _prepare_page(calibration: StoredCalibration, markers: Markers | None, folder: Folder) -> dict[str, Any]:
+    result, past = calibration.result, calibration.past
+    names, correlations = correlate_ranks(result)
+    folder.numbers("parameters", [{"parameter": n, **s.model_dump()} for n, s in calibration.summary.items()])
+    folder.save(*calibration.queries.values())
+    return {
+        "calibration": calibration,
+        "parameters": list_parameters(calibration),
+        "trust": {"r_hat": max(result.r_hat[n] for n in THETA), "ess": min(result.ess_bulk[n] for n in THETA)},
+        "limits": {"r_hat": f"{R_HAT_LIMIT:g}", "ess": f"{ESS_LIMIT:.0f}", "k_hat": f"{K_HAT_LIMIT:g}"},
+        "pairs": folder.draw("calibration_pairs", pairs_figure(result, markers), for_print=True),
+        "ridge": correlations[names.index("young_modulus_mpa"), names.index("friction")],
+        "is_printed_prior": result.settings.priors == ThetaPriors(),
+        "agreement": draw_agreement(calibration, folder),
+        "drawn_supplement": draw_supplement(calibration, folder),
+        "chains": draw_chains(calibration, folder),
+        "drift": folder.draw("calibration_drift", theta_history_figure(past), for_print=True) if past[1:] else None,
+        "settings": json.dumps(json.loads(calibration.row.settings_json), indent=2, sort_keys=True),
+    }
+
+
+def prepare_calibration(content: Content, folder: Folder) -> dict[str, Any]:
     """The newest calibration with this campaign's measurements: Table 2, Figs. 3 and 4, sensitivities."""
     newest = content.result("calibrations", NEWEST)
     if not newest.rows:
-        said = (
-            "The simulator has three constants: Young's modulus, friction and Poisson's ratio, together called theta. "
-            "Which values fit these measurements best has not been asked yet; <code>fast calibrate</code> does it, and "
-            "this part then shows them with their uncertainty (Figs. 3b and 4 and Table 2 of the paper)."
-        )
-        return section("calibration", "Calibration", paragraph(Markup(said)))
+        return {"calibration": None, "refused": None}
     calibration_id = newest.rows[0]["calibration_id"]
     try:
         calibration = StoredCalibration.load(content.lake, calibration_id, n_predicted=_N_SECTION_DRAWS)
     except UsageError as error:  # the rest of the campaign's report is worth having without it
-        return section("calibration", "Calibration", paragraph(str(error)))
-    pairs = folder.figure("calibration_pairs", pairs_figure(calibration.result), "Joint posterior of theta")
+        return {"calibration": None, "refused": str(error)}
+    folder.save(newest, calibration.queries["calibration"])
     panels = calibration.held_out_panels or calibration.panels
-    agreement = agreement_columns(panels, folder) + scores_table(panels) if panels else ""
-    words = paragraph(
-        "Theta stands for the three constants of the simulator: Young's modulus, friction and Poisson's ratio. Above: "
-        "what is known of them now (Table 2 of the paper). Left: which values go together (Fig. 4). Below: simulated "
-        "against measured, before and after the calibration (Fig. 3). "
-        f"Calibration {calibration_id} of {moment(calibration.made_at)} UTC, {calibration.row.n_designs} measured "
-        f"designs and {calibration.simulations}. All of it: fast report {calibration_id}.", "note",
-    )  # fmt: skip
-    shown = section(
-        "calibration",
-        "Calibration",
-        warnings_of(calibration),
-        theta_table(calibration),
-        columns(pairs, words),
-        agreement,
-        folder.sources(newest, calibration.queries["calibration"]),
-    )
-    return Markup(shown + supplement_section(calibration, folder))
+    return {
+        "calibration": calibration,
+        "refused": None,
+        "newest": newest,
+        "parameters": list_parameters(calibration),
+        "pairs": folder.draw("calibration_pairs", pairs_figure(calibration.result)),
+        "panels": draw_panels(panels, folder) if panels else {},
+        "scores": list_scores(panels),
+        "supplement": draw_supplement(calibration, folder),
+    }

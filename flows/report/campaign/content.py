@@ -27,10 +27,6 @@ from fast.models.validation import closest, load_record
 from fast.tasks.campaign.night_story import read_nights
 from fast.tasks.campaign.settings import DesignSettings
 
-NOT_MEASURED = (
-    "No tool of this campaign has been measured on any object yet; this part fills itself with the first batch."
-)
-
 
 def _asked(name: str, sql: str) -> "cached_property[Result]":
     """A query whose answer several sections share: asked when the first one needs it."""

@@ -1,6 +1,7 @@
 """The best finger: its printed body in 3-D, its profile with dimensions, and its parameters (Table 1)."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,10 +9,9 @@ from matplotlib.figure import Figure
 from shapely.geometry import box
 from shapely.plotting import plot_polygon
 
-from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.facts import Tool
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, columns, number, paragraph, picture, section, table, text
 from fast.flows.report.mesh_picture import Body, render
 from fast.flows.report.style import BEST, COMPLIANT, INK, MUTED, RIGID, new_axes
 from fast.models.design.fin_ray import APEX_EXTRA_MM, BASE_HEIGHT_MM, FinRay
@@ -19,71 +19,58 @@ from fast.models.design.finger import finger_bodies
 from fast.models.design.space import BEST_PUBLISHED, DesignSpace
 from fast.models.records import Design
 from fast.models.units import spell_name
+from fast.tasks.templates import number
 
 PICTURE_PX = 1100
 PROFILE_SIZE_IN = (2.9, 5.0)
 AT_END = 0.01  # of the range, from its end: what counts as at the bound
 NEARLY, N_APART = 0.05, 1  # of the range; how many parameters of nearly the same finger may differ by more
 N_NEXT_BEST = 4
-_PAPERS_BEST = (
-    "Blue dot: this design; ring: the paper's best tool (Table 1, B07T8, 29.68 N on the authors' bench, whose stroke "
-    "and objects are not all published, so forces compare only within this campaign)."
-)
-_NO_PUBLISHED = "Blue dot: this design. The paper has no finger of this family."
 SYMBOLS = {
-    "length_mm": "L",
-    "width_mm": "W",
-    "height_mm": "H",
-    "tip_length_mm": "L<sub>tip</sub>",
-    "front_thickness_mm": "T<sub>f</sub>",
-    "back_thickness_mm": "T<sub>b</sub>",
-    "rib_thickness_mm": "T<sub>r</sub>",
-    "rib_count": "N",
-    "rib_angle_deg": "α",
+    "length_mm": ("L", ""),
+    "width_mm": ("W", ""),
+    "height_mm": ("H", ""),
+    "tip_length_mm": ("L", "tip"),
+    "front_thickness_mm": ("T", "f"),
+    "back_thickness_mm": ("T", "b"),
+    "rib_thickness_mm": ("T", "r"),
+    "rib_count": ("N", ""),
+    "rib_angle_deg": ("α", ""),
 }
 
 
-def write_best(content: Content, folder: Folder) -> Markup:
-    """The best finger: picture, profile, parameters next to the paper's."""
+def prepare_best(content: Content, folder: Folder) -> dict[str, Any]:
+    """The best finger: picture, profile, parameters next to the paper's; empty before the first measurement."""
     best = content.best
     if best is None:
-        return section("best", "The best finger", paragraph(NOT_MEASURED))
-    design = content.design_of(best)
-    address = folder.image("finger", draw_finger(design, best.label))
-    seen = picture(address, f"Finger {best.label} in three dimensions",
-                   "As printed: compliant body (blue) on its rigid base (grey), front wall on the left.")  # fmt: skip
-    profile = folder.figure("profile", draw_profile(design), f"Profile of finger {best.label} with dimensions",
-                            f"Profile in mm; extruded to W {design.width_mm:.1f} mm.")  # fmt: skip
-    space = content.space
-    parameters = _tell_parameters(space, design, best.label)
-    note = paragraph(_PAPERS_BEST if space.family is FinRay else _NO_PUBLISHED, "note")
-    told = [describe_bounds(space, design), describe_twins(space, design, _next_best(content, best))]
-    right = f'<div class="params">{parameters}</div>{"".join(paragraph(words) for words in told if words)}{note}'
-    return section(
-        "best", f"The best finger, {best.label}", columns(seen, profile, right, css="finger"),
-        folder.sources(content.designs),
-    )  # fmt: skip
+        return {}
+    design, space = content.design_of(best), content.space
+    folder.save(content.designs)
+    return {
+        "finger": folder.image("finger", draw_finger(design, best.label)),
+        "profile": folder.draw("profile", draw_profile(design)),
+        "width_mm": design.width_mm,
+        "is_fin_ray": space.family is FinRay,
+        "parameters": _list_parameters(space, design),
+        "words": [describe_bounds(space, design), describe_twins(space, design, _next_best(content, best))],
+    }
 
 
-def _tell_parameters(space: DesignSpace, design: Design, label: str) -> Markup:
-    """Table of the parameters, each with its place in the allowed range; of fin rays beside the paper's best."""
-    rows: list[tuple[Markup | str, ...]] = []
+def _list_parameters(space: DesignSpace, design: Design) -> list[dict[str, Any]]:
+    """The parameters, each with its place in the allowed range; of fin rays beside the paper's best."""
+    rows = []
     published = BEST_PUBLISHED.model_dump() if space.family is FinRay else {}
     places = zip(space.names, *space.to_unit([design]), space.lower, space.upper, space.n_levels, strict=True)
     for name, at, low, high, n_levels in places:
-        value = getattr(design, name)
-        digits = 0 if n_levels else 2
-        symbol = Markup(f" <i>{SYMBOLS[name]}</i>") if name in SYMBOLS else Markup("")
-        words = Markup(f"{text(spell_name(name, with_unit=True))}{symbol}")
-        mine = text(value) if isinstance(value, str) else number(value, digits)
-        if not published:
-            rows.append((words, mine, _range_mark((at,), low, high)))
-            continue
-        theirs = (published[name] - low) / (high - low) if high > low else 0.0
-        rows.append((words, mine, number(published[name], digits), _range_mark((theirs, at), low, high)))
-    if published:
-        return table(("parameter", label, "paper", "allowed range"), rows, numeric=(1, 2))
-    return table(("parameter", label, "allowed range"), rows, numeric=(1,))
+        value, digits = getattr(design, name), 0 if n_levels else 2
+        symbol, index = SYMBOLS.get(name, ("", ""))
+        row = {"name": spell_name(name, with_unit=True), "symbol": symbol, "index": index, "low": low, "high": high,
+               "at": at, "value": value if isinstance(value, str) else number(value, digits)}  # fmt: skip
+        if published:
+            row["published"] = number(published[name], digits)
+            row["published_at"] = (published[name] - low) / (high - low) if high > low else 0.0
+        rows.append(row)
+    return rows
 
 
 def _next_best(content: Content, best: Tool) -> list[tuple[str, Design]]:
@@ -125,13 +112,6 @@ def describe_twins(space: DesignSpace, design: Design, others: Sequence[tuple[st
     but = f" but for {' and '.join(names)}" if names else ""
     told, are = (twins[0], "is") if len(twins) == 1 else (f"{', '.join(twins[:-1])} and {twins[-1]}", "are")
     return f"{told} {are} nearly the same finger{but}: the best tools are fewer different answers than they seem."
-
-
-def _range_mark(places: Sequence[float], low: float, high: float) -> Markup:
-    """A line from the lower to the upper end with a dot at the last of the places (0 to 1), a ring at one before."""
-    classes = ['class="paper" '] * (len(places) - 1) + [""]
-    dots = "".join(f'<i {kind}style="left:{100 * at:.1f}%"></i>' for kind, at in zip(classes, places, strict=True))
-    return Markup(f'{low:g} <span class="range">{dots}</span> {high:g}')
 
 
 def draw_finger(design: Design, mark: str) -> np.ndarray:

@@ -13,10 +13,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from fast.flows.report.grasp_frames import Frame, Instant, largest_force_n
-from fast.flows.report.style import BRANCH_LINE, COMPLIANT, FAINT, INK, MUTED, OBJECT, RIGID, SIMULATED, new_figure
+from fast.flows.report.style import COMPLIANT, FAINT, INK, MUTED, OBJECT, RIGID, SIMULATED, new_figure
 from fast.models.objects.distance import distance
 from fast.models.objects.primitives import bounds
-from fast.models.records import Branches, GraspSimulation
+from fast.models.records import GraspSimulation
 
 FORCE_COLOURS = "plasma_r"
 ARROW_MM = 22.0  # length of the largest arrow
@@ -27,13 +27,8 @@ GRID_MM = 0.5
 N_SLICES = 41  # of the object along y
 
 
-def draw_trace(
-    result: GraspSimulation, instants: Sequence[Instant], title: str, found: Branches | None = None
-) -> Figure:
-    """Force on the load cell over the time of closing and over lift; peak, work and the numbered instants marked.
-
-    A second branch among those found is a thin line, and the legend says how often each is taken.
-    """
+def draw_trace(result: GraspSimulation, instants: Sequence[Instant], title: str) -> Figure:
+    """Force on the load cell over the time of closing and over lift; peak, work and the numbered instants marked."""
     figure = new_figure(8.6, 3.7)
     closing, lift = figure.subplots(1, 2, sharey=True, width_ratios=(1, 2.4))
     trace, is_lift = result.trace, result.trace.is_lift
@@ -41,8 +36,6 @@ def draw_trace(
     until = int(start[0]) + 1 if start.size else len(trace.time_s)
     closing.plot(trace.time_s[:until], trace.force_n[:until], color=SIMULATED)
     lift.plot(trace.lift_mm[is_lift], trace.force_n[is_lift], color=SIMULATED)
-    if found is not None and found.cause:
-        _add_branches(lift, found)
     lift.fill_between(trace.lift_mm[is_lift], trace.force_n[is_lift], color=SIMULATED, alpha=0.12, linewidth=0)
     for axes in (closing, lift):
         axes.axhline(0, color=MUTED, linewidth=0.8)
@@ -59,22 +52,6 @@ def draw_trace(
     lift.set_title("lift", loc="left", color=MUTED)
     figure.suptitle(title, x=0.01, ha="left", fontsize=10)
     return figure
-
-
-def _add_branches(axes: Axes, found: Branches) -> None:
-    """The second branch, and both in the legend."""
-    nominal, other = found.branches
-    trace, is_lift = other.result.trace, other.result.trace.is_lift
-    axes.plot(trace.lift_mm[is_lift], trace.force_n[is_lift], **BRANCH_LINE)
-    decided = "decided by placement" if found.cause == "placement" else "decided by less than the simulator's error"
-    axes.legend(
-        [axes.lines[0], axes.lines[-1]],
-        [f"{100 * branch.share:.0f} % of placements" for branch in (nominal, other)],
-        title=f"two branches, {decided}",
-        loc="best",
-        alignment="left",
-        title_fontsize=8.5,
-    )
 
 
 def _mark_peak(axes: Axes, result: GraspSimulation) -> None:

@@ -8,16 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, columns, paragraph, section, table
 from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, WIDTH_IN, new_axes
 from fast.models.ids import tool_label
 from fast.models.scientist.objectives import KNOWN, LESS_IS_BETTER, OUTCOMES
 from fast.models.units import spell_name
-from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.config import CampaignConfig
+from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.settings import ScientistSettings
 from fast.tasks.scientist.criteria import list_outcomes
 
@@ -26,48 +24,36 @@ _NAME_SIZE = (0.09, 0.04)  # of a tool's name beside its point, as shares of the
 _MOST_ROWS = 15  # of the table; the rest is in the CSV
 
 
-def write_objectives(content: Content, folder: Folder) -> Markup:
-    """Nothing where tools were chosen for their mean peak force alone."""
+def prepare_objectives(content: Content, folder: Folder) -> dict[str, Any] | None:
+    """None where tools were chosen for their mean peak force alone."""
     stored = tomllib.loads(content.campaign.config_toml)
     if not {"objectives", "at_least", "at_most"} & set(stored.get("scientist", {})):
-        return Markup("")
-    config = load_record(CampaignConfig, stored, f"stored config of {content.campaign.campaign_id}")
+        return None
+    config = read_stored_config(content.campaign.config_toml, content.campaign.campaign_id)
     scientist = config.scientist
     if not scientist.has_criteria:
-        return Markup("")
+        return None
     campaign = Campaign(content.lake, config)
     state = campaign.state()
     rows = list_outcomes(campaign, state)
     if not rows:
-        return section("objectives", "Objectives", paragraph(NOT_MEASURED))
+        return {"sentence": ""}
+    folder.numbers("objectives", rows)
     labels = {tool.tool_id: tool_label(tool.batch, tool.slot) for tool in state.tools}
     names = [name for name in rows[0] if name in OUTCOMES or name in KNOWN]
     front = [row for row in rows if row["on_front"]]
-    shown = table(
-        ["tool", *(spell_name(name, with_unit=True) for name in names), "keeps the limits"],
-        [
-            (labels[row["tool_id"]], *(f"{row[name]:.{_DIGITS.get(name, 2)}f}" for name in names),
-             "yes" if row["keeps_limits"] else "no")
+    is_drawn = len(scientist.objectives) == 2
+    return {
+        "sentence": _say(scientist, rows, front),
+        "columns": {"tool": "tool"}
+        | {spell_name(name, with_unit=True): [name, _DIGITS.get(name, 2)] for name in names}
+        | {"keeps the limits": ["keeps"]},
+        "front": [
+            {**row, "tool": labels[row["tool_id"]], "keeps": "yes" if row["keeps_limits"] else "no"}
             for row in front[:_MOST_ROWS]
         ],
-        numeric=range(1, len(names) + 1),
-        empty="No measured tool keeps all limits yet.",
-    )  # fmt: skip
-    drawn = Markup("")
-    if len(scientist.objectives) == 2:
-        drawn = folder.figure("front", draw_front(rows, labels, scientist), "Both objectives of every tool")
-    return section(
-        "objectives",
-        "Objectives",
-        paragraph(_say(scientist, rows, front), "lead"),
-        columns(drawn, shown) if drawn else shown,
-        paragraph(
-            "The table holds the tools on the front: no other that keeps the limits is at least as good in every "
-            "objective and better in one. Which of them to take is yours to choose.",
-            "note",
-        ),
-        folder.numbers("objectives", rows),
-    )
+        "drawn": folder.draw("front", draw_front(rows, labels, scientist)) if is_drawn else None,
+    }
 
 
 def describe_outcome(name: str) -> str:

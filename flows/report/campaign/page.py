@@ -1,24 +1,25 @@
 """Builds the report of a campaign: `index.html`, `figures/`, `data/`, nothing from the network."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-from fast.flows.report.calibration.page import calibration_section
-from fast.flows.report.campaign.account import write_cost, write_paper, write_provenance, write_tools
+from fast.flows.report.calibration.page import prepare_calibration
+from fast.flows.report.campaign.account import prepare_cost, prepare_paper, prepare_provenance, prepare_tools
 from fast.flows.report.campaign.content import Content
-from fast.flows.report.campaign.finger import write_best
-from fast.flows.report.campaign.nights import write_nights
-from fast.flows.report.campaign.objectives import write_objectives
-from fast.flows.report.campaign.quality import headline, write_baselines, write_progress
-from fast.flows.report.campaign.shapes import write_shapes
-from fast.flows.report.campaign.simulation import write_agreement, write_moments
-from fast.flows.report.campaign.surrogate import write_surrogate
-from fast.flows.report.campaign.traces import write_traces
-from fast.flows.report.campaign.work import write_work
+from fast.flows.report.campaign.finger import prepare_best
+from fast.flows.report.campaign.insights import prepare_insights
+from fast.flows.report.campaign.nights import prepare_nights
+from fast.flows.report.campaign.objectives import prepare_objectives
+from fast.flows.report.campaign.quality import prepare_baselines, prepare_headline, prepare_progress
+from fast.flows.report.campaign.shapes import prepare_shapes
+from fast.flows.report.campaign.simulation import prepare_agreement, prepare_moments
+from fast.flows.report.campaign.surrogate import prepare_surrogate
+from fast.flows.report.campaign.traces import prepare_traces
+from fast.flows.report.campaign.work import prepare_work
 from fast.flows.report.folder import Folder, write_page
-from fast.flows.report.html import Page, moment
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
 from fast.tasks.traces.anomalies import update_anomalies
@@ -26,44 +27,27 @@ from fast.tasks.traces.features import update_features
 
 _LOG = logging.getLogger(__name__)
 
-NAV = {
-    "best": "Best finger",
-    "moments": "A grasp",
-    "progress": "Tool quality",
-    "objectives": "Objectives",
-    "baselines": "Approaches",
-    "traces": "Traces",
-    "shapes": "Shapes",
-    "work": "Grasp work",
-    "agreement": "Simulation",
-    "nights": "New simulators",
-    "calibration": "Calibration",
-    "supplement": "Sensitivities",
-    "tools": "Tools",
-    "surrogate": "Surrogate",
-    "cost": "Cost",
-    "paper": "Paper",
-    "provenance": "Provenance",
+# What each section shows, in the order of the page: {} where nothing is measured yet, None leaves it out. The template
+# `NAME.html.j2` in this folder shows it, with the campaign's content beside it.
+SECTIONS: dict[str, Callable[[Content, Folder], Mapping[str, Any] | None]] = {
+    "best": prepare_best,
+    "taught": prepare_insights,
+    "moments": prepare_moments,
+    "progress": prepare_progress,
+    "objectives": prepare_objectives,
+    "baselines": prepare_baselines,
+    "traces": prepare_traces,
+    "shapes": prepare_shapes,
+    "work": prepare_work,
+    "agreement": prepare_agreement,
+    "nights": prepare_nights,
+    "calibration": prepare_calibration,
+    "tools": prepare_tools,
+    "surrogate": prepare_surrogate,
+    "cost": prepare_cost,
+    "paper": prepare_paper,  # knows what the sections above have drawn
+    "provenance": prepare_provenance,
 }
-
-SECTIONS = (
-    write_best,
-    write_moments,
-    write_progress,
-    write_objectives,
-    write_baselines,
-    write_traces,
-    write_shapes,
-    write_work,
-    write_agreement,
-    write_nights,
-    calibration_section,
-    write_tools,
-    write_surrogate,
-    write_cost,
-    write_paper,  # knows what the sections above have drawn
-    write_provenance,
-)
 
 
 def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake] = ()) -> Path:
@@ -76,14 +60,13 @@ def write_report(lake: Lake, campaign_id: str, out: Path, against: Sequence[Lake
         UsageError: there is no such campaign, or the folder cannot be written.
     """
     content = Content.load(lake, campaign_id, against)
-    campaign = content.campaign
-    page = Page(
-        title=campaign.name or campaign_id,
-        kicker=f"FAST campaign {campaign_id}",
-        footer=f"Campaign {campaign_id}. Written {moment(datetime.now(UTC))} UTC from the lake. In mm, N, J, s, MPa.",
-        nav=NAV,
-    )
-    return write_page(Folder(Path(out)), content, page, headline, SECTIONS)
+
+    def prepare(folder: Folder) -> dict[str, object]:
+        sections = {name: prepare_section(content, folder) for name, prepare_section in SECTIONS.items()}
+        shown = {name: told for name, told in sections.items() if told is not None}
+        return {"content": content, "headline": prepare_headline(content), "sections": shown, "now": datetime.now(UTC)}
+
+    return write_page(Folder(Path(out)), "flows/report/campaign/page.html.j2", prepare)
 
 
 def add_features(lake: Lake, campaign_id: str) -> None:

@@ -3,75 +3,61 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fast.flows.report.campaign import queries
-from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.facts import Tool, average_quality_n, count_objects_won, find_references, read_tools
 from fast.flows.report.campaign.queries import Result, fetch
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, columns, count, number, paragraph, section, table, tiles
 from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, new_axes
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow
+from fast.tasks.templates import count, number
 
 if TYPE_CHECKING:
     from fast.flows.scientist.campaign_runs import StrategyRun
 
 BOX_FROM_N = 5
 MARKS = {"random": (FIRST, "o"), "guided": (BEST, "D"), "imported": (MUTED, "s")}  # colour and marker by kind of design
-_TITLE = "Against other approaches"
-_NO_OTHERS = Markup(
-    "What measuring and simulating together is worth shows beside campaigns that choose their tools otherwise, with "
-    "the same objects; this lake has none. <code>fast compare</code> makes random, measured-only and simulation-only "
-    "ones, and <code>fast report CAMPAIGN --against LAKE</code> draws them here (Fig. 2a of the paper)."
-)
 
 
-def headline(content: Content) -> Markup:
+def prepare_headline(content: Content) -> dict[str, Any]:
     """The result in two sentences, and the key numbers."""
-    grasps = sum(t.n_grasps for t in content.tools)
-    n_failed = sum(t.n_failed for t in content.tools)
-    n_simulated = sum(row["n_ok"] for row in content.cost.rows)
-    numbers = [
-        (number(grasps, 0), f"measured grasps that count, {n_failed} more failed"),
-    ]
-    if n_simulated:  # without any, the page may still draw a grasp that it simulated itself
-        versions = count(len(content.cost.rows), "simulator version")
-        numbers.append((number(n_simulated, 0), f"simulated grasps with {versions}"))
+    told: dict[str, Any] = {
+        "n_grasps": sum(t.n_grasps for t in content.tools),
+        "n_failed": sum(t.n_failed for t in content.tools),
+        "n_simulated": sum(row["n_ok"] for row in content.cost.rows),
+    }
     best = content.best
     if best is None:
-        return Markup(
-            paragraph("No tool of this campaign has been measured on any object yet.", "lead") + tiles(numbers)
-        )
+        return told
     value, _, spread = describe_quality(best, 1).partition(" ")
-    reference = average_quality_n(content.first)
-    gain = (best.quality_n or 0.0) / reference - 1
-    numbers = [
-        (
-            Markup(f"{value} <small>{spread}</small>"),
-            f"tool quality of {best.label}, mean over {count(best.n_objects, 'object')}",
-        ),
-        (number(reference, 1, "N"), f"mean of the first batch, {count(len(content.first), 'tool')}"),
-        *([(f"{100 * gain:+.0f} %", "best tool against that mean")] if round(100 * gain) else []),
-        *_reference_tile(content),
-        *numbers,
-    ]
-    return Markup(paragraph(_verdict(content, best, reference, gain), "lead") + _caution(content) + tiles(numbers))
+    reference_n = average_quality_n(content.first)
+    gain = (best.quality_n or 0.0) / reference_n - 1
+    return told | {
+        "quality": value,
+        "spread": spread,
+        "reference_n": reference_n,
+        "gain": f"{100 * gain:+.0f} %" if round(100 * gain) else "",
+        "times": _describe_times(content),
+        "verdict": _verdict(content, best, reference_n, gain),
+        "caution": _caution(content),
+    }
 
 
-def _reference_tile(content: Content) -> list[tuple[Markup | str, str]]:
-    """Best tool over reference finger, where both are measured."""
+def _describe_times(content: Content) -> tuple[str, str, str] | None:
+    """Best tool over reference finger, where both are measured: number, words, interval."""
     found = content.times_reference
     if found is None:
-        return []
+        return None
     value, _, rest = found.times.partition(" times the reference finger")
     what = f"times the reference finger {found.references[0].reference}: {number(found.reference_n, 1, 'N')}"
-    return [(Markup(f"{value} <small>{rest}</small>"), what)]
+    return value, what, rest.strip()
 
 
 def describe_quality(tool: Tool, digits: int = 2) -> str:
@@ -105,7 +91,7 @@ def _compare(gain: float) -> str:
     return f"{abs(percent)} % {'more' if percent > 0 else 'less'} than" if percent else "as much as"
 
 
-def _caution(content: Content) -> Markup:
+def _caution(content: Content) -> str:
     benches = sorted({row["bench"] for row in content.provenance.rows if row["bench"]})
     partial = [t.label for t in content.tools if t.quality_n is not None and not t.is_complete]
     notes = [
@@ -119,30 +105,25 @@ def _caution(content: Content) -> Markup:
         notes.insert(0, "Measured on the virtual bench: these forces come from a simulated world, not from a machine.")
     if partial:
         notes.append(f"Not ranked, because not measured on every object: {', '.join(partial)}.")
-    return paragraph(" ".join(notes), "note")
+    return " ".join(notes)
 
 
-def write_progress(content: Content, folder: Folder) -> Markup:
-    """Tool quality per batch."""
+def prepare_progress(content: Content, folder: Folder) -> dict[str, Any]:
+    """Tool quality per batch; empty before the first measurement."""
     if content.best is None:
-        return section("progress", "Tool quality by batch", paragraph(NOT_MEASURED))
-    shown = folder.figure("quality_by_batch", draw_quality(content.tools, content.best), "Tool quality by batch")
-    words = paragraph(
-        "Every mark is a printed tool: the mean over objects of its peak pull-off force, with the interval from "
-        f"repeats (often smaller than the mark). {_describe_marks(content.tools)} Hollow marks are tools not measured "
-        "on every object. Grey: median of the batch and, from five tools on, its middle half."
-    )  # fmt: skip
-    rows = []
+        return {}
+    folder.save(content.quality)
+    batches = []
     for batch in sorted({t.batch for t in content.tools if t.is_complete}):
         values = np.array([t.quality_n for t in content.tools if t.batch == batch and t.is_complete], dtype=float)
-        spread = float(values.std(ddof=1)) if values.size > 1 else None
-        rows.append(
-            (f"B{batch:02d}", values.size, number(values.mean(), 2), number(spread, 2), number(values.max(), 2))
-        )
-    summary = table(("batch", "tools", "mean (N)", "SD (N)", "best (N)"), rows, numeric=(1, 2, 3, 4))
-    return section(
-        "progress", "Tool quality by batch", columns(shown, words + summary), folder.sources(content.quality)
-    )
+        sd_n = float(values.std(ddof=1)) if values.size > 1 else None
+        batches.append({"batch": f"B{batch:02d}", "n": values.size, "mean_n": values.mean(), "sd_n": sd_n,
+                        "best_n": values.max()})  # fmt: skip
+    return {
+        "drawn": folder.draw("quality_by_batch", draw_quality(content.tools, content.best)),
+        "kinds": {tool.kind for tool in content.tools},
+        "batches": batches,
+    }
 
 
 def draw_quality(tools: Sequence[Tool], best: Tool) -> Figure:
@@ -195,16 +176,6 @@ def _offset(slot: int) -> float:
     return (slot - 4.5) * 0.068
 
 
-def _describe_marks(tools: Sequence[Tool]) -> str:
-    """The marks of the kinds of designs that there are, in words."""
-    words = {
-        "random": "Circles are random designs.",
-        "guided": "Diamonds were chosen by the scientist.",
-        "imported": "Squares were imported.",
-    }
-    return " ".join(said for kind, said in words.items() if any(tool.kind == kind for tool in tools))
-
-
 @dataclass(frozen=True)
 class Approach:
     """A campaign as an approach: its name (of several seeds, the same), what it measured and simulated."""
@@ -242,34 +213,26 @@ class Approach:
         )
 
 
-def write_baselines(content: Content, folder: Folder) -> Markup:
-    """Best tool so far and tools of the last batch of each approach."""
+def prepare_baselines(content: Content, folder: Folder) -> dict[str, Any]:
+    """Best tool so far and tools of the last batch of each approach; empty where there is no other."""
     if content.best is None:
-        return section("baselines", _TITLE, paragraph(_NO_OTHERS))
+        return {}
     own_name = _parse_name(content.lake.root.name)[0] if content.against else content.campaign.name
     own = Approach(own_name or content.campaign.campaign_id, 0, content.tools, content.cost)
     objects = _object_ids(content.lake, content.campaign.campaign_id)
     others = [a for lake in (content.lake, *content.against) for a in _find_approaches(lake, content, objects)]
     others = [a for a in others if a.n_batches == max(b.n_batches for b in others if b.name == a.name)]
     if not others:
-        return section("baselines", _TITLE, paragraph(_NO_OTHERS))
+        return {}
     from fast.flows.scientist.campaign_table import campaign_rows, campaigns_figure
 
     runs = [approach.as_run for approach in (own, *others)]
-    figure = folder.figure("approaches", campaigns_figure(runs, own.name), "Best tool and last batch by approach")
-    rows = campaign_rows(runs)
-    listed = table(
-        ("approach", "campaigns", "last batch (N)", "SD (N)", "best tool (N)", "tools measured", "designs simulated"),
-        [(r["strategy"], r["n_campaigns"], number(r["last_batch_n"], 2), number(r["last_batch_sd_n"], 2),
-          number(r["best_of_all_n"], 2), number(r["n_measured"], 0), number(r["n_simulated"], 0)) for r in rows],
-        numeric=(1, 2, 3, 4, 5, 6), best_row=0,
-    )  # fmt: skip
-    words = paragraph(
-        f"Ways of choosing tools, on the same {count(len(objects), 'object')}. Left: the best tool so far, against the "
-        "tools measured. Right: the tools of the last batch, which the paper compares by mean and spread (Fig. 2a "
-        "there).", "note",
-    )  # fmt: skip
-    return section("baselines", _TITLE, words, figure, listed, folder.numbers("approaches", _tool_rows([own, *others])))
+    folder.numbers("approaches", _tool_rows([own, *others]))
+    return {
+        "drawn": folder.draw("approaches", campaigns_figure(runs, own.name)),
+        "n_objects": len(objects),
+        "approaches": campaign_rows(runs),
+    }
 
 
 def _find_approaches(lake: Lake, content: Content, objects: set[int]) -> list[Approach]:

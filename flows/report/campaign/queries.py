@@ -134,24 +134,14 @@ SELECT object_id, lift_mm, force_n FROM points
 WHERE lift_mm > 0
 ORDER BY object_id, lift_mm"""
 
-# {version}, {design}, {setup} as above: the other branch of the grasps that have two.
-OTHER_BRANCHES = """
-SELECT s.object_id, s.branch_share, unnest(b.lift_mm) AS lift_mm, unnest(b.force_n) AS force_n
-FROM simulations s JOIN simulation_branches b USING (simulation_id)
-WHERE design_id = {design} AND version_id = {version} AND setup_id = {setup} AND s.status = 'ok'
-ORDER BY s.object_id, b.branch, lift_mm"""
-
-# Same design, object and grasp setup on both sides, one row per simulator version. Of a grasp with two branches also
-# the share of the one simulated and the peak of the other.
+# Same design, object and grasp setup on both sides, one row per simulator version.
 SIM_REAL_PAIRS = f"""
 WITH measured AS (
   SELECT batch, slot, design_id, object_id, setup_id, avg(peak_force_n ORDER BY repeat) AS measured_n
   FROM ({_VALID}) GROUP BY ALL)
-SELECT s.version_id, v.tier, m.batch, m.slot, m.object_id, m.setup_id, s.peak_force_n AS simulated_n, m.measured_n,
-       s.branch_share, b.peak_force_n AS other_branch_n
+SELECT s.version_id, v.tier, m.batch, m.slot, m.object_id, m.setup_id, s.peak_force_n AS simulated_n, m.measured_n
 FROM measured m
 JOIN simulations s USING (design_id, object_id, setup_id)
-LEFT JOIN simulation_branches b ON b.simulation_id = s.simulation_id AND b.branch = 1
 LEFT JOIN simulator_versions v USING (version_id)
 WHERE s.status = 'ok' AND s.peak_force_n IS NOT NULL
 ORDER BY s.version_id, m.batch, m.slot, m.object_id"""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.flows.report.campaign.facts import Tool
-from fast.flows.report.html import number
 from fast.models.traces.quality import Interval, ratio_of_means
+from fast.tasks.templates import number
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fast.flows.report.campaign.content import Content
@@ -13,8 +12,7 @@ from fast.flows.report.campaign.facts import Agreement, Tool, average_objects, m
 from fast.flows.report.campaign.grasp import Stage, draw_instant
 from fast.flows.report.folder import Folder
 from fast.flows.report.grasp_frames import five_instants, simulate_again
-from fast.flows.report.html import Markup, columns, number, paragraph, section, text
-from fast.flows.report.style import BEST, BRANCH_LINE, FIRST, SIMULATED, WIDTH_IN, new_axes
+from fast.flows.report.style import BEST, FIRST, SIMULATED, WIDTH_IN, new_axes
 from fast.lake.tables.campaign import GraspRow
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
@@ -24,45 +22,33 @@ from fast.models.records import GraspSetup
 DENSE_PAIRS = 400
 
 
-def write_moments(content: Content, folder: Folder) -> Markup:
-    """The best tool on the object that it holds best, at five instants; empty before the first measurement."""
-    title = "A grasp: closure and pull-up"
+def prepare_moments(content: Content, folder: Folder) -> dict[str, Any] | None:
+    """The best tool on the object that it holds best, at five instants; None before the first measurement."""
     best, row = content.best, _find_best_held(content)
     if best is None or row is None:
-        return Markup("")
+        return None
     obj, setup = _find_object(row["object_id"]), _find_setup(content, best, row["object_id"])
     simulated = None
     if obj is not None:
         simulated = simulate_again(content.lake, content.design_of(best), best.design_id, obj.object_id, setup)
     instants = [] if simulated is None else five_instants(simulated.recording, simulated.result.trace)
     if simulated is None or obj is None or not instants:
-        words = "The simulator has no such grasp to draw: it does not know the object, or it did not get through."
-        return section("moments", title, paragraph(words))
+        return {"drawn": {}}
     stage = Stage.of(obj.primitives, instants)
-    shown = "".join(
-        folder.figure(
-            f"moments/{place}",
-            draw_instant(stage, place, instant),
-            f"{best.label} on {obj.name}, {instant.name}: both fingers from the side",
-        )
-        for place, instant in enumerate(instants, start=1)
-    )
-    words = paragraph(
-        f"{best.label} on the object that it holds best, {obj.name} ({obj.object_id}), in the simulator: middle "
-        f"sections of both fingers. Dots: contact pressure, from yellow to dark at {stage.top_kpa / 1e3:.1f} MPa. "
-        f"Arrows: force of the object on the fingers, the longest {stage.longest_n:.1f} N. The peak is "
-        f"{number(simulated.result.peak_force_n, 1, 'N')} here and {number(row['peak_force_n'], 1, 'N')} on the bench."
-    )
-    note = paragraph(
-        Markup(
-            f"Simulated for this page, with simulator version {simulated.version_id}. <code>fast view</code> shows any "
-            "grasp in motion, beside the measured trace."
-        ),
-        "note",
-    )
-    return section(
-        "moments", title, words, f'<div class="panels moments">{shown}</div>', note, folder.sources(content.work)
-    )
+    folder.save(content.work)
+    return {
+        "object_name": obj.name,
+        "object_id": obj.object_id,
+        "version_id": simulated.version_id,
+        "drawn": {
+            instant.name: folder.draw(f"moments/{place}", draw_instant(stage, place, instant))
+            for place, instant in enumerate(instants, start=1)
+        },
+        "top_mpa": stage.top_kpa / 1e3,
+        "longest_n": stage.longest_n,
+        "simulated_n": simulated.result.peak_force_n,
+        "measured_n": row["peak_force_n"],
+    }
 
 
 def _find_best_held(content: Content) -> dict[str, Any] | None:
@@ -88,50 +74,24 @@ def _find_setup(content: Content, tool: Tool, object_id: int) -> GraspSetup:
     return GraspSetup.model_validate_json(ordinary[-1].setup_json)
 
 
-def write_agreement(content: Content, folder: Folder) -> Markup:
-    """Simulated against measured, per design and per design and object."""
-    title = "Simulated against measured"
-    if not content.compared:
-        return section(
-            "agreement", title, paragraph("No measured design has been simulated with the same grasp setup yet.")
-        )
-    parts: list[str] = []
+def prepare_agreement(content: Content, folder: Folder) -> dict[str, Any]:
+    """Simulated against measured, per design and per design and object, of each version that is compared."""
     rows = {row["version_id"]: row for row in content.versions.rows}
+    versions = []
     for place, version_id in enumerate(content.compared):
         pairs = [row for row in content.pairs.rows if row["version_id"] == version_id]
-        designs = draw_agreement(average_objects(pairs), "mean over objects")
-        suffix = "" if place == 0 else "_latest"
         newest = "Version in use: " if version_id == content.in_use else "Newest version: "
         when = "" if len(content.compared) == 1 else (newest if place else "Oldest version: ")
-        parts.append(paragraph(Markup(f"<b>{when}{text(describe_version(rows[version_id]))}</b>")))
-        parts.append(
-            columns(
-                folder.figure(f"agreement_designs{suffix}", designs,
-                              "Simulated against measured, per design", "One mark per tool, mean over its objects."),
-                folder.figure(f"agreement_grasps{suffix}", draw_agreement(pairs, "per object"),
-                              "Simulated against measured, per tool and object", "One mark per tool and object."),
-            )
-        )  # fmt: skip
-    words = paragraph(
-        "On the dashed line simulation and bench agree. r is Pearson's correlation, rank is Spearman's; the mean error "
-        "is simulated minus measured. A cloud that is shifted or tilted does no harm: the surrogate, which predicts "
-        "the quality of tools, multiplies simulations by a scale, rho, and adds a discrepancy that it learns from "
-        "measurements (Eq. 1 of the paper: measured = rho times simulated, plus discrepancy). Scatter it cannot mend. "
-        f"{describe_branches(content.pairs.rows)}"
-    )  # fmt: skip
-    return section("agreement", title, words, *parts, folder.sources(content.pairs, content.versions))
-
-
-def describe_branches(pairs: Sequence[Mapping[str, Any]]) -> str:
-    """In words: how many of the simulated grasps have two branches; empty where none was searched."""
-    searched = [pair for pair in pairs if pair["branch_share"] is not None]
-    if not searched:
-        return ""
-    n_two = sum(pair["other_branch_n"] is not None for pair in searched)
-    return (
-        f"Simulated grasps with a second branch: {n_two} of {len(searched)} that were searched for one. There the "
-        "finger snaps or holds on, as the placement happens to be, so that the bench may show either force."
-    )
+        suffix = "_latest" if place else ""
+        designs = draw_agreement(average_objects(pairs), "mean over objects")
+        versions.append({
+            "words": when + describe_version(rows[version_id]),
+            "designs": folder.draw(f"agreement_designs{suffix}", designs),
+            "grasps": folder.draw(f"agreement_grasps{suffix}", draw_agreement(pairs, "per object")),
+        })  # fmt: skip
+    if versions:
+        folder.save(content.pairs, content.versions)
+    return {"versions": versions}
 
 
 def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
@@ -147,7 +107,6 @@ def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
             alpha=0.35 if is_dense else 0.85, markeredgewidth=0, rasterized=is_dense,
             label=label if mask.any() else None,
         )  # fmt: skip
-    _mark_branches(axes, pairs)
     top = 1.06 * max(simulated.max(), measured.max(), 1e-3)
     low = min(0.0, simulated.min(), measured.min())
     axes.plot([low, top], [low, top], color=SIMULATED, linewidth=1.2, linestyle=(0, (4, 2)), label="equal")
@@ -159,20 +118,6 @@ def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
     axes.set_title(_statistics(measure_agreement(pairs)), loc="left", fontsize=8.5, linespacing=1.35)
     axes.legend(loc="lower right", handletextpad=0.4)
     return figure
-
-
-def _mark_branches(axes: Axes, pairs: Sequence[Mapping[str, Any]]) -> None:
-    """A ring round each grasp with two branches, and a thin line from its peak to that on the other one."""
-    two = [pair for pair in pairs if pair.get("other_branch_n") is not None]
-    if not two:
-        return
-    ends = np.array([[pair["simulated_n"], pair["other_branch_n"]] for pair in two]).T
-    measured = np.array([pair["measured_n"] for pair in two])
-    axes.plot(ends, np.stack([measured, measured]), **BRANCH_LINE)
-    axes.plot(
-        ends[0], measured, "o", markersize=8.5, markerfacecolor="none", markeredgecolor=SIMULATED, markeredgewidth=1.1,
-        label="two branches: line to the other",
-    )  # fmt: skip
 
 
 def _statistics(stated: Agreement) -> str:

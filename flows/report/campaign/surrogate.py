@@ -9,73 +9,24 @@ from matplotlib.figure import Figure
 from fast.flows.report.campaign import queries
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Column, Markup, columns, paragraph, record_table, section
 from fast.flows.report.style import BEST, SIMULATED, WIDTH_IN, new_axes
-from fast.models.scientist.surrogate.health import SurrogateHealth
 from fast.models.units import spell_name
 
-_COLUMNS: dict[str, Column] = {
-    "batch": lambda row: f"B{row['batch']:02d}",
-    "measured": ("n_real", 0),
-    "simulated": ("n_sim", 0),
-    "rho": ("rho", 2),
-    "shared": ("shared_variance", 2),
-    "error (N)": ("loo_rmse_n", 2),
-    "alone (N)": ("measured_only_loo_rmse_n", 2),
-    "predicted": ("loo_q2", 2),
-    "in 90 %": ("loo_coverage_90", 2),
-    "noise SD (N)": ("noise_sd_n", 2),
-}
 
-
-_PRIOR_COLUMNS: dict[str, Column] = {"prior": ("n_prior", 0), "no prior (N)": ("without_prior_loo_rmse_n", 2)}
-
-
-def write_surrogate(content: Content, folder: Folder) -> Markup:
+def prepare_surrogate(content: Content, folder: Folder) -> dict[str, Any]:
     """Leave-one-out errors and coverage of every fit that chose tools; lengthscales and findings of the last."""
-    fits = content.result("fits", queries.FITS)
-    if not fits.rows:
-        return section("surrogate", "The surrogate", paragraph("The surrogate has not been fitted yet."))
-    last = fits.rows[-1]
-    has_prior = any(row["without_prior_loo_rmse_n"] is not None for row in fits.rows)
-    figure = folder.figure("relevance", draw_relevance(last, content.space.names), "Relevance of each design parameter")
-    return section(
-        "surrogate",
-        "The surrogate",
-        paragraph(
-            "The surrogate is the model that chooses the next tools. It predicts the quality of a design: rho times "
-            "what the simulation says, plus the discrepancy, which only measurements show (Eq. 1 of the paper)."
-        ),
-        *(paragraph(finding, "note") for finding in _findings(last)),
-        record_table(fits.rows, _COLUMNS | (_PRIOR_COLUMNS if has_prior else {})),
-        *([paragraph(_prior_words(last, content.prior_campaigns), "note")] if has_prior else []),
-        paragraph(
-            "Each row is the fit that chose the tools of a batch. Measured, simulated: the designs that it knew. Rho: "
-            "how many newtons on the bench go with one in the simulation. Shared: part of the variance that measured "
-            "designs have in common with their simulation. Error: each measured design predicted from all others, root "
-            "mean square; alone: the same without simulations. Predicted: part of the variance between measured "
-            "designs. In 90 %: part of them inside their 90 % interval. Noise: between measurements of one design"
-            + (
-                ", at the mean force. Logarithms of forces are modelled: rho is by how many per cent the force on the "
-                "bench rises with one per cent in the simulation. Without simulated designs: they were left aside, as "
-                "measured designs are predicted better so."
-                if last["is_log"]
-                else "."
-            ),
-            "note",
-        ),
-        columns(
-            figure,
-            paragraph(
-                "How fast the quality changes along each design parameter, in the last fit: a long bar is a parameter "
-                "that matters, a short one hardly does. The length scale is the change of a parameter, as part of its "
-                "range, over which the quality becomes another. The model has one for what simulation and bench share "
-                "and one for the discrepancy (the kernels k_h and k_eps of the paper).",
-                "note",
-            ),
-        ),
-        folder.sources(fits),
-    )
+    source = content.result("fits", queries.FITS)
+    fits = [{**row, "label": f"B{row['batch']:02d}"} for row in source.rows]
+    if not fits:
+        return {}
+    folder.save(source)
+    has_prior = any(row["without_prior_loo_rmse_n"] is not None for row in fits)
+    return {
+        "source": source,
+        "fits": fits,
+        "prior_words": _prior_words(fits[-1], content.prior_campaigns) if has_prior else "",
+        "drawn": folder.draw("relevance", draw_relevance(fits[-1], content.space.names)),
+    }
 
 
 def draw_relevance(fit: Mapping[str, Any], names: Sequence[str]) -> Figure:
@@ -104,9 +55,3 @@ def _prior_words(fit: Mapping[str, Any], names: Sequence[str]) -> str:
         "Prior: tools of prior campaigns that the fit knew, each campaign with a scale and a mean of its own. No "
         f"prior: the error without them. {now[0].upper()}{now[1:]}."
     )
-
-
-def _findings(fit: Mapping[str, Any]) -> tuple[str, ...]:
-    if fit["shared_variance"] is None:  # recorded before the health card existed
-        return ()
-    return SurrogateHealth(**{name: fit[name] for name in SurrogateHealth.model_fields}).findings

@@ -15,19 +15,16 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from fast.flows.report.campaign import queries
-from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.facts import Tool
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, paragraph, section, text
 from fast.flows.report.mesh_picture import object_picture
-from fast.flows.report.style import BEST, BRANCH_LINE, FIRST, MUTED, SIMULATED, new_figure
+from fast.flows.report.style import BEST, FIRST, MUTED, SIMULATED, new_figure
 from fast.models.errors import UsageError
 
 _LOG = logging.getLogger(__name__)
-NO_TRACES = "These grasps have no lift in their traces, so there is nothing to draw."
 STEP_MM = 1.0
 WIDTH_IN, HEIGHT_IN = 2.9, 1.75
-FEW_PANELS = 9
 _STILL = 0.04  # of the largest force; beyond, nothing happens any more
 _ROOM_MM = 3.0
 _SIMULATED_SHARE = 1.5  # of the largest measured force; simulated ones beyond are cut off
@@ -85,54 +82,39 @@ class Window:
             axes.set_xlabel("lift (mm)", fontsize=8, labelpad=1)
 
 
-def write_panel(
-    kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder, *, over: str = "", under: str = ""
-) -> str:
-    """A figure with picture, name and number of its object; `kind` names the folder, notes go over and under it."""
-    label = name or "object"
-    shown = folder.figure(f"{kind}/object_{object_id:02d}", figure, f"Force over lift, {label}")
+def draw_panel(
+    kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder, *, over: str = ""
+) -> dict[str, Any]:
+    """A figure with picture, name and number of its object; `kind` names the folder, a note goes over it."""
     try:
-        address = folder.image(f"objects/object_{object_id:02d}", object_picture(object_id))
-        image = f'<img src="{address}" alt="">'
+        image = folder.image(f"objects/object_{object_id:02d}", object_picture(object_id))
     except UsageError as error:
         _LOG.info("object %d is drawn without its picture: %s", object_id, error)
         image = ""
-    title = f"{image}<span>{text(label)} <i>{object_id}</i></span>"
-    above, below = (paragraph(words, "note") if words else "" for words in (over, under))
-    return f'<div class="panel">{above}<h3>{title}</h3>{shown}{below}</div>'
+    drawn = folder.draw(f"{kind}/object_{object_id:02d}", figure)
+    label = name or "object"
+    return {"name": label, "object_id": object_id, "image": image, "drawn": drawn, "over": over}
 
 
-def panel_grid(panels: Sequence[str], *, is_wide: bool = False) -> Markup:
-    """Panels side by side, larger where there are few of them."""
-    css = ["panels", *(["wide"] if is_wide else []), *(["few"] if len(panels) <= FEW_PANELS else [])]
-    return Markup(f'<div class="{" ".join(css)}">{"".join(panels)}</div>')
-
-
-def write_traces(content: Content, folder: Folder) -> Markup:
-    """All tools of two batches on every object, the best tool also as simulated."""
-    title = "Force during the lift, object by object"
+def prepare_traces(content: Content, folder: Folder) -> dict[str, Any]:
+    """All tools of two batches on every object, the best tool also as simulated; empty where nothing is measured."""
     best = content.best
     if best is None:
-        return section("traces", title, paragraph(NOT_MEASURED))
+        return {}
     first, last = content.first[0].batch, content.last[0].batch
     values: dict[str, str | float] = {"first": first, "last": last, "best": best.tool_id, "step": STEP_MM}
     measured = content.result("traces", queries.BATCH_TRACES, **values)
     curves = gather_curves(measured.rows, "object_id", "batch", "slot")
     if not curves:
-        return section("traces", title, paragraph(NO_TRACES), folder.sources(measured))
-    shown, simulated, others, shares = [measured], {}, {}, {}
+        return {"panels": [], "sources": folder.save(measured)}
+    shown, simulated = [measured], {}
     if content.compared:
         version = content.compared[-1]
         setup = next(row["setup_id"] for row in content.pairs.rows if row["version_id"] == version)
         of: dict[str, str | float] = {"design": best.design_id, "version": version, "setup": setup}
         result = content.result("simulated_traces", queries.SIMULATED_TRACES, **of)
-        branches = content.result("other_branches", queries.OTHER_BRANCHES, **of)
-        shown += [result, branches] if branches.rows else [result]
-        simulated, others = (
-            {object_id: curve for (object_id,), curve in gather_curves(found.rows, "object_id").items()}
-            for found in (result, branches)
-        )
-        shares = {row["object_id"]: row["branch_share"] for row in branches.rows}
+        shown.append(result)
+        simulated = {object_id: curve for (object_id,), curve in gather_curves(result.rows, "object_id").items()}
     panels = BatchPanels(
         sorted({first, last}), best, content.tools, Window.of(list(curves.values()), list(simulated.values()))
     )
@@ -140,29 +122,17 @@ def write_traces(content: Content, folder: Folder) -> Markup:
     cells = []
     for object_id in sorted({key[0] for key in curves}):
         lines = {(batch, slot): curve for (of, batch, slot), curve in curves.items() if of == object_id}
-        figure = panels.draw(lines, simulated.get(object_id), others.get(object_id))
-        mark = ""
-        if object_id in shares:
-            share = f"{100 * shares[object_id]:.0f} %"
-            mark = f"Two branches: {share} of placements take the dashed line, the others the thin one."
-        cells.append(write_panel("traces", object_id, names.get(object_id), figure, folder, under=mark))
-    batches = (
-        f"left the tools of B{first:02d}, right those of B{last:02d}" if first != last else f"tools of B{first:02d}"
-    )
-    words = paragraph(
-        f"How hard the object pulls while the closed gripper rises: {batches}, each line the mean of a tool's repeats "
-        f"in steps of {STEP_MM:g} mm; the darker, the better the tool over all objects. All panels share their axes. "
-        "Below zero the object is still pushed down; the highest point is the peak pull-off force; where the line "
-        "returns to zero the object has left the grip. Simulated forces far above all measured ones are cut off. "
-        f"{describe_specialists(content.work.rows, (first, last))} (Fig. 5a and b of the paper.)", "note",
-    )  # fmt: skip
-    key = [f"<span><i></i>{best.label}, the best tool, on the right</span>"]
-    key += [f'<span><i class="sim"></i>{best.label} simulated</span>'] if simulated else []
-    key += ['<span><i class="branch"></i>its other branch, where it has two</span>'] if others else []
-    return section(
-        "traces", title, f'<div class="key">{"".join(key)}</div>', words,
-        panel_grid(cells, is_wide=True), folder.sources(*shown),
-    )  # fmt: skip
+        figure = panels.draw(lines, simulated.get(object_id))
+        cells.append(draw_panel("traces", object_id, names.get(object_id), figure, folder))
+    return {
+        "first": f"B{first:02d}",
+        "last": f"B{last:02d}",
+        "step_mm": f"{STEP_MM:g}",
+        "is_simulated": bool(simulated),
+        "specialists": describe_specialists(content.work.rows, (first, last)),
+        "panels": cells,
+        "sources": folder.save(*shown),
+    }
 
 
 @dataclass(frozen=True)
@@ -174,10 +144,8 @@ class BatchPanels:
     tools: Sequence[Tool]
     window: Window
 
-    def draw(
-        self, lines: Mapping[tuple[int, int], Curve], simulated: Curve | None = None, other: Curve | None = None
-    ) -> Figure:
-        """The figure of an object, from the lines of its tools by batch and slot; `other` is the second branch."""
+    def draw(self, lines: Mapping[tuple[int, int], Curve], simulated: Curve | None = None) -> Figure:
+        """The figure of an object, from the lines of its tools by batch and slot."""
         figure = new_figure(WIDTH_IN if len(self.batches) > 1 else 0.62 * WIDTH_IN, HEIGHT_IN)
         places = np.atleast_1d(figure.subplots(1, len(self.batches), sharex=True, sharey=True))
         ranked = sorted(self.tools, key=lambda tool: tool.quality_n or 0.0)
@@ -188,8 +156,6 @@ class BatchPanels:
                 shade = _lighten(BEST if is_last else FIRST, 0.3 + 0.5 * rank / len(slots))
                 axes.plot(lines[slot].lift_mm, lines[slot].force_n, color=shade, linewidth=0.9)
             if is_last:
-                if other is not None:
-                    axes.plot(other.lift_mm, other.force_n, **BRANCH_LINE)
                 if simulated is not None:
                     axes.plot(simulated.lift_mm, simulated.force_n, **_SIMULATED_LINE)
                 if (line := lines.get((self.best.batch, self.best.slot))) is not None:

@@ -8,13 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fast.flows.report.campaign.content import NOT_MEASURED, Content
+from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
-from fast.flows.report.html import Markup, columns, count, number, paragraph, section, table
 from fast.flows.report.style import BEST, FIRST, MUTED, WIDTH_IN, new_axes
 from fast.models.traces.quality import Interval, difference_of_tools, mean_of_tools
+from fast.tasks.templates import DASH
 
-TITLE = "Grasp work by object"
 N_EXTREMES = 6
 ROW_IN = 0.2
 
@@ -29,22 +28,31 @@ class WorkChange(NamedTuple):
     change: Interval
 
 
-def write_work(content: Content, folder: Folder) -> Markup:
-    """Distributions per object, and what changed from the first batch to the last."""
+def prepare_work(content: Content, folder: Folder) -> dict[str, Any]:
+    """Distributions per object, and what changed from the first batch to the last; empty where nothing is measured."""
     if not content.first:
-        return section("work", TITLE, paragraph(NOT_MEASURED))
+        return {}
     first, last = content.first[0].batch, content.last[0].batch
-    shown = folder.figure("work_by_object", draw_work(content.work.rows, first, last), "Work per object")
-    words = paragraph(
-        "The area under force over lift, in joule, is the work that it takes to break a grasp: a grasp that holds long "
-        "counts for more than one that is strong for a moment. Each dot is a tool, each bar the median of its batch; "
-        "objects are sorted by the newest batch (Fig. 2c of the paper)."
-    )
     changes = compare_work(content, first, last) if first != last else []
-    parts = [columns(shown, words + _changes_table(changes, first, last)), folder.sources(content.work)]
+    folder.save(content.work)
     if changes:
-        parts.insert(1, folder.numbers("work_changes", [_numbers(change) for change in changes]))
-    return section("work", TITLE, *parts)
+        folder.numbers("work_changes", [_numbers(change) for change in changes])
+    is_short = len(changes) <= 2 * N_EXTREMES
+    extremes = changes if is_short else [*changes[:N_EXTREMES], *changes[-N_EXTREMES:]]
+    return {
+        "drawn": folder.draw("work_by_object", draw_work(content.work.rows, first, last)),
+        "first": f"B{first:02d}",
+        "last": f"B{last:02d}",
+        "n_compared": len(changes),
+        "n_rose": sum(row.change.mean > 0 for row in changes),
+        "n_surely": sum(row.change.lower > 0 for row in changes),
+        "n_extremes": 0 if is_short else N_EXTREMES,
+        "changes": [
+            {"object": f"{row.name} ({row.object_id})", "first_j": row.first.mean, "last_j": row.last.mean,
+             "change": _signed(row.change.mean), "interval": _between(row.change)}
+            for row in extremes
+        ],
+    }  # fmt: skip
 
 
 def compare_work(content: Content, first: int, last: int) -> list[WorkChange]:
@@ -96,35 +104,13 @@ def _work_row(axes: Axes, values: np.ndarray, height: float, colour: str, marker
     axes.vlines(np.median(values), height - 0.17, height + 0.17, color=colour, linewidth=2.0)
 
 
-def _changes_table(changes: list[WorkChange], first: int, last: int) -> Markup:
-    if not changes:
-        return paragraph("Only one batch has been measured completely so far; the comparison begins with the next.")
-    rose = sum(row.change.mean > 0 for row in changes)
-    surely = sum(row.change.lower > 0 for row in changes)
-    is_short = len(changes) <= 2 * N_EXTREMES
-    extremes = changes if is_short else [*changes[:N_EXTREMES], *changes[-N_EXTREMES:]]
-    which = "" if is_short else f" The {N_EXTREMES} largest and the {N_EXTREMES} smallest changes:"
-    rows = [
-        (f"{row.name} ({row.object_id})", number(row.first.mean, 3), number(row.last.mean, 3),
-         _signed(row.change.mean), _between(row.change))
-        for row in extremes
-    ]  # fmt: skip
-    return Markup(
-        paragraph(
-            f"From B{first:02d} to B{last:02d} the mean work rose on {rose} of {count(len(changes), 'object')}, on "
-            f"{surely} of them by more than the 95 % interval (bootstrap over tools) leaves to chance.{which}"
-        )
-        + table(("object", f"B{first:02d} (J)", f"B{last:02d} (J)", "change (J)", "95 %"), rows, numeric=(1, 2, 3, 4))
-    )
-
-
 def _signed(value: float) -> str:
     return f"{value:+.3f}".replace("-", "\u2212")
 
 
-def _between(change: Interval) -> str | None:
+def _between(change: Interval) -> str:
     is_known = change.lower == change.lower  # NaN where a batch has one tool
-    return f"{_signed(change.lower)} to {_signed(change.upper)}" if is_known else None
+    return f"{_signed(change.lower)} to {_signed(change.upper)}" if is_known else DASH
 
 
 def _numbers(row: WorkChange) -> dict[str, object]:

@@ -11,8 +11,6 @@ from fast.models.gap.where.locate import Where
 from fast.models.gap.where.residuals import Residuals
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
-OLD = "Only the answer of this search is kept; run it again with another seed to see what it rests on."
-
 # Tensile bars of the paper (Methods); friction and Poisson ratio were not measured on their own.
 INDEPENDENT = {"young_modulus_mpa": (11.5, 1.75)}
 _LEAST_LEFT = 0.02  # of what a name explains: less is told without reserve

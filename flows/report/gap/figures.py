@@ -9,18 +9,14 @@ from matplotlib.figure import Figure
 from scipy.stats import binned_statistic_2d
 
 from fast.flows.report.gap.answer import describe_effect, shorten_tool
-from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, SIMULATED, WIDTH_IN, new_axes
+from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, WIDTH_IN, new_axes
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
 from fast.models.gap.findings import Candidate, Decision, LawCurve, Rest
 from fast.models.gap.where.residuals import AT, PHASES, Residuals
-from fast.models.gap.where.variance_components import SOURCES, PhaseComponents
 from fast.models.objects.catalogue import get_object
 from fast.models.traces.step_features import STEP_MM
 
 MEASURED, SIM_BEFORE, SIM_AFTER = INK, FIRST, BEST
-_SOURCE_COLOURS = dict(
-    zip(SOURCES, (FIRST, BEST, SIMULATED, "#cc79a7", "#e69f00", "#56b4e9", FAINT), strict=True)
-)  # Okabe and Ito 2008
 _MOST_NAMES = 6
 _LEAST_AXIS = 5.0  # per cent: bars of nothing should look like it
 _LEAST_SHARE = 2.0  # per cent that the colours of a map always span
@@ -82,35 +78,6 @@ def _table(residuals: Residuals, place: int) -> tuple[np.ndarray, list[str], lis
 def _by_mean(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns in the order of their means, so that what belongs together lies together."""
     return np.argsort(np.nanmean(table, axis=1)), np.argsort(np.nanmean(table, axis=0))
-
-
-def draw_components(components: Sequence[PhaseComponents]) -> Figure:
-    """What the squares of the gap go with, phase by phase, as bars of root mean squares."""
-    figure, axes = new_axes(WIDTH_IN, 1.5 + 0.36 * len(components), grid="x")
-    places = np.arange(len(components))
-    left = np.zeros(len(components))
-    for source in SOURCES:
-        part = np.array([s.parts[source] for s in components])
-        total = np.maximum([sum(s.parts.values()) for s in components], 1e-12)
-        width = 100.0 * np.sqrt([s.mean_square for s in components]) * part / total
-        axes.barh(places, width, left=left, height=0.62, color=_SOURCE_COLOURS[source], label=source)
-        left = left + width
-    floor = 100.0 * np.sqrt([s.numerical for s in components])
-    axes.vlines(
-        floor,
-        places - 0.4,
-        places + 0.4,
-        color=INK,
-        linewidth=1.4,
-        linestyle=(0, (2, 1)),
-        label="mesh, contact",
-    )
-    axes.set_yticks(places, [s.phase for s in components])
-    axes.invert_yaxis()
-    axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("root mean square residual (% of the peak), parted by variance")
-    figure.legend(loc="outside upper left", ncols=4, columnspacing=1.0, handlelength=1.2, fontsize=8)
-    return figure
 
 
 def draw_law(law: LawCurve) -> Figure:

@@ -25,6 +25,7 @@ class WorldMesh(Record):
     """How finely the world computes its truth."""
 
     edge_mm: float = Field(default=5.0, ge=1.0, le=20)
+    """Longest edge of the mesh of the truth."""
     layers: int = Field(default=2, ge=1, le=4, description="quadratic layers over the half width")
 
 
@@ -46,17 +47,20 @@ class Sensor(Record):
     rate_hz: float = Field(default=80.0, ge=5, le=300, description="readings of the transmitter")
     noise_sd_n: float = Field(default=0.0, ge=0, le=5, description="per reading, AR(1)")
     noise_correlation_s: float = Field(default=0.05, ge=0, le=10)
+    """How long the noise is correlated."""
 
 
 class World(Record):
     """Hidden truth of a virtual bench: theta, mesh, scatter, sensor and hidden effects."""
 
     seed: int = Field(default=0, ge=0)
+    """All noise and scatter follow from it, per tool, object and repeat."""
     theta: Theta = Theta()
     mesh: WorldMesh = WorldMesh()
     scatter: Scatter = Scatter()
     sensor: Sensor = Sensor()
     hidden: tuple[EffectValue, ...] = ()
+    """`[[hidden]]` tables with `effect` and its parameters."""
 
     @field_validator("hidden", mode="before")
     @classmethod

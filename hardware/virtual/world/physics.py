@@ -40,15 +40,25 @@ class PhysicsRequest(Record):
     """One grasp for the solver: picklable, and the same for every repeat of a tool on an object."""
 
     tool_id: str
-    design: SerializeAsAny[Design]  # with the parameters of its family, which the base class does not know
+    """Whose print it is: prints of one design differ."""
+    design: SerializeAsAny[Design]
+    """With the parameters of its family, which the base class does not know."""
     object_id: int
+    """What is grasped."""
     setup: GraspSetup
+    """How it is made."""
     placement: Placement
+    """Where the object sits between the fingers."""
     theta: Theta
+    """Of the world's material and contact."""
     mesh_edge_mm: float
+    """Of the finger's section."""
     mesh_layers: int
+    """Over its width."""
     hidden: tuple[EffectValue, ...]
+    """Effects of the world that the scientist's simulator does not know."""
     tool_seed: int
+    """Of what differs from print to print."""
 
     @property
     def request_id(self) -> str:

@@ -67,13 +67,21 @@ class _Grasp:
     """A grasp in progress: solving, then closing, then held."""
 
     answer: "Future[GraspSimulation] | None"
+    """Of the solver; None where nothing is between the jaws."""
     request: PhysicsRequest | None
+    """What the solver was asked; None as above."""
     setup: GraspSetup
+    """Stroke and speeds."""
     z_mm: float
+    """Height of the head when the jaws closed."""
     curve: GraspCurve | None = None
+    """Force over lift, once it is solved."""
     is_failed: bool = False
+    """The solver gave no result."""
     is_released: bool = False
+    """The object has left the fingers."""
     closing_since_s: float | None = None
+    """When the jaws began to close; None before."""
 
 
 class WorldState:
@@ -100,7 +108,6 @@ class WorldState:
         self.job = (-1, 0)
         self.setup = GraspSetup()
         self.head_yaw_deg = 0.0  # of the gripper about the vertical axis; a gantry has none
-        self.hung_kg = 0.0  # dead weight on the open gripper
         self.gross_n = 0.0
         self.n_readings = 0
         self.is_motor_enabled = True
@@ -340,7 +347,7 @@ class WorldState:
 
     def _hanging_kg(self) -> float:
         """Mass of head, tool, and what hangs on it."""
-        mass_kg = HEAD_MASS_KG + self.hung_kg
+        mass_kg = HEAD_MASS_KG
         if self.tool is not None and self.dock_slot is None:
             mass_kg += self.tool.expected_mass_kg * (HEAVY_SHARE if "tool_heavy" in self.faults else 1.0)
             mass_kg -= PART_KG if "part_dropped" in self.faults else 0.0

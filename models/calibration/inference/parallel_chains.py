@@ -4,27 +4,23 @@ A chain depends on its seed and its start only: the number of processes changes 
 forked (threads of BLAS or of a caller would deadlock), keep to one BLAS thread, and end with their parent.
 """
 
-import multiprocessing
-import signal
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fast.models.calibration.inference.optimise import LogDensity
+from fast.models.calibration.inference.processes import spread
 from fast.models.calibration.inference.settings import CalibrationSettings
-from fast.models.errors import FastError, UsageError
+from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.models.calibration.inference.nuts import Chain
 
 Progress = Callable[[str], None]
 _REPORT_S = 5.0
-_WORKER_REPORT_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +73,10 @@ def sample(
     seeds = [int(seed) for seed in np.random.SeedSequence(settings.seed).generate_state(len(start))]
     jobs = [(row, scale, settings, seed) for row, seed in zip(start, seeds, strict=True)]
     report = _Report(len(jobs), settings.draws + settings.tune, progress)
-    n_workers = min(settings.workers, len(jobs))
-    if n_workers == 1:
-        chains = [
-            _run(log_density, job, lambda *news, chain=i: report.hear(chain, *news)) for i, job in enumerate(jobs)
-        ]
-    else:
-        chains = _Processes(log_density, jobs, n_workers, report).run()
+    import cloudpickle
+
+    shared = log_density if min(settings.workers, len(jobs)) == 1 else cloudpickle.dumps(log_density)
+    chains, _ = spread(_run, shared, jobs, settings.workers, what="chains", hear=report.hear)
     return Samples(
         draws=np.stack([chain.draws for chain in chains]),
         tree_depth=np.stack([chain.tree_depth for chain in chains]),
@@ -107,10 +100,13 @@ def _check_start(log_density: LogDensity, start: np.ndarray) -> None:
 _Job = tuple[np.ndarray, np.ndarray | None, CalibrationSettings, int]
 
 
-def _run(log_density: LogDensity, job: _Job, tell: Callable[[int, int], None]) -> "Chain":
+def _run(density: LogDensity | bytes, job: _Job, tell: Callable[[int, int], None]) -> "Chain":
+    """Sample a chain of a density, or of the one in this pickle."""
+    import cloudpickle
+
     from fast.models.calibration.inference.nuts import run_chain
 
-    return run_chain(log_density, *job, tell)
+    return run_chain(cloudpickle.loads(density) if isinstance(density, bytes) else density, *job, tell)
 
 
 class _Report:
@@ -139,89 +135,3 @@ class _Report:
             f"NUTS: {n_done:,} of {n_all:,} draws in {len(self._done)} chains, {sum(self._divergences)} divergences, "
             f"about {left_s:.0f} s left"
         )
-
-
-class _Processes:
-    """Gives each idle process the next chain."""
-
-    def __init__(self, log_density: LogDensity, jobs: Sequence[_Job], n_workers: int, report: _Report) -> None:
-        import cloudpickle
-
-        self._density = cloudpickle.dumps(log_density)
-        self._jobs, self._n_workers, self._report = jobs, n_workers, report
-        self._chains: list[Chain | None] = [None] * len(jobs)
-        self._waiting = list(reversed(range(len(jobs))))
-
-    def run(self) -> "list[Chain]":
-        """All chains, in the order of the jobs."""
-        context = multiprocessing.get_context("spawn")
-        processes: list[Any] = []
-        pipes: list[Connection] = []
-        try:
-            for _ in range(self._n_workers):
-                own, other = context.Pipe()
-                process = context.Process(target=_serve, args=(other,), daemon=True)
-                process.start()
-                other.close()
-                processes.append(process)
-                pipes.append(own)
-            for own in pipes:
-                own.send(self._density)
-                self._give(own)
-            while any(chain is None for chain in self._chains):
-                for pipe in wait(pipes):
-                    self._take(pipe)
-        except (EOFError, BrokenPipeError, ConnectionResetError) as error:
-            raise FastError(
-                "a process that sampled died, perhaps for lack of memory; sample again with fewer workers."
-            ) from error
-        finally:
-            for process in processes:
-                process.terminate()
-            for process in processes:
-                process.join()
-        return [chain for chain in self._chains if chain is not None]
-
-    def _give(self, pipe: Connection) -> None:
-        if self._waiting:
-            number = self._waiting.pop()
-            pipe.send((number, self._jobs[number]))
-
-    def _take(self, pipe: Any) -> None:
-        kind, number, news = pipe.recv()
-        if kind == "error":
-            raise news
-        if kind == "news":
-            self._report.hear(number, *news)
-            return
-        self._chains[number] = news
-        self._give(pipe)
-
-
-def _serve(pipe: Connection) -> None:
-    """Sample the chains that come through the pipe until it closes; it closes when the parent ends."""
-    import cloudpickle
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent too, which ends this process
-    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # raised when the parent has ended
-        log_density = cloudpickle.loads(pipe.recv())
-        while True:
-            number, job = pipe.recv()
-            try:
-                pipe.send(("chain", number, _run(log_density, job, _Sender(pipe, number))))
-            except Exception as error:
-                pipe.send(("error", number, error))
-
-
-class _Sender:
-    """Sends news about a chain, not more often than they are read."""
-
-    def __init__(self, pipe: Connection, number: int) -> None:
-        self._pipe, self._number = pipe, number
-        self._last = time.monotonic()
-
-    def __call__(self, n_done: int, n_divergences: int) -> None:
-        now = time.monotonic()
-        if now - self._last >= _WORKER_REPORT_S:
-            self._last = now
-            self._pipe.send(("news", self._number, (n_done, n_divergences)))

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,29 +27,36 @@ _UNITS = {"young_modulus_mpa": " MPa", "friction": "", "poisson_ratio": ""}
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Posterior draws of every parameter, and diagnostics.
-
-    draws: chains x n x len(names), constrained: theta in physical units, `lengthscale_*` in unit-cube lengths,
-    `sd_e_n` and `noise_sd_n` in N, `sd_h` and `nugget` standardised. `method` is the algorithm that made the draws.
-    `r_hat`, `ess_bulk`, `ess_tail` by parameter (rank-normalised; Vehtari et al. 2021). `k_hat`: Pareto k of the
-    importance weights (Vehtari et al. 2024), None where none were tried; with a `method` other than "factorised" it is
-    why that one was replaced. `n_divergences` after tuning. `n_gradients`: all that NUTS evaluated, tuning included.
-    `warnings`: sentences on what is wrong or doubtful, never hidden.
-    """
+    """Posterior draws of every parameter, and diagnostics."""
 
     names: tuple[str, ...]
+    """Of the parameters."""
     draws: np.ndarray
+    """Chains x n x len(names), constrained: theta in physical units, `lengthscale_*` in unit-cube lengths, `sd_e_n` and
+    `noise_sd_n` in N, `sd_h` and `nugget` standardised."""
     settings: CalibrationSettings
+    """What was asked for."""
     method: str
+    """The algorithm that made the draws."""
     r_hat: Mapping[str, float]
+    """By parameter, rank-normalised (Vehtari et al. 2021)."""
     ess_bulk: Mapping[str, float]
+    """Effective draws of the bulk, by parameter."""
     ess_tail: Mapping[str, float]
+    """Effective draws of the tails, by parameter."""
     n_divergences: int
+    """After tuning."""
     k_hat: float | None = None
+    """Pareto k of the importance weights (Vehtari et al. 2024), None where none were tried; with a `method` other than
+    "factorised" it is why that one was replaced."""
     warnings: tuple[str, ...] = ()
+    """Sentences on what is wrong or doubtful, never hidden."""
     cpu_s: float = 0.0
-    steps: Mapping[str, float] = field(default_factory=dict)  # CPU seconds by step of the algorithm
+    """Of all processes."""
+    steps: Mapping[str, float] = field(default_factory=dict)
+    """CPU seconds by step of the algorithm."""
     n_gradients: int = 0
+    """All that NUTS evaluated, tuning included."""
 
     def of(self, name: str) -> np.ndarray:
         """Draws of one parameter, chains x n."""
@@ -60,20 +68,24 @@ class CalibrationResult:
         return self.draws[:, :, columns].reshape(-1, len(columns))
 
 
+class SamplerCounts(NamedTuple):
+    """What NUTS did: divergences and trees cut at their greatest depth after tuning, gradients in all."""
+
+    n_divergences: int = 0
+    n_deepest: int = 0
+    n_gradients: int = 0
+
+
 def make_result(
     problem: CalibrationProblem,
     names: tuple[str, ...],
     draws: np.ndarray,
     settings: CalibrationSettings,
     method: str,
-    n_divergences: int,
-    n_deepest: int = 0,
-    n_gradients: int = 0,
-    k_hat: float | None = None,
-    steps: Mapping[str, float] | None = None,
+    counts: SamplerCounts,
     chains: np.ndarray | None = None,
 ) -> CalibrationResult:
-    """Constrained draws (chains x n x len(names)), diagnosed; `n_deepest`: trees cut at their greatest depth.
+    """Constrained draws (chains x n x len(names)), diagnosed.
 
     chains: c x m x k, what the sampler drew of the last k names, where `draws` are resampled from it by weight. Draws
     that were weighted and drawn again look more alike from chain to chain, so the larger R-hat of both counts.
@@ -85,13 +97,12 @@ def make_result(
         r_hat |= {name: max(r_hat[name], raw[name]) for name in sampled}
     flat = {name: draws[:, :, i].ravel() for i, name in enumerate(names)}
     sentences = [
-        *_sampler_sentences(draws.shape[0] * draws.shape[1], settings, n_divergences, n_deepest),
+        *_sampler_sentences(draws.shape[0] * draws.shape[1], settings, counts),
         *_convergence_sentences(r_hat, ess_bulk, ess_tail),
         *_range_sentences(problem, flat),
         *_overlap_sentences(settings.priors, flat),
         *_correlation_sentences(flat),
     ]
-    steps = steps or {}
     return CalibrationResult(
         names=names,
         draws=draws,
@@ -100,12 +111,9 @@ def make_result(
         r_hat=r_hat,
         ess_bulk=ess_bulk,
         ess_tail=ess_tail,
-        n_divergences=n_divergences,
-        k_hat=k_hat,
+        n_divergences=counts.n_divergences,
         warnings=tuple(sentences),
-        cpu_s=sum(steps.values()),
-        steps=steps,
-        n_gradients=n_gradients,
+        n_gradients=counts.n_gradients,
     )
 
 
@@ -131,7 +139,8 @@ def measure_overlap(first: np.ndarray, second: np.ndarray) -> float:
     return float(np.minimum(*shares).sum())
 
 
-def _sampler_sentences(n_draws: int, settings: CalibrationSettings, n_divergences: int, n_deepest: int) -> list[str]:
+def _sampler_sentences(n_draws: int, settings: CalibrationSettings, counts: SamplerCounts) -> list[str]:
+    n_divergences, n_deepest = counts.n_divergences, counts.n_deepest
     found = []
     if n_divergences:
         found.append(

@@ -59,6 +59,7 @@ class CalibrationSettings(Record):
     """How theta is inferred. The defaults of chains, draws and tune are the paper's."""
 
     priors: ThetaPriors = ThetaPriors()
+    """Of theta."""
     rho: Literal["fixed", "free"] = Field(
         default="fixed", description="scale between simulation and measurement: 1, or a parameter with prior N(1, 0.1)"
     )
@@ -72,10 +73,13 @@ class CalibrationSettings(Record):
         description="relative sd of stiffness between prints, of means; the paper: 0, equal noise for all",
     )
     chains: int = Field(default=8, ge=2, le=64)
+    """Of NUTS."""
     draws: int = Field(default=8000, ge=50, le=1_000_000, description="kept per chain")
     tune: int = Field(default=8000, ge=50, le=1_000_000, description="dropped per chain")
     target_accept: float = Field(default=0.9, ge=0.5, lt=1)
+    """Share of steps that NUTS aims to take."""
     seed: int = Field(default=0, ge=0)
+    """Of the chains."""
     workers: int = Field(default=2, ge=1, le=64, description="processes; changes no result")
 
     def at_most(self, draws: int, tune: int) -> "CalibrationSettings":

@@ -18,20 +18,24 @@ ESS_WEIGHTED = 280.0  # a tenth of the draws that are weighted at most, unless t
 
 
 class ParameterSummary(Record):
-    """Posterior of one parameter: the columns of Table 2, and how it differs from the prior.
-
-    `shrinkage` is the part of the prior variance that the data removed, `overlap` the area under the lower of the two
-    densities: 1 means that nothing was learned. None: the prior is not known in the parameter's unit.
-    """
+    """Posterior of one parameter: the columns of Table 2, and how it differs from the prior."""
 
     mean: float
+    """Of the draws."""
     sd: float
+    """Of the draws."""
     q05: float
+    """5 % quantile."""
     median: float
+    """Half of the draws lie below."""
     q95: float
+    """95 % quantile."""
     mode: float
+    """Where the density is highest."""
     shrinkage: float | None = None
+    """Part of the prior variance that the data removed; None: the prior is not known in the parameter's unit."""
     overlap: float | None = None
+    """Area under the lower of the two densities: 1 means that nothing was learned; None as above."""
 
 
 def summarise(draws: np.ndarray, prior: stats.rv_continuous | None = None) -> ParameterSummary:

@@ -24,7 +24,13 @@ from fast.models.calibration.inference.optimise import (
     find_laplace_covariance,
 )
 from fast.models.calibration.inference.parallel_chains import Progress, Samples, sample
-from fast.models.calibration.inference.result import K_HAT_LIMIT, WEIGHTED, CalibrationResult, make_result
+from fast.models.calibration.inference.result import (
+    K_HAT_LIMIT,
+    WEIGHTED,
+    CalibrationResult,
+    SamplerCounts,
+    make_result,
+)
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means import psi_density
 from fast.models.calibration.means.emulator import TOLERANCE, Emulator, factorise, find_mode
@@ -251,16 +257,6 @@ def _result(
             f"k-hat {weighted.k_hat:.2f} (limit {K_HAT_LIMIT:g}), {find_effective_size(weights):.0f} effective of "
             f"{len(weights)} weighted draws, {samples.n_gradients:,} gradients, {samples.n_divergences} divergences"
         )
-        result = make_result(
-            problem,
-            parameters.names,
-            draws,
-            settings,
-            WEIGHTED,
-            samples.n_divergences,
-            samples.n_deepest,
-            samples.n_gradients,
-            weighted.k_hat,
-            chains=samples.draws,
-        )
-    return replace(result, cpu_s=sum(steps.cpu_s.values()), steps=steps.cpu_s)
+        counts = SamplerCounts(samples.n_divergences, samples.n_deepest, samples.n_gradients)
+        result = make_result(problem, parameters.names, draws, settings, WEIGHTED, counts, samples.draws)
+    return replace(result, k_hat=weighted.k_hat, cpu_s=sum(steps.cpu_s.values()), steps=steps.cpu_s)

@@ -25,7 +25,7 @@ import numpy as np
 from fast.models.blas import one_blas_thread
 from fast.models.calibration.inference.optimise import climb, draw_starts, find_laplace_covariance
 from fast.models.calibration.inference.parallel_chains import Progress, Samples, sample
-from fast.models.calibration.inference.result import CalibrationResult, make_result
+from fast.models.calibration.inference.result import CalibrationResult, SamplerCounts, make_result
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.parameters import (
     LENGTHSCALE,
@@ -70,13 +70,6 @@ class JointDensity:
         by_phi, by_psi = terms.gradient(factored, self.parameters)
         value = factored.value + prior_phi + prior_psi
         return value, np.concatenate([by_phi + slope_phi, by_psi + slope_psi])
-
-    def draw_outputs(self, values: np.ndarray, rng: np.random.Generator) -> Standardised:
-        """The same designs with outputs drawn from the model at a vector."""
-        n_phi, n_sim = self.parameters.n_phi, len(self.data.y_sim)
-        terms = _Terms.of(self.data, self.parameters.phi(values[:n_phi]), self.parameters.psi(values[n_phi:]))
-        y = np.linalg.cholesky(terms.covariance()) @ rng.standard_normal(len(terms.z))
-        return replace(self.data, y_sim=y[:n_sim], y_real=y[n_sim:] + terms.c[n_sim:] * self.data.mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,17 +158,9 @@ def calibrate_joint(
     parameters = Parameters.of(data, settings)
     samples, steps = sample_joint(data, parameters, settings, progress)
     draws = parameters.constrain(samples.draws, data.force_scale_n)
-    return make_result(
-        problem,
-        parameters.names,
-        draws,
-        settings,
-        "joint",
-        samples.n_divergences,
-        samples.n_deepest,
-        samples.n_gradients,
-        steps=steps,
-    )
+    counts = SamplerCounts(samples.n_divergences, samples.n_deepest, samples.n_gradients)
+    result = make_result(problem, parameters.names, draws, settings, "joint", counts)
+    return replace(result, cpu_s=sum(steps.values()), steps=steps)
 
 
 def sample_joint(

@@ -115,13 +115,6 @@ class Parameters:
         constrained[..., -3:] = self.theta(values[..., -3:])
         return constrained
 
-    def draw_prior(self, rng: np.random.Generator) -> np.ndarray:
-        """One draw of the prior, the unconstrained vector (n_phi + n_psi)."""
-        rows = [LENGTHSCALE] * self.n_inputs + [SD_H, NUGGET] + [LENGTHSCALE] * N_DESIGN + [SD_E, NOISE_SD]
-        mean, sd = np.array(rows + [(RHO_MEAN, RHO_SD)] * self.has_rho).T
-        theta = self.unconstrained_theta(self.priors.draw(1, rng))[0]
-        return np.concatenate([mean + sd * rng.standard_normal(len(mean)), theta])
-
     def log_prior_phi(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Log prior density of phi in the unconstrained form, without its constant, and its gradient (n_phi)."""
         return _normal(values, [LENGTHSCALE] * self.n_inputs + [SD_H, NUGGET])

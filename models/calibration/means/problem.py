@@ -18,22 +18,25 @@ MIN_SIMULATIONS, MIN_DESIGNS = 20, 5
 
 @dataclass(frozen=True, eq=False)
 class CalibrationProblem:
-    """Simulated and measured mean peak forces of designs (Eq. 9-10).
-
-    x_sim: n x 9, unit cube. theta_sim: n x 3, young_modulus_mpa, friction, poisson_ratio. y_sim: n, N.
-    x_real: m x 9, unit cube. y_real: m, N. variance_sim, variance_real: n, m, known extra variance of the means
-    (objects without a result), N^2. `scales_with_modulus`: simulated forces are proportional to Young's modulus,
-    F = E phi(friction, Poisson ratio, design), so that E is a factor instead of an input.
-    """
+    """Simulated and measured mean peak forces of designs (Eq. 9-10)."""
 
     x_sim: np.ndarray
+    """Simulated designs, n x 9, unit cube."""
     theta_sim: np.ndarray
+    """n x 3: young_modulus_mpa, friction, poisson_ratio."""
     y_sim: np.ndarray
+    """Simulated means, n, N."""
     variance_sim: np.ndarray
+    """Known extra variance of them (objects without a result), n, N^2."""
     x_real: np.ndarray
+    """Measured designs, m x 9, unit cube."""
     y_real: np.ndarray
+    """Measured means, m, N."""
     variance_real: np.ndarray
+    """Known extra variance of them, m, N^2."""
     scales_with_modulus: bool = False
+    """Simulated forces are proportional to Young's modulus, F = E phi(friction, Poisson ratio, design), so that E is a
+    factor instead of an input."""
 
     def __post_init__(self) -> None:
         """Check shapes, values and counts once, at the boundary.
@@ -117,25 +120,34 @@ class Standardised:
         y_sim = g(z) + nugget,    y_real = a tau (mean + g([x_real, t])) + eps(x_real) + noise,
 
     with a = amplitude(theta) and tau the trend over designs.
-
-    z_sim: n x d, the nine design variables, then ln E unless it is a factor, friction, Poisson ratio, all scaled to
-    the unit cube. `force_scale_n` is the unit of y_real, eps and noise; `sim_scale_n` that of y_sim and nugget (N,
-    or N per MPa where E is a factor); `center_n` was taken from both forces (0 where E is a factor). Where E is a
-    factor, forces per MPa are emulated in units of their `trend`, of which a has the part of theta; else tau is 1.
     """
 
     z_sim: np.ndarray
+    """n x d: the nine design variables, then ln E unless it is a factor, friction, Poisson ratio, all scaled to the
+    unit cube."""
     y_sim: np.ndarray
+    """Simulated means, n, standardised."""
     variance_sim: np.ndarray
+    """Known extra variance of them, n."""
     x_real: np.ndarray
+    """Measured designs, m x 9, unit cube."""
     y_real: np.ndarray
+    """Measured means, m, standardised."""
     variance_real: np.ndarray
+    """Known extra variance of them, m."""
     mean: float
+    """Of the process, in units of y_sim."""
     force_scale_n: float
+    """The unit of y_real, eps and noise."""
     sim_scale_n: float
+    """The unit of y_sim and nugget (N, or N per MPa where E is a factor)."""
     center_n: float
+    """Taken from both forces; 0 where E is a factor."""
     scales_with_modulus: bool
+    """Whether E is a factor."""
     trend: ForceTrend
+    """Where E is a factor, forces per MPa are emulated in units of this, of which a has the part of theta; else tau is
+    1."""
 
     @staticmethod
     def of(problem: CalibrationProblem) -> "Standardised":

@@ -54,15 +54,14 @@ class Answers:
         return {pair: np.array(rows) for pair, rows in found.items()}
 
     def weigh(self, hypotheses: Sequence[Hypothesis], moved: Moved | None = None) -> np.ndarray:
-        """Log likelihoods of the hypotheses (h), but for a constant; their number and order is that of the list."""
+        """Log likelihoods of the hypotheses (h) by the grasps, but for a constant; in the order of the list.
+
+        Readings are facts of the evidence, from which the hypotheses come.
+        """
         total = np.zeros(len(hypotheses))
         if self.experiments:
             forecast = forecast_pairs(hypotheses, list(self.experiments), moved)
             total += weigh(forecast, list(self.experiments.values()))
-        if self.readings:
-            measured, forecast = forecast_measurements(hypotheses)
-            read = {one.kind: [row.value for row in self.readings if row.kind == one.kind] for one in measured}
-            total += weigh(forecast, [np.array(read[one.kind])[:, None] for one in measured])
         return total
 
 

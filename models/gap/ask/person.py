@@ -118,20 +118,3 @@ def _list_slips(kind: str, value: float) -> list[Slip]:
         whole = Slip("another quantity", f"the way at {_PUSH_N:g} N", value / _PUSH_N)
         return [whole, *inverse, Slip("unit", "um/N", value / 1000.0)]
     return [Slip("unit", name, value * factor) for name, factor in _LENGTHS_MM.items()]
-
-
-_GAIN_LN_SD = 0.05  # of a load cell's gain: what is farther out is no drift
-_MASSES_KG = {"lb": 0.45359237, "g": 1e-3, "oz": 0.028349523125}
-
-
-def find_weight_questions(mass_kg: float, reading_n: float) -> list[Question]:
-    """Questions about a known mass that was hung on the load cell: its mass as told, or the unit of the cell."""
-    wanted_n = mass_kg * STANDARD_GRAVITY_M_PER_S2
-    if wanted_n <= 0 or abs(reading_n - wanted_n) <= _FAR_SD * _GAIN_LN_SD * wanted_n:
-        return []
-    slips = slips_of_factor(mass_kg, _MASSES_KG)
-    told = f"{mass_kg:g} kg, the cell says {reading_n:.4g} N"
-    expected_kg = reading_n / STANDARD_GRAVITY_M_PER_S2
-    if abs(reading_n - mass_kg) <= _FAR_SD * _GAIN_LN_SD * mass_kg:
-        return [Question("unit", f"weight: {told}, a cell set to kg? It should say {wanted_n:.4g} N", (0,))]
-    return [ask_of("weight", told, 0, slips, apart_of(expected_kg, _GAIN_LN_SD * abs(expected_kg) + 1e-6), "kg")]

@@ -46,10 +46,9 @@ def tell_asked(
     got = of_name[best] - of_name[nearest]
     promises = {frozenset(row.between): row.nats for one in asked for row in one.promised}
     promised = promises.get(frozenset((best, nearest)), min(promises.values(), default=0.0))
-    what = f"{answers.n_grasps} grasps" if answers.n_grasps else f"{len(answers.readings)} readings"
     outcome = (
-        f"{what} say {_title(best)}: {got:.1f} nats over {_title(nearest)}, {promised:.1f} were promised; its "
-        f"probability went from {old[best]:.2f} to {new[best]:.2f}."
+        f"{answers.n_grasps} grasps say {_title(best)}: {got:.1f} nats over {_title(nearest)}, {promised:.1f} were "
+        f"promised; its probability went from {old[best]:.2f} to {new[best]:.2f}."
     )
     return Asked(
         promised=sum(one.promised_grasps for one in asked),

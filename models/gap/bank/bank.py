@@ -22,7 +22,7 @@ from fast.models.simulation.version import ContactSettings, MeshSettings, Simula
 CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
 
 # Numerical variants, other choices of a simulator of the same physics: what they change is not to be explained by an
-# effect. How far a contact gives way before it slides decides the first millimetre of the lift (decision 055).
+# effect. How far a contact gives way before it slides decides the first millimetre of the lift (decision 052).
 NUMERICAL: tuple[Mapping[str, Record], ...] = (
     {"mesh": MeshSettings(edge_mm=5.0)},
     {"contact": ContactSettings(tangential_n_per_mm3=2.0)},

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.models.gap.evidence.drifts import CLOCKS, describe_drift, find_effect, make_basis, place_knots
+from fast.models.gap.evidence.drifts import CLOCKS, QUANTITIES, describe_drift, find_effect, make_basis, place_knots
+from fast.models.gap.evidence.facts import weigh_facts
 from fast.models.gap.evidence.laws import find_level, has_memory, list_law_changes, scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit
 from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, SMOOTH, compute_rms
@@ -22,6 +23,9 @@ from fast.models.traces.step_features import STEP_MM
 SCALES = np.array([0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.3, 1.7])  # of a secant's amplitude, as probable as each other
 SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)  # of patterns and drifts, of the force
 ALIKE = 0.9  # correlation of an object's or a tool's coefficients along the lift, where they are alike
+QUANTITY = "quantity"  # kind of a pattern that is as if a quantity were otherwise than told
+STATIC = ("closing", "height", "delay")  # quantities of a pattern that repeats share
+_LEAST_FIELD = 1e-9  # of the force: below it a quantity changes nothing
 _N_FREED = 2  # secants of an effect whose law is freed: those that fit best
 
 
@@ -61,15 +65,16 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     products, along = fit.multiply(white)
     whole = (white**2 * fit.value_weights).sum(axis=1)
     visible = np.sqrt(np.diag(products) / np.maximum(whole, 1e-12))
-    plain = (along[:, None] * SCALES - 0.5 * np.diag(products)[:, None] * SCALES**2).max(axis=1)
-    places, tried = np.argsort(-plain)[:_N_FREED].tolist(), []
+    gains = _weigh_facts(fit, values)
+    plain = along[:, None] * SCALES - 0.5 * np.diag(products)[:, None] * SCALES**2 + gains
+    places, tried = np.argsort(-plain.max(axis=1))[:_N_FREED].tolist(), []
     for place in places:
         law_n = list_law_changes(fit.problem.tool, len(fit.moduli), fit.force_n, means_n[place])
         law = fit.whiten(law_n)
         freed, pulls = fit.multiply(np.concatenate([white[place : place + 1], law]))
-        for scale in SCALES:
+        for scale, gain in zip(SCALES, gains[place], strict=True):
             pull = scale * (pulls[1:] - scale * freed[1:, 0])
-            nats = scale * pulls[0] - 0.5 * scale**2 * freed[0, 0]
+            nats = gain + scale * pulls[0] - 0.5 * scale**2 * freed[0, 0]
             tried.append((nats + _integrate(scale**2 * freed[1:, 1:], pull), place, scale))
     all_nats = np.array([nats for nats, _, _ in tried])
     _, place, scale = tried[int(np.argmax(all_nats))]
@@ -82,6 +87,16 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
         change_n=scale * means_n[place],
         visible=float(visible[place]),
     )
+
+
+def _weigh_facts(fit: EvidenceFit, values: Sequence[EffectValue]) -> np.ndarray:
+    """How much more probable facts are with an effect at s values times `SCALES` than without it, s x 8, in nats."""
+    facts = [one for one in fit.problem.facts if one.effect == values[0].effect]
+    gains = np.zeros((len(values), len(SCALES)))
+    if facts:
+        scaled = [[scale_value(value, float(scale)) for scale in SCALES] for value in values]
+        gains += np.array([[weigh_facts(facts, [value]) for value in row] for row in scaled]) - weigh_facts(facts, ())
+    return gains
 
 
 def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np.ndarray, np.ndarray | None]:
@@ -126,27 +141,52 @@ def weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
     return found
 
 
-def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
-    """Quantities that change from grasp to grasp, told by what repeats of the same cells differ by."""
-    problem, reading, errors = fit.problem, fit.problem.reading, fit.problem.errors
-    if not len(reading.mix):
-        return []
-    theta, cells = fit.theta, problem.of_cells
-    known = fit.effects
+def weigh_quantities(fit: EvidenceFit) -> list[Candidate]:
+    """Patterns that are as if jaws, objects or clocks were otherwise than told, the same in all repeats."""
+    problem, found = fit.problem, []
+    one = np.zeros(len(problem.tool), dtype=int)
+    groups = (
+        (one, "in every grasp"),
+        (problem.obj, "another on each object"),
+        (problem.tool, "another for each tool"),
+    )
+    for quantity, field_n in _list_fields(fit):
+        own_n = field_n @ OF_BINS.T
+        share = compute_rms(own_n) / compute_rms(fit.force_n)
+        if quantity not in STATIC or share < _LEAST_FIELD:
+            continue
+        for group, how in groups:
+            columns_n = np.array([own_n * (group == one)[:, None] for one in np.unique(group)]) / share
+            nats, coefficients = _weigh_sizes(*fit.multiply(fit.whiten(columns_n)))
+            words = f"{QUANTITIES[quantity]}, {how}"
+            found.append(Candidate(words, QUANTITY, nats, change_n=np.tensordot(coefficients, columns_n, 1)))
+    return found
+
+
+def _list_fields(fit: EvidenceFit) -> list[tuple[str, np.ndarray]]:
+    """What a unit more of each quantity changes in the cells, c x 120; of the closing at several strokes."""
+    problem, theta, cells, known = fit.problem, fit.theta, fit.problem.of_cells, fit.effects
     force_n = fit.factor[:, None] * problem.predict_cells(theta, known)
     more_n, less_n = (problem.predict_cells(theta * np.array([1.0, by, 1.0]), known) for by in (1.01, 0.99))
-    grows = errors.grow(fit.force_n)[:, None]
     tool, column = cells.grasps.tool, cells.column
     closing_n = np.nan_to_num(cells.wider_n[tool, column, 1:]) * theta[0] / cells.centre.young_modulus_mpa
-    size_n = compute_rms(force_n)
-    fields = [
+    return [
         ("modulus", force_n),
         ("friction", fit.factor[:, None] * (more_n - less_n) / 0.02),
         ("zero", np.ones_like(force_n)),
         *(("closing", secant_n) for secant_n in np.moveaxis(closing_n, 1, 0)),
-        ("height", -errors.placed_n * grows),
+        ("height", -problem.errors.placed_n * problem.errors.grow(fit.force_n)[:, None]),
         ("delay", -np.gradient(force_n, STEP_MM, axis=1)),
     ]
+
+
+def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
+    """Quantities that change from grasp to grasp, told by what repeats of the same cells differ by."""
+    reading = fit.problem.reading
+    if not len(reading.mix):
+        return []
+    fields = _list_fields(fit)
+    size_n = compute_rms(fields[0][1])
     found = []
     for name, clock in CLOCKS.items():
         group, at = clock.place(reading.grasps)
@@ -161,7 +201,7 @@ def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:
             for quantity, field_n in fields:
                 own = field_n @ OF_CONTRASTS.T
                 share = compute_rms(own) / size_n
-                if share < 1e-9:
+                if share < _LEAST_FIELD:
                     continue
                 columns = mixed[:, :, None] * own[reading.of_cell] / share
                 nats, _ = _weigh_sizes(*fit.multiply_contrasts(fit.whiten_contrasts(columns)))

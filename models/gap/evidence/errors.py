@@ -14,6 +14,7 @@ from fast.models.gap.bank.sensor_effects import N_LEAD
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, Reading
 
+TAILS = 8.0  # degrees of freedom of errors: of a cell's, and of a fact's
 TARE_SD_N = 0.03  # what taring leaves
 PLACEMENT_SD_MM = 0.15  # of the height at which an object stands, and again of each of its cells
 _LEAST_SHARE = 1e-3  # of the peak: an error that every simulator has

@@ -16,55 +16,63 @@ from functools import cached_property
 import numpy as np
 
 from fast.models.gap.bank.surrogate import Surrogate
-from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, Errors, Scatter
+from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TAILS, TARE_SD_N, Errors, Scatter
+from fast.models.gap.evidence.facts import Fact, compare_facts, weigh_rest
 from fast.models.gap.evidence.laws import has_memory, list_law_changes, scale_value
 from fast.models.gap.evidence.reading import N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
 from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.records import EffectValue, GraspContext
 
-TAILS = 8.0  # degrees of freedom of a cell's errors
 SHARED_SD = 0.005  # of the force: a smooth error over the lift that all grasps share
 LARGEST_SOLVER = 2.0  # how many times larger than the bank's variants a simulator's errors may be, and still be errors
 _N_STEPS, _N_TRIAL = 7, 5  # of Gauss-Newton, of a fit and of one with an effect more
-_STEPS = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
+THETA_STEPS = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
 _LARGEST = np.array([0.5, 0.1, 0.05])  # step of ln E, friction, Poisson's ratio
 _PRIOR_SD = np.array([3.0, 0.5, 0.15])  # of the same from where the fit began: next to none
 _LEAST_REPEAT, _CELL = 0.002, (0.01, 0.05)  # ends of estimated scatters
 _AMPLITUDE_SD = 0.7  # of ln of an effect's amplitude about its start
+_FINE = 1e-3  # step of the same, of a finite difference
 _LARGEST_AMPLITUDE = 0.5  # step of the same
 _AMPLITUDES = (0.05, 1.7)  # of where an effect starts: farther it is not fitted
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is measured (means_n: c x b, contrasts_n: r x ...), and what it is compared with.
-
-    of_cells: the surrogate of one grasp of each cell that nothing came before. effects: that the simulator has; their
-    amplitudes and laws are fitted along.
-    """
+    """What is measured, and what it is compared with."""
 
     surrogate: Surrogate
+    """Of all grasps, n."""
     reading: Reading
+    """The grasps as c cells and r contrasts."""
     errors: Errors
+    """What honest simulators, placements and sensors differ by."""
     means_n: np.ndarray
+    """Means of cells over bins, c x b."""
     contrasts_n: np.ndarray
+    """What repeats of a cell differ by, r x d."""
     of_cells: Surrogate
+    """Of one grasp of each cell that nothing came before."""
     effects: tuple[EffectValue, ...] = ()
+    """That the simulator has; their amplitudes and laws are fitted along."""
+    facts: tuple[Fact, ...] = ()
+    """What persons measured of effects."""
 
     @staticmethod
-    def of(surrogate: Surrogate, effects: Sequence[EffectValue] = ()) -> "Problem":
+    def of(surrogate: Surrogate, effects: Sequence[EffectValue] = (), facts: Sequence[Fact] = ()) -> "Problem":
         """The problem of the grasps of a surrogate, all of them usable."""
         reading = Reading.of(surrogate.grasps)
         errors = Errors.of(surrogate, reading)
         of_cells = surrogate.select(reading.rows)
         fresh = replace(of_cells.grasps, contexts=(GraspContext(),) * reading.n_cells)
         of_cells = replace(of_cells, grasps=fresh)
-        blank = Problem(surrogate, reading, errors, np.zeros(0), np.zeros(0), of_cells, tuple(effects))
-        return blank.measured(surrogate.grasps.steps_n)
+        nothing = np.zeros(0)
+        blank = Problem(surrogate, reading, errors, nothing, nothing, of_cells, tuple(effects), tuple(facts))
+        return blank.measured(surrogate.grasps.steps_n, blank.facts)
 
-    def measured(self, steps_n: np.ndarray) -> "Problem":
-        """The same problem with other forces of the grasps, n x 120."""
-        return replace(self, means_n=self.reading.average(steps_n), contrasts_n=self.reading.contrast(steps_n))
+    def measured(self, steps_n: np.ndarray, facts: Sequence[Fact] = ()) -> "Problem":
+        """The same problem with other forces of the grasps, n x 120, and other facts."""
+        means_n, contrasts_n = self.reading.average(steps_n), self.reading.contrast(steps_n)
+        return replace(self, means_n=means_n, contrasts_n=contrasts_n, facts=tuple(facts))
 
     @cached_property
     def tool(self) -> np.ndarray:
@@ -103,7 +111,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class EvidenceFit:
-    """A problem at its fit; what is measured is one vector of d values, means of cells and then contrasts.
+    """A problem at its fit; what is measured is one vector of d values: means of cells, contrasts, and then facts.
 
     theta: 3; began: 3, about which it is held. moduli: t, ln of each print's modulus over Young's. scales: amplitudes
     of the problem's effects over those they were given with. nats: log of the evidence, to be compared with that of
@@ -147,7 +155,7 @@ class EvidenceFit:
     @property
     def of_contrasts(self) -> slice:
         """Where contrasts are among the d values."""
-        return slice(self.force_n.size, None)
+        return slice(self.force_n.size, self.force_n.size + self.problem.contrasts_n.size)
 
     def whiten(self, means_n: np.ndarray, contrasts_n: np.ndarray | None = None) -> np.ndarray:
         """Changes of means (k x c x b) and of contrasts (k x r x ...; none by default) over their errors, k x d."""
@@ -264,7 +272,9 @@ def _fit(problem: Problem, scatter: Scatter, start: _Start, n_steps: int) -> Evi
         of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
         white = np.einsum("cij,kcj->kci", roots, columns).reshape(len(columns), -1)
         white_contrasts = np.einsum("rij,krj->kri", contrast_roots, contrast_columns).reshape(len(columns), -1)
-        white, all_gap = np.concatenate([white, white_contrasts], axis=1), np.concatenate([gap.ravel(), of_contrasts])
+        of_facts, white_facts, fact_weights = _list_facts(problem, effects, scales, len(columns))
+        white = np.concatenate([white, white_contrasts, white_facts], axis=1)
+        all_gap = np.concatenate([gap.ravel(), of_contrasts, of_facts])
         heavy = white * _spread_weights(weights, len(all_gap))
         precision = heavy @ white.T + np.eye(len(white))
         moved = np.linalg.solve(precision, heavy @ all_gap - from_prior)
@@ -282,7 +292,8 @@ def _fit(problem: Problem, scatter: Scatter, start: _Start, n_steps: int) -> Evi
             scales = np.clip(scales * np.exp(own), *_AMPLITUDES)
     nats = float(
         -0.5 * (TAILS + N_BINS) * np.log1p(chi / TAILS).sum()
-        - 0.5 * (left[gap.size :] ** 2).sum()
+        - 0.5 * (left[gap.size :][: of_contrasts.size] ** 2).sum()
+        + weigh_rest(left[gap.size + of_contrasts.size :] / fact_weights)
         - 0.5 * ((from_prior + moved) ** 2).sum()
         - 0.5 * np.linalg.slogdet(precision)[1]
         + sum(np.log(np.diagonal(one, axis1=1, axis2=2)).sum() for one in (roots, contrast_roots))
@@ -306,6 +317,23 @@ def _fit(problem: Problem, scatter: Scatter, start: _Start, n_steps: int) -> Evi
     )
 
 
+def _list_facts(
+    problem: Problem, effects: Sequence[EffectValue], scales: np.ndarray, n_columns: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What facts leave (f), how that goes with what is free (k x f), and their weights (f), by which both are times.
+
+    The amplitudes of effects alone, which are free last, have to do with facts.
+    """
+    rest = compare_facts(problem.facts, effects)
+    columns = np.zeros((n_columns, len(rest)))
+    for place in range(len(effects) if len(rest) else 0):
+        larger = scales * np.where(np.arange(len(scales)) == place, np.exp(_FINE), 1.0)
+        slope = (rest - compare_facts(problem.facts, problem.scale_effects(larger))) / _FINE
+        columns[n_columns - len(effects) + place] = _AMPLITUDE_SD * slope
+    weights = np.sqrt((TAILS + 1.0) / (TAILS + rest**2))
+    return weights * rest, weights * columns, weights
+
+
 def _invert(covariances: np.ndarray) -> np.ndarray:
     """Matrices that whiten values with these covariances."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariances)))
@@ -323,7 +351,7 @@ def _list_columns(
     grows = errors.grow(force_n)[:, None]
     peak_n = np.abs(force_n).max(axis=1)[:, None]
     slopes_n = []
-    for place, by in enumerate(_STEPS, start=1):
+    for place, by in enumerate(THETA_STEPS, start=1):
         more_n, less_n = (problem.predict_means(_moved(theta, place, side * by), effects) for side in (1.0, -1.0))
         slopes_n.append(factor * (more_n - less_n) / (2.0 * by))
     is_tool, is_object = (

@@ -15,14 +15,16 @@ from fast.models.gap.evidence.drifts import find_effect
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS, N_DESCRIBED, Trials
-from fast.models.gap.evidence.worlds import DRIFTS, NOTHING, Group, World, make_world
+from fast.models.gap.evidence.worlds import DRIFTS, LARGEST, NOTHING, SMALLEST, Group, World, make_world
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
 FALSE_SHARE = 0.01  # of worlds with nothing hidden, that each line lets pass
 SEEN = 0.9
 LEAST_BEHIND = 0.1  # effects by another law than the catalogue's had up to 13 % less evidence than a kin of theirs
 EVEN = 0.5  # a name is said if it is more probable than not
-_FEWEST_SEEN = 10
+FEWEST_HIDDEN = 10  # worlds that hide something, of which it is said what is seen
+LARGE = 0.05  # of the force
+_N_SIZES = 100
 
 
 @dataclass(frozen=True)
@@ -156,14 +158,44 @@ class Rehearsal:
         return CATALOGUE[one.named.name].family
 
     def find_seen_size(self, share: float = SEEN) -> float | None:
-        """Size from which on this share of what was hidden raised an alarm, of the force; None if none did."""
-        hidden = sorted((one for one in self.worlds if one.group != NOTHING), key=lambda one: -one.size)
-        found, n_seen = None, 0
-        for place, one in enumerate(hidden, start=1):
-            n_seen += self.is_alarm(one.nats, one.omnibus)
-            if n_seen >= share * place and place >= _FEWEST_SEEN:
-                found = one.size
-        return found
+        """Size from which on this share of causes raises an alarm, of the force; None: not even of the largest.
+
+        Causes are as probable of any size on a logarithmic scale; a cause is seen with odds that grow with its size.
+        """
+        hidden = [one for one in self.worlds if one.group != NOTHING]
+        if len(hidden) < FEWEST_HIDDEN:
+            return None
+        alarms = [self.is_alarm(one.nats, one.omnibus) for one in hidden]
+        odds = Odds.learn(_scale_sizes(np.array([one.size for one in hidden])), alarms)
+        sizes = np.geomspace(LARGEST, SMALLEST, _N_SIZES)
+        seen = np.cumsum([odds.judge(row) for row in _scale_sizes(sizes)]) / np.arange(1, _N_SIZES + 1)
+        passed = np.flatnonzero(seen < share)
+        n = int(passed[0]) if len(passed) else _N_SIZES
+        return float(sizes[n - 1]) if n else None
+
+    def tell_seen_size(self, force_n: float | None = None) -> str:
+        """From what size on causes are seen, or that large ones are not, in words. force_n: of the grasps, if known."""
+        hidden = [one for one in self.worlds if one.group != NOTHING]
+        size, made = self.find_seen_size(), f"{len(self.worlds)} made-up worlds of these tools and objects"
+        if len(hidden) < FEWEST_HIDDEN:
+            return f"What could still hide is not known: of {made} too few hide anything; rehearse 40 or more."
+        if size is not None:
+            newton = "" if force_n is None else f" ({size * force_n:.2g} N)"
+            return (
+                f"A cause that changes the force by {100.0 * size:.2g} %{newton} or more, beyond what the simulator's "
+                f"constants make up for, is seen in nine of ten of {made}."
+            )
+        large = [one for one in hidden if one.size >= LARGE]
+        n_seen = sum(self.is_alarm(one.nats, one.omnibus) for one in large)
+        return (
+            f"Much could still hide: even of causes of {100.0 * LARGE:.0f} % of the force or more, {n_seen} of "
+            f"{len(large)} are seen in {made}."
+        )
+
+
+def _scale_sizes(sizes: np.ndarray) -> np.ndarray:
+    """Sizes (n) as features (n x 1) of about unit size."""
+    return np.log(np.maximum(sizes, 1e-3) / np.sqrt(SMALLEST * LARGEST))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +220,7 @@ def rehearse_world(panel: Panel, number: int) -> Rehearsed:
     """The world of a number, and what the likelihood says of it. Runs in a worker process."""
     names = list(panel.families)
     world = make_world(panel.problem, names, np.random.default_rng([panel.seed, number]), number)
-    fit = fit_evidence(panel.problem.measured(world.steps_n))
+    fit = fit_evidence(panel.problem.measured(world.steps_n, world.facts))
     weighed = weigh_candidates(fit, names)
     own = _find_family(panel.families, world)
     said = Rehearsed(world.group, weighed[0].nats, fit.omnibus, world.cause, own, world.size)

@@ -2,7 +2,8 @@
 
 Far from nothing, what an effect changes is not in proportion to its amplitude, and theta goes where the effect lets it.
 So those for which there is most evidence at the fit without them are fitted in earnest; their evidence is that of the
-whole fit. A right name leaves nothing that another effect, or a pattern without a name, would explain.
+whole fit. A right name leaves nothing that another effect, or a pattern without a name, would explain. One that only
+looks like the truth leaves it as a quantity: as if the force came later, or jaws closed farther, on some objects.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,14 +11,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fast.models.gap.evidence.candidates import Candidate, weigh_drifts, weigh_effects, weigh_patterns
+from fast.models.gap.evidence.candidates import (
+    QUANTITY,
+    Candidate,
+    weigh_drifts,
+    weigh_effects,
+    weigh_patterns,
+    weigh_quantities,
+)
 from fast.models.gap.evidence.laws import has_memory
 from fast.models.gap.evidence.likelihood import EvidenceFit, add_effect
 from fast.models.records import EffectValue
 
 N_FAMILIES, N_OF_FAMILY = 3, 3  # that are tried: the most evident families, and effects of each
 _N_BESIDES = 6  # effects of other families that are weighed beside the best: the most evident ones
-N_DESCRIBED = 5
+N_DESCRIBED = 4
 # Below these nothing is an alarm, however few worlds were rehearsed: other solvers of the same physics, with nothing
 # hidden, gave up to 48 nats (the second largest of 140 worlds: 37), and 2.2 of what is left.
 LEAST_NATS, LEAST_OMNIBUS = 60.0, 2.5
@@ -46,7 +54,13 @@ class Trial:
     @property
     def left_patterns_nats(self) -> float:
         """Evidence that is left for a pattern or a drift without a name."""
-        return max((one.nats for one in self.left if one.kind != "effect" and not one.effect), default=0.0)
+        patterns = [one for one in self.left if one.kind not in ("effect", QUANTITY) and not one.effect]
+        return max((one.nats for one in patterns), default=0.0)
+
+    @property
+    def left_quantities_nats(self) -> float:
+        """Evidence that is left for jaws, objects or clocks that are otherwise than told."""
+        return max((one.nats for one in self.left if one.kind == QUANTITY), default=0.0)
 
     @property
     def left_effects_nats(self) -> float:
@@ -87,7 +101,8 @@ class Trials:
         own = max((one.nats for one in drifts if families.get(one.effect) == best.family), default=0.0)
         lesser = [one for one in drifts if one.nats <= own]
         effects = [one for one in weigh_effects(best.fit, others) if not has_memory(one.name) or one.nats > own]
-        left = [*effects, *weigh_patterns(best.fit), *(one for one in drifts if one not in lesser)]
+        patterns = [*weigh_patterns(best.fit), *weigh_quantities(best.fit)]
+        left = [*effects, *patterns, *(one for one in drifts if one not in lesser)]
         looked = replace(best, left=tuple(sorted(left, key=lambda one: -one.nats)))
         return replace(self, tried=(looked, *self.tried[1:]))
 
@@ -103,18 +118,19 @@ class Trials:
     def describe(self) -> np.ndarray:
         """What tells a right name from a wrong one, `N_DESCRIBED` logarithms.
 
-        The evidence of the best effect, as far as more of it says more; as shares of it what it leaves for a pattern,
-        and for another effect, and the evidence of the best effect of another family; and by how much what it leaves
-        for a pattern would be an alarm of its own.
+        The evidence of the best effect, as far as more of it says more; the mean share of it that is left for a
+        pattern, a quantity, and another effect; the evidence of the best effect of another family as such a share; and
+        by how much what is left for a pattern would be an alarm of its own.
         """
         best = self.tried[0]
         second = next((trial.nats for trial in self.tried if trial.family != best.family), 0.0)
         nats = max(best.nats, 1.0)
-        shares = np.array([best.left_patterns_nats, best.left_effects_nats, second]) / nats
+        left = np.array([best.left_patterns_nats, best.left_quantities_nats, best.left_effects_nats])
         return np.array(
             [
                 min(np.log(nats / _USUAL_NATS), 1.0),
-                *np.log(np.clip(shares, _LEAST_SHARE, _MOST_SHARE)),
+                np.log(np.clip(left / nats, _LEAST_SHARE, _MOST_SHARE)).mean(),
+                np.log(np.clip(second / nats, _LEAST_SHARE, _MOST_SHARE)),
                 np.log(max(best.left_patterns_nats / LEAST_NATS, 1.0)),
             ]
         )

@@ -13,12 +13,14 @@ from typing import Literal
 import numpy as np
 
 from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, Scatter
+from fast.models.gap.evidence.facts import Fact
 from fast.models.gap.evidence.laws import scale_value
-from fast.models.gap.evidence.likelihood import SHARED_SD, Problem
+from fast.models.gap.evidence.likelihood import SHARED_SD, THETA_STEPS, Problem
 from fast.models.gap.evidence.reading import KNOTS_MM, OF_BINS, compute_rms
 from fast.models.gap.evidence.secants import list_secants
 from fast.models.gap.fit.law_freedom import LAW_SD
 from fast.models.gap.fit.recalibrate import TOOL_SD
+from fast.models.records import EffectValue
 from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 SCATTER = Scatter()  # of cells and repeats of made-up worlds
@@ -27,6 +29,7 @@ _SOLVER_SD = 0.4  # of ln of how many times larger than the bank's variants a so
 _OTHER_SOLVER = 0.3  # of what a variant changes: by how much another solver differs from cell to cell and over the lift
 _MODULUS_SD = 0.25  # of ln E
 _INNER = 0.1  # of the grid: thetas lie farther from its ends
+_LEAST_ERROR = 0.01  # of the peak: what no likelihood weighs finer, when theta is fitted to a change
 
 Group = Literal["nothing", "listed", "unlisted"]
 NOTHING: Group = "nothing"
@@ -39,13 +42,15 @@ _LIFT_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
 class World:
     """A made-up world. steps_n: n x 120. cause: an effect or a kind of unlisted cause, empty for nothing.
 
-    size: root mean square of what it changes, as a share of the force.
+    facts: as persons would measure them there.
+    size: root mean square of what it changes and theta and prints cannot make up for, as a share of the force.
     """
 
     group: Group
     steps_n: np.ndarray
     cause: str = ""
     size: float = 0.0
+    facts: tuple[Fact, ...] = ()
 
 
 def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator, number: int) -> World:
@@ -53,12 +58,14 @@ def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator,
     theta = _draw_theta(problem, rng)
     base_n = problem.predict_steps(theta, problem.effects)
     group = (NOTHING, LISTED, NOTHING, UNLISTED)[number % 4]
-    cause, change_n = "", np.zeros_like(base_n)
+    cause, change_n, hidden = "", np.zeros_like(base_n), list(problem.effects)
     size = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
     if group == LISTED:
         cause = names[(number // 4) % len(names)]
         has_other_law = rng.uniform() < 0.5
-        change_n = _draw_effect(problem, theta, base_n, cause, size, rng)
+        value = _draw_effect(problem, theta, base_n, cause, size, rng)
+        change_n = problem.predict_steps(theta, [*problem.effects, value]) - base_n
+        hidden.append(value)
         if has_other_law:
             change_n = change_n * _draw_law(problem, rng)
     elif group == UNLISTED:
@@ -66,7 +73,25 @@ def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator,
         change_n = _UNLISTED[cause](_Draw.of(problem, base_n, rng))
         change_n = change_n * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9)
     steps_n = _measure(problem, base_n + change_n, base_n, rng)
-    return World(group, steps_n, cause, compute_rms(change_n) / compute_rms(base_n))
+    visible = _measure_visible(problem, theta, base_n, change_n) if cause else 0.0
+    return World(group, steps_n, cause, visible, tuple(fact.draw(hidden, rng) for fact in problem.facts))
+
+
+def _measure_visible(problem: Problem, theta: np.ndarray, base_n: np.ndarray, change_n: np.ndarray) -> float:
+    """Size of a change (n x 120) of forces (n x 120) that is left when theta and moduli of prints are fitted to it."""
+    grasps, cell = problem.reading.grasps, problem.reading.cell
+    weight = 1.0 / np.hypot(_LEAST_ERROR * np.abs(base_n).max(axis=1, keepdims=True), TARE_SD_N)
+    bare_n, slopes = problem.predict_cells(theta, problem.effects), []
+    for place, by in enumerate(THETA_STEPS, start=1):
+        moved = theta + by * (np.arange(3) == place)
+        slopes.append((problem.predict_cells(moved, problem.effects) - bare_n)[cell])
+    prints = [TOOL_SD * base_n * (grasps.tool == one)[:, None] for one in np.unique(grasps.tool)]
+    free = np.array([((one * weight) @ OF_BINS.T).ravel() for one in (base_n, *slopes, *prints)])
+    target = ((change_n * weight) @ OF_BINS.T).ravel()
+    held = np.diag([1e-9] * (1 + len(slopes)) + [1.0] * len(prints))
+    left = target - np.linalg.solve(free @ free.T + held, free @ target) @ free
+    share = np.linalg.norm(left) / max(float(np.linalg.norm(target)), 1e-12)
+    return float(share) * compute_rms(change_n) / compute_rms(base_n)
 
 
 def _draw_theta(problem: Problem, rng: np.random.Generator) -> np.ndarray:
@@ -116,18 +141,15 @@ def _draw_smooth(rng: np.random.Generator, n: int) -> np.ndarray:
 
 def _draw_effect(
     problem: Problem, theta: np.ndarray, base_n: np.ndarray, name: str, size: float, rng: np.random.Generator
-) -> np.ndarray:
-    """What an effect changes, n x 120, at an amplitude at which it changes about `size` of the force.
-
-    Or as near as it plausibly comes.
-    """
+) -> EffectValue:
+    """An effect at an amplitude at which it changes about `size` of the force, or as near as it plausibly comes."""
     values = list_secants(name)
     value = values[int(rng.integers(len(values)))]
     scale, change_n = 1.0, np.zeros_like(base_n)
     for _ in range(3):
         change_n = problem.predict_steps(theta, [*problem.effects, scale_value(value, scale)]) - base_n
         scale = float(np.clip(scale * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9), 0.05, 1.7))
-    return problem.predict_steps(theta, [*problem.effects, scale_value(value, scale)]) - base_n
+    return scale_value(value, scale)
 
 
 def _draw_law(problem: Problem, rng: np.random.Generator) -> np.ndarray:
@@ -184,8 +206,10 @@ class _Draw:
 
 
 def _delay_objects(draw: _Draw) -> np.ndarray:
-    late = draw.rng.standard_normal(len(draw.problem.reading.grasps.objects))[draw.obj][:, None]
-    return np.asarray(-np.gradient(draw.base_n, STEP_MM, axis=1) * late)
+    """A force that comes late on all objects, on each by another amount: as if they were larger than drawn."""
+    own = draw.rng.uniform(0.2, 1.0)
+    late = np.sqrt(1.0 - own**2) + own * draw.rng.standard_normal(len(draw.problem.reading.grasps.objects))
+    return np.asarray(-np.gradient(draw.base_n, STEP_MM, axis=1) * late[draw.obj][:, None])
 
 
 def _bend_tools(draw: _Draw) -> np.ndarray:

@@ -47,14 +47,7 @@ class Decider:
 
     def answer_none(self, probability: float) -> Decision:
         """Nothing, with what could still hide."""
-        rehearsal, force_n = self.rehearsal, compute_rms(self.trials.fit.force_n)
-        size = rehearsal.find_seen_size()
-        hides = "What could still hide is not known: of too few made-up worlds too little was seen."
-        if size is not None:
-            hides = (
-                f"A cause that changes the force by {100.0 * size:.2g} % ({size * force_n:.2g} N) or more was seen in "
-                f"nine of ten of {len(rehearsal.worlds)} made-up worlds of these tools and objects."
-            )
+        hides = self.rehearsal.tell_seen_size(compute_rms(self.trials.fit.force_n))
         sentence = f"Nothing is left that is larger than what honest simulators differ by. {hides}"
         return Decision(kind="none", probability=probability, sentence=sentence)
 

@@ -57,6 +57,11 @@ class NamingResult:
         return self.decider.trials
 
     @property
+    def standing_alarm(self) -> Alarm | None:
+        """The alarm, which stands whatever another bank says; None without one: any bank may raise it."""
+        return self.alarm if self.alarm.is_raised else None
+
+    @property
     def theta(self) -> np.ndarray:
         """Theta (3) with what was in the model."""
         return self.fit.theta
@@ -88,8 +93,8 @@ def name_effect(
     """Name what is missing in the simulator with the effects `in_model`, whose parameters are fitted again.
 
     Parameters are fitted to the grasps to learn from; what is missing is told by all that are usable, held out or not.
-    alarm: that of another bank, which stands; by default these data raise it. catalogue: effects that may be named; all
-    that the bank carries by default. Aliases of theta never are.
+    alarm: that of another bank, which stands; without one these data may raise it. catalogue: effects that may be
+    named; all that the bank carries by default. Aliases of theta never are.
 
     Raises:
         UsageError: an effect in the model cannot be predicted by the bank.
@@ -98,7 +103,7 @@ def name_effect(
     usable, taken = data.usable, {value.effect for value in in_model}
     names = [name for name in (usable.names if catalogue is None else catalogue) if name in usable.names]
     families = {name: CATALOGUE[name].family for name in names if name not in taken}
-    evidence = fit_evidence(Problem.of(usable, fit.effects))
+    evidence = fit_evidence(Problem.of(usable, fit.effects, data.facts))
     weighed = weigh_candidates(evidence, list(families))
     if alarm is None:
         alarm = raise_alarm(rehearsal, weighed[0].nats, evidence)
@@ -174,7 +179,7 @@ def _drop_effects(fit: EvidenceFit) -> tuple[str, ...]:
     dropped = []
     for value in fit.problem.effects:
         others = [other for other in fit.problem.effects if other is not value]
-        without = fit_evidence(Problem.of(fit.problem.surrogate, others))
+        without = fit_evidence(Problem.of(fit.problem.surrogate, others, fit.problem.facts))
         if fit.nats - without.nats < _DROPPED_NATS:
             dropped.append(value.effect)
     return tuple(dropped)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.models.gap.findings import WhereFinding
+from fast.models.gap.where.jackknife import jackknife
 from fast.models.gap.where.permutation_tests import (
     BY_OBJECT,
     EVERYWHERE,
@@ -20,9 +21,7 @@ from fast.models.gap.where.permutation_tests import (
 )
 from fast.models.gap.where.residuals import AT, PHASES, WORDS, Residuals
 from fast.models.gap.where.strata import FAMILY, OBJECT_FEATURES
-from fast.models.gap.where.theta_trends import ThetaTrend, fit_theta_trends
 from fast.models.gap.where.tree import Leaf, grow_honest_tree
-from fast.models.gap.where.variance_components import PhaseComponents, estimate_variance_components, jackknife
 from fast.models.objects.catalogue import get_object
 from fast.models.units import spell_name
 
@@ -48,8 +47,6 @@ class Where:
 
     findings: tuple[WhereFinding, ...]
     tests: TestTree
-    components: tuple[PhaseComponents, ...]
-    trends: tuple[ThetaTrend, ...]
 
 
 @dataclass(frozen=True)
@@ -67,19 +64,10 @@ class _Size:
         return abs(self.share) >= self.floor and self.ci90[0] * self.ci90[1] > 0
 
 
-def locate(residuals: Residuals, friction_slope_n: np.ndarray | None = None, seed: int = 0) -> Where:
-    """Variance components, tests, trends of theta and findings of the grasps to learn from.
-
-    friction_slope_n: n x steps, slope of the prediction by the logarithm of friction; without it only the modulus has
-    trends.
-    """
+def locate(residuals: Residuals, seed: int = 0) -> Where:
+    """Tests and findings of the grasps to learn from."""
     tests = run_tests(residuals, seed)
-    return Where(
-        findings=find_where(residuals, tests, seed),
-        tests=tests,
-        components=estimate_variance_components(residuals),
-        trends=fit_theta_trends(residuals, friction_slope_n),
-    )
+    return Where(find_where(residuals, tests, seed), tests)
 
 
 def describe_silence(tests: TestTree) -> str:

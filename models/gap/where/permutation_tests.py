@@ -14,10 +14,10 @@ import numpy as np
 
 from fast.models.gap.where.residuals import PHASES, Residuals
 from fast.models.gap.where.strata import FAMILY, OBJECT_FEATURES
-from fast.models.gap.where.variance_components import LEAST_OWN
 
 N_DRAWS = 1999
 Q = 0.05
+_LEAST_OWN = 0.3  # of the spread of repeat or order: if tool and object know more, nothing can be said of it
 EVERYWHERE, BY_OBJECT, REPEAT, ORDER = "everywhere", "object by object", "repeat", "order"
 
 
@@ -179,7 +179,7 @@ def _histories(
         for _ in range(1 if len(groups) == 1 else 20):
             for group in groups:
                 y, x_left = _centre(y, group), _centre(x_left, group)
-        if x_left.std() > LEAST_OWN * max(x.std(), 1e-12):  # else the objects tell the order
+        if x_left.std() > _LEAST_OWN * max(x.std(), 1e-12):  # else the objects tell the order
             slopes = np.bincount(t, x_left * y) / np.maximum(np.bincount(t, x_left**2), 1e-12)
             found[factor] = np.abs(draws.signs @ slopes)
     return found

@@ -43,8 +43,8 @@ class Residuals:
     """n measured grasps of t tools on o objects with what the recalibrated simulator predicts for each.
 
     tool, obj, repeat: n, numbers from 0. order: n, grasps of this tool before. measured_n, predicted_n:
-    n x steps. tool_factor: t, what was fitted as the modulus of each tool over the common one. numerical_n:
-    n x v x steps, what v numerical variants change at this theta; NaN where a simulation failed.
+    n x steps. numerical_n: n x v x steps, what v numerical variants change at this theta; NaN where a simulation
+    failed.
     """
 
     tools: tuple[str, ...]
@@ -56,7 +56,6 @@ class Residuals:
     order: np.ndarray
     measured_n: np.ndarray
     predicted_n: np.ndarray
-    tool_factor: np.ndarray
     numerical_n: np.ndarray
 
     def __post_init__(self) -> None:
@@ -78,12 +77,7 @@ class Residuals:
             )
 
     @staticmethod
-    def of(
-        surrogate: Surrogate,
-        predicted_n: np.ndarray,
-        young_modulus_mpa: float,
-        tool_factor: np.ndarray | None = None,
-    ) -> "Residuals":
+    def of(surrogate: Surrogate, predicted_n: np.ndarray, young_modulus_mpa: float) -> "Residuals":
         """Residuals of a surrogate's grasps; predicted_n: n x steps, at this modulus of the material."""
         grasps, bank = surrogate.grasps, surrogate.bank
         scale = young_modulus_mpa / bank.centre.young_modulus_mpa
@@ -97,7 +91,6 @@ class Residuals:
             order=np.array([context.tool_grasps for context in grasps.contexts], dtype=float),
             measured_n=grasps.steps_n,
             predicted_n=predicted_n,
-            tool_factor=np.ones(len(grasps.tools)) if tool_factor is None else tool_factor,
             numerical_n=scale
             * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[grasps.tool, surrogate.column],
         )

@@ -62,22 +62,41 @@ class Criterion:
 
 def select_by_hypervolume(
     criteria: Sequence[Criterion],
-    surrogate: Surrogate,
+) -> Callable[[Surrogate, np.ndarray, int, int, np.ndarray, Spacing, np.random.Generator], list[tuple[int, float]]]:
+    """The selection (`models.scientist.propose.Selection`) by the hypervolume improvement of these criteria.
+
+    The surrogate's data tell it what was measured; the fidelity must be 1, and pending points of fidelity 1 count. It
+    gives up to n rows of its points (m x d) greedily, by mean improvement over measured, pending and chosen: (row,
+    improvement) in the order of choice, the improvement as a share of the area that the range of the competitors spans;
+    fewer than n when spacing leaves no more candidates.
+    """
+
+    def select(
+        surrogate: Surrogate,
+        points: np.ndarray,
+        fidelity: int,
+        n: int,
+        pending: np.ndarray,
+        spacing: Spacing,
+        rng: np.random.Generator,
+    ) -> list[tuple[int, float]]:
+        assert fidelity == REAL
+        measured = surrogate.data.x[surrogate.data.s == REAL]
+        competitors = np.concatenate([measured, pending[pending[:, -1] == REAL, :-1]])
+        return _select(criteria, points, competitors, n, spacing, rng)
+
+    return select
+
+
+def _select(
+    criteria: Sequence[Criterion],
     points: np.ndarray,
-    fidelity: int,
+    competitors: np.ndarray,
     n: int,
-    pending: np.ndarray,
     spacing: Spacing,
     rng: np.random.Generator,
 ) -> list[tuple[int, float]]:
-    """Up to n rows of `points` (m x d), greedily by mean hypervolume improvement over measured, pending and chosen.
-
-    surrogate: its data tell what was measured. fidelity: must be 1. pending: p x (d + 1), those of fidelity 1 count.
-    Returns (row, improvement) in the order of choice, the improvement as a share of the area that the range of the
-    competitors spans; fewer than n when spacing leaves no more candidates.
-    """
-    assert fidelity == REAL
-    competitors = np.concatenate([surrogate.data.x[surrogate.data.s == REAL], pending[pending[:, -1] == REAL, :-1]])
+    """Up to n rows of points (m x d) by their improvement over competitors (k x d), greedily."""
     drawn = [one.paths(np.concatenate([points, competitors]), rng) for one in criteria]
     is_good, shortfall = np.ones_like(drawn[0], dtype=bool), np.zeros_like(drawn[0])
     for one, outcome in zip(criteria, drawn, strict=True):

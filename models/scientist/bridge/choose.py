@@ -1,5 +1,6 @@
 """Choose designs by a BoTorch acquisition function, over FAST's candidates."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,24 +43,29 @@ class Situation:
 
 def select_by_rule(
     rule: str,
-    surrogate: Surrogate | OwnSurrogate,
-    points: np.ndarray,
-    fidelity: int,
-    n: int,
-    pending: np.ndarray,
-    spacing: Spacing,
-    rng: np.random.Generator,
-) -> list[tuple[int, float]]:
-    """Up to n rows of `points` (m x 9), greedily by an acquisition function; what is chosen becomes pending.
+) -> Callable[
+    [Surrogate | OwnSurrogate, np.ndarray, int, int, np.ndarray, Spacing, np.random.Generator], list[tuple[int, float]]
+]:
+    """The selection (`models.scientist.propose.Selection`) by an acquisition function; what it chooses becomes pending.
 
     `rule` is the `module:function` that makes the acquisition function of (model, situation), or `mes`. One that cannot
-    take pending points is made again on the model given their predicted outcomes.
-
-    Raises:
-        UsageError: the user's function is not found, fails, or gives something unusable.
+    take pending points is made again on the model given their predicted outcomes. The selection raises `UsageError`
+    where the user's function is not found, fails, or gives something unusable.
     """
-    with own_draws(int(rng.integers(2**31))):
-        return _select(rule, surrogate, points, fidelity, n, pending, spacing)
+
+    def select(
+        surrogate: Surrogate | OwnSurrogate,
+        points: np.ndarray,
+        fidelity: int,
+        n: int,
+        pending: np.ndarray,
+        spacing: Spacing,
+        rng: np.random.Generator,
+    ) -> list[tuple[int, float]]:
+        with own_draws(int(rng.integers(2**31))):
+            return _select(rule, surrogate, points, fidelity, n, pending, spacing)
+
+    return select
 
 
 def _select(

@@ -16,30 +16,37 @@ OUTLIER_SD = 4.0
 
 
 class SurrogateHealth(Record):
-    """How well the surrogate predicts what it has seen, each observation left out in turn.
-
-    Coverage is the share of observations inside their own central 90 % interval: far below 0.9 means overconfident.
-    `loo_q2` is the share of the variance predicted. `measured_only_loo_rmse_n` is the error of a surrogate that was
-    fitted to the measurements alone. `shared_variance` is the share of the measured outcome's prior variance that comes
-    through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 + sd_e^2). `n_prior` designs were measured in prior campaigns;
-    `without_prior_loo_rmse_n` is the error of a surrogate fitted without them. `n_outliers` counts measured designs
-    more than `OUTLIER_SD` from their prediction. None: fewer than two observations.
-    """
+    """How well the surrogate predicts what it has seen, each observation left out in turn. None: fewer than two."""
 
     n_real: int
+    """Measured designs."""
     n_sim: int
+    """Simulated designs."""
     rho: float
+    """Scale from simulation to measurement."""
     shared_variance: float
+    """Share of the measured outcome's prior variance that comes through the simulator, rho^2 sd_h^2 / (rho^2 sd_h^2 +
+    sd_e^2)."""
     loo_rmse_n: float | None
+    """Error of measured designs that were left out."""
     loo_coverage_90: float | None
+    """Share of them inside their own central 90 % interval: far below 0.9 is overconfident."""
     loo_q2: float | None
+    """Share of their variance that is predicted."""
     sim_loo_rmse_n: float | None
+    """The same of simulated designs."""
     sim_loo_coverage_90: float | None
+    """The same of simulated designs."""
     sim_loo_q2: float | None
+    """The same of simulated designs."""
     measured_only_loo_rmse_n: float | None
+    """Error of a surrogate that was fitted to the measurements alone."""
     n_outliers: int = 0
+    """Measured designs more than `OUTLIER_SD` from their prediction."""
     n_prior: int = 0
+    """Designs measured in prior campaigns."""
     without_prior_loo_rmse_n: float | None = None
+    """Error of a surrogate fitted without them."""
 
     @property
     def prior_gain(self) -> float | None:
@@ -54,64 +61,6 @@ class SurrogateHealth(Record):
         if self.loo_rmse_n is None or not self.measured_only_loo_rmse_n:
             return None
         return 1.0 - self.loo_rmse_n / self.measured_only_loo_rmse_n
-
-    @property
-    def findings(self) -> tuple[str, ...]:
-        """What a person should know, a sentence each; empty when all is well."""
-        return tuple(
-            sentence
-            for sentence in (
-                self._simulation_finding(),
-                self._prior_finding(),
-                self._coverage_finding(),
-                self._error_finding(),
-                self._outlier_finding(),
-            )
-            if sentence
-        )
-
-    def _simulation_finding(self) -> str:
-        gain = self.simulation_gain
-        if gain is None or gain >= LEAST_GAIN:
-            return ""
-        return (
-            f"Simulation is not informative: with it the error at measured designs is {self.loo_rmse_n:.2f} N, without "
-            f"it {self.measured_only_loo_rmse_n:.2f} N; calibrate the simulator or find what it lacks."
-        )
-
-    def _prior_finding(self) -> str:
-        gain = self.prior_gain
-        if gain is None:
-            return ""
-        verdict = "help" if gain > 0 else "do not help"
-        return (
-            f"{self.n_prior} tools of prior campaigns {verdict}: with them the error at measured designs is "
-            f"{self.loo_rmse_n:.2f} N, without them {self.without_prior_loo_rmse_n:.2f} N."
-        )
-
-    def _coverage_finding(self) -> str:
-        if self.loo_coverage_90 is None or not is_overconfident(self.loo_coverage_90, self.n_real):
-            return ""
-        return (
-            f"The surrogate is overconfident: {self.loo_coverage_90:.0%} of {self.n_real} measured designs lie in "
-            "their 90 % interval; expect surprises, and look for outliers among the tools."
-        )
-
-    def _error_finding(self) -> str:
-        if self.loo_q2 is None or self.loo_q2 >= LEAST_Q2:
-            return ""
-        return (
-            f"The surrogate predicts {max(self.loo_q2, 0.0):.0%} of the variance between measured designs; its next "
-            "tools are close to guesses."
-        )
-
-    def _outlier_finding(self) -> str:
-        if not self.n_outliers:
-            return ""
-        return (
-            f"{self.n_outliers} of {self.n_real} measured designs lie more than {OUTLIER_SD:g} standard deviations "
-            "from what all others predict; look at these tools and their traces before the next batch."
-        )
 
 
 def is_overconfident(coverage_90: float, n: int) -> bool:

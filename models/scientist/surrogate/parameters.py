@@ -28,26 +28,31 @@ class PriorLink(Record):
 
 
 class SurrogateParameters(Record):
-    """Everything that fixes the surrogate besides its data.
+    """Everything that fixes the surrogate besides its data: Eq. 1-3 of the FAST paper, f = rho h + eps.
 
-    Forces are in the units of the data, lengthscales in unit-cube lengths.
-
-    Eq. 1-3 of the FAST paper: f = rho h + eps, with h and eps Matern-5/2 processes of standard deviation
-    `sd_h` and `sd_e`. `noise_sd` is on measurements, `nugget` (a standard deviation) on simulations.
-    `mean_sim` and `mean_real` are the constants each fidelity is centred by. `priors`: links to prior campaigns, in
-    the order of their fidelities.
+    h and eps are Matern-5/2 processes. Forces are in the units of the data, lengthscales in unit-cube lengths.
     """
 
     rho: float
+    """Scale from simulation to measurement."""
     lengthscales_h: tuple[float, ...]
+    """Of h, by dimension."""
     lengthscales_e: tuple[float, ...]
+    """Of eps, by dimension."""
     sd_h: float = Field(gt=0)
+    """Standard deviation of h."""
     sd_e: float = Field(gt=0)
+    """Standard deviation of eps."""
     noise_sd: float = Field(gt=0)
+    """On measurements."""
     nugget: float = Field(gt=0)
+    """A standard deviation, on simulations."""
     mean_sim: float
+    """Constant by which simulations are centred."""
     mean_real: float
+    """Constant by which measurements are centred."""
     priors: tuple[PriorLink, ...] = ()
+    """Links to prior campaigns, in the order of their fidelities."""
 
 
 @dataclass(frozen=True)

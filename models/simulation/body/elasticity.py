@@ -12,9 +12,8 @@ With F = sum x_a (x) dN_a/dX, J = det F, l = ln J, S the second and P the first 
 The neo-Hookean law may stiffen with strain, as W + c W^2 / 2 instead of W: the stress P is multiplied by 1 + c W, and
 the tangent too, which gains w c (P dN_a) (P dN_b)^T.
 
-The two laws differ by 2 to 3 % in the median peak of a grasp, and by 8 to 11 % at the 95th percentile (docs/reference/
-measured-figures.md, Elastic law). Neo-Hookean is a little cheaper and stays stable in strong compression, so it is the
-default.
+The two laws differ by 2 to 3 % in the median peak of a grasp, and by 8 to 11 % at the 95th percentile (decision 021).
+Neo-Hookean is a little cheaper and stays stable in strong compression, so it is the default.
 """
 
 from typing import Literal

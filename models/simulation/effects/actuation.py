@@ -55,10 +55,6 @@ BASE_COMPLIANCE = EffectSpec(
     bank_runs=({"compliance_mm_per_n": 0.03}, {"compliance_mm_per_n": 0.08}),
     family=CLOSING,
     experiment="push against a jaw without a finger, 20 N, and read how far it gives way",
-    trends=(
-        ("young_modulus_mpa", "walls"),
-        ("young_modulus_mpa", "force"),
-    ),
     measurement=Measurement(
         kind="jaw_push",
         words="push against a jaw without a finger with 20 N, and read on a dial gauge how far it gives way per N",
@@ -116,10 +112,6 @@ FORCE_LIMITED_CLOSING = EffectSpec(
     # In the middle of its bank a jaw closes with 1.5 N (one rib, an edge) to 27 N (ten ribs, a wide object).
     bank_runs=({"max_force_n": 20.0}, {"max_force_n": 12.0}, {"max_force_n": 7.0}, {"max_force_n": 4.0}),
     family=CLOSING,
-    trends=(
-        ("young_modulus_mpa", "walls"),
-        ("young_modulus_mpa", "force"),
-    ),
     confusable_with=("base_compliance", "rib_imperfection", "wall_thickness_offset"),
 )
 
@@ -168,7 +160,6 @@ PRESSURE_DROOP = EffectSpec(
     quantity=Quantity("how far a jaw stays back, mm", 0.0),
     drift=Drift(quantity="closing"),
     family=CLOSING,
-    trends=(("young_modulus_mpa", "order"),),
     confusable_with=("friction_wear", "temperature_softening", "mullins_softening"),
 )
 

@@ -156,10 +156,6 @@ PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     bank_runs=({"exponent": 0.1}, {"exponent": 0.25}),
     family=PRESSURE,
     curve="friction over pressure",
-    trends=(
-        ("friction", "force"),
-        ("friction", "walls"),
-    ),
     confusable_with=("shear_adhesion", "hyperelastic_stiffening", "static_kinetic_friction"),
 )
 
@@ -195,7 +191,6 @@ SHEAR_ADHESION = EffectSpec(
     bank_runs=({"shear_strength_mpa": 0.0007}, {"shear_strength_mpa": 0.003}),
     family=PRESSURE,
     curve="friction over pressure",
-    trends=(("friction", "force"),),
     confusable_with=("pressure_dependent_friction", "load_cell_offset"),
 )
 
@@ -239,11 +234,6 @@ FRICTION_WEAR = EffectSpec(
     quantity=Quantity("friction over that of a new tool", 1.0),
     drift=Drift(quantity="friction"),
     family="friction that changes from grasp to grasp",
-    trends=(
-        ("young_modulus_mpa", "order"),
-        ("friction", "order"),
-        ("friction", "repeat"),
-    ),
     confusable_with=("mullins_softening", "pressure_droop", "temperature_softening"),
 )
 

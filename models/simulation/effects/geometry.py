@@ -56,7 +56,6 @@ WALL_THICKNESS_OFFSET = EffectSpec(
     bank_runs=({"offset_mm": -0.1}, {"offset_mm": 0.1}, {"offset_mm": 0.2}),
     family=FINGER,
     experiment="calliper and scale on three fingers: wall thickness to 0.02 mm",
-    trends=(("young_modulus_mpa", "walls"),),
     measurement=Measurement(
         kind="walls",
         words="measure both walls and the ribs of three fingers with callipers, and take the mean of what is more than "

@@ -102,7 +102,6 @@ MULLINS_SOFTENING = EffectSpec(
     drift=Drift(quantity="modulus", clocks=("tool", "repeat")),
     family=MEMORY,
     experiment="rest for an hour and grasp the first object again",
-    trends=(("young_modulus_mpa", "repeat"),),
     confusable_with=("friction_wear", "pressure_droop", "stress_relaxation"),
 )
 
@@ -138,7 +137,6 @@ HYPERELASTIC_STIFFENING = EffectSpec(
     state=LEVEL,
     bank_runs=({"stiffening": 2.0}, {"stiffening": 8.0}),
     family=MATERIAL,
-    trends=(("young_modulus_mpa", "force"),),
     confusable_with=("wall_thickness_offset", "load_cell_gain", "force_limited_closing", "rib_imperfection"),
 )
 
@@ -187,7 +185,6 @@ TEMPERATURE_SOFTENING = EffectSpec(
     drift=Drift(quantity="modulus", clocks=("batch",)),
     family=MEMORY,
     experiment="log the temperature, and grasp a reference object with a reference tool every 36 grasps",
-    trends=(("young_modulus_mpa", "order"),),
     confusable_with=("load_cell_drift", "friction_wear", "pressure_droop", "batch_ageing"),
 )
 

@@ -112,8 +112,6 @@ class EffectSpec(Record):
     """What tells it from theta and tools, which may swallow it in the data of a search."""
     measurement: Measurement | None = None
     """What a person can measure of it."""
-    trends: tuple[tuple[Literal["young_modulus_mpa", "friction"], str], ...] = ()
-    """What theta seems to vary with where it is missing: a constant and `walls`, `repeat`, `order` or `force`."""
     confusable_with: tuple[str, ...] = ()
     """Effects with a similar trace signature."""
     alias_of: Literal["young_modulus_mpa", "friction", "tool_modulus"] | None = None

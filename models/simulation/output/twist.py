@@ -3,7 +3,6 @@
 import numpy as np
 
 from fast.models.simulation.mesh.solid import SolidMesh
-from fast.models.simulation.output.recording import Snapshot
 
 
 def rotation_between(rest: np.ndarray, now: np.ndarray) -> np.ndarray:
@@ -20,15 +19,6 @@ def twist_about_z_deg(rotation: np.ndarray) -> float:
     """
     # w and z up to one common factor: 4 w^2 = 1 + trace and 4 w z = R10 - R01.
     return float(np.degrees(2.0 * np.arctan2(rotation[1, 0] - rotation[0, 1], 1.0 + np.trace(rotation))))
-
-
-def tip_twist_deg(snapshot: Snapshot, tip_length_mm: float) -> float:
-    """Twist of the solid tip of a full-width finger about its long axis against the undeformed finger, in degrees.
-
-    Counter-clockwise seen from above, for the finger as it stands on the +x side.
-    """
-    tip = _is_tip(snapshot.mesh, tip_length_mm)
-    return twist_about_z_deg(rotation_between(snapshot.rest_nodes[tip], snapshot.nodes[tip]))
 
 
 class TwistGauge:

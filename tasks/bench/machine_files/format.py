@@ -49,8 +49,11 @@ class MachineFormat(Record):
     )
     first_repeat: int = Field(default=0, ge=0, le=1000, description="number of the first repeat in file names")
     separator: Literal[",", ";", "\t", "|", " "] | None = None
+    """Of cells; None: found."""
     decimal: Literal[".", ","] | None = None
+    """Of numbers; None: found."""
     encoding: str | None = None
+    """Of the text; None: found."""
     skip_lines: int = Field(default=0, ge=0, le=1000, description="not needed: the names of the columns are looked for")
     skip_after_header: int = Field(default=0, ge=0, le=100, description="not needed: units are known as such")
     time: Column | None = Field(default=None, description="none: found, or from the lift and its speed")

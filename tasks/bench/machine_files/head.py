@@ -22,21 +22,24 @@ class BrokenRow(ValueError):
 
 
 class Block(NamedTuple):
-    """The samples of a file: all of its tables that have the same columns, one below the other.
-
-    names: of the columns, empty where the file has none. units: below them or in them. numbers: of the rows in the
-    file, which begins with 1. starts: places of rows below a head of their own. n_left_out: filled rows between and
-    below the samples. said_units: in lines above.
-    """
+    """The samples of a file: all of its tables that have the same columns, one below the other."""
 
     names: list[str]
+    """Of the columns; empty where the file has none."""
     units: list[str | None]
+    """Below the names or in them."""
     rows: list[list[str]]
+    """Cells as text."""
     numbers: list[int]
+    """Of the rows in the file, which begins with 1."""
     starts: list[int]
+    """Places of rows below a head of their own."""
     n_left_out: int
+    """Filled rows between and below the samples."""
     marks: Marks
+    """How the file separates cells and decimals."""
     said_units: dict[Quantity, str]
+    """Units that lines above give."""
 
 
 class _Table(NamedTuple):

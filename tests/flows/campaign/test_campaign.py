@@ -34,8 +34,6 @@ recipe = "printed.toml"
 [objects]
 ids = [0]
 repeats = 2
-[simulator]
-find_branches = false
 [bench]
 world = "world.toml"
 [execution]

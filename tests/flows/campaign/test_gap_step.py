@@ -56,7 +56,6 @@ ids = [0]
 repeats = 1
 [simulator]
 simulate_tools = false
-find_branches = false
 [gap]
 active = true
 budget_share = 0.5
@@ -119,10 +118,8 @@ def make_run(campaign: Campaign, dies_after: int = 0, auto_print: bool = True) -
     run = SimpleNamespace(
         campaign=campaign,
         auto_print=auto_print,
-        world_hash=World().world_hash,
-        heard_bench=open_bench,
+        bench_use=steps.BenchUse(open_bench, World().world_hash, lambda: False, on_grasp),
         should_stop=lambda: False,
-        on_grasp=on_grasp,
         mount_prompts=None,
         reporter=SILENT,
         watch=futures.append,

@@ -59,9 +59,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 def campaign(tmp_path: Any) -> Campaign:
     """12 random simulations and 4 measured tools, all simulated, with a night for 20 designs of 10 hours."""
     found = following(small_campaign(tmp_path))
-    simulator = found.config.simulator.model_copy(update={"follow": "pinned"})
     night = NightSettings(active=True, max_designs=20, max_hours=10.0)
-    config = found.config.model_copy(update={"simulator": simulator, "night": night})
+    config = found.config.model_copy(update={"night": night})
     return Campaign(found.lake, config)
 
 
@@ -230,6 +229,15 @@ def write_verdict(campaign: Campaign, present: SimulatorVersion, new: SimulatorV
     )
     judged = run.model_copy(update={"findings": run.findings.model_copy(update={"verdict": verdict})})
     write_run(campaign.lake, judged, "judged", campaign.provenance())
+
+
+def test_a_night_of_no_designs_takes_the_version_and_simulates_nothing(campaign: Campaign, clock: Clock) -> None:
+    calibrate(campaign, BASE, OTHER)
+    night = NightSettings(active=True, max_designs=0)
+    short = Campaign(campaign.lake, campaign.config.model_copy(update={"night": night}))
+    now, done = spend_night(short, clock)
+    assert (now.version, done, list_reruns(now, 1)) == (OTHER, [], [])
+    assert [found.n_planned for found in read_nights(now.lake, now.campaign_id)] == [0]
 
 
 def test_a_night_needs_leave(campaign: Campaign, clock: Clock) -> None:

@@ -28,8 +28,6 @@ simulations_per_batch = 1
 [objects]
 ids = [0]
 repeats = 1
-[simulator]
-find_branches = false
 [gap]
 active = true
 [night]

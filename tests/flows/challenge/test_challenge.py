@@ -230,5 +230,6 @@ def test_start_gives_the_worlds_without_their_keys_and_answers_that_can_be_grade
     assert Manifest.read(tmp_path / "mine") == Manifest.read(PUBLIC)
     assert not find_keys(tmp_path / "mine").exists()
     assert run(["challenge", "grade", str(answers)]) == 0
-    with pytest.raises(UsageError, match="is there already"):
-        start(tmp_path / "mine")
+    for there in (tmp_path / "mine", Path("."), Path("/")):
+        with pytest.raises(UsageError, match="is there already"):
+            start(there)

@@ -34,8 +34,6 @@ rack_mm = [[-300, -400, 260], [-170, -400, 260], [-40, -400, 260]]
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("[objects]", "[diagnostics]\nprotocol_slot = 0\n[objects]", "by-arm.toml: an arm makes no diagnostic runs"),
-        ("[objects]", "[diagnostics]\nreference_every = 2\n[objects]", "by-arm.toml: an arm makes no diagnostic runs"),
         (
             "[objects]",
             "[grasp]\nclosed_gap_mm = 20\n[objects]",

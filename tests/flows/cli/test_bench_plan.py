@@ -1,13 +1,10 @@
-"""`fast gantry plan`, `diagnose` and `tool` on the virtual bench."""
+"""`fast gantry plan` and `tool` on the virtual bench."""
 
-import json
 from pathlib import Path
 
 import pytest
 
-from fast.lake.store import Lake
-from fast.lake.tables.campaign import DiagnosticRow, GraspRow
-from tests.flows.cli.cli_lakes import Fast, proposed_lake
+from tests.flows.cli.cli_lakes import Fast
 
 
 @pytest.fixture
@@ -42,27 +39,6 @@ def test_the_order_in_the_docs_is_the_plan_s(fast):
             bold = "**" if (order, repeats) == ("random", "together") else ""
             cells = (order, repeats, f"{data['grasp_s']:.1f}", f"{data['grasps_per_hour']:.0f}")
             assert "| " + " | ".join(f"{bold}{cell}{bold}" for cell in cells) + " |" in reference
-
-
-def test_diagnose_without_an_object(fast):
-    rows = fast("gantry", "diagnose", "--only", "dead_weight", "--weight-kg", "1", "--json").json
-    assert [row["dead_weight_n"] for row in rows] == pytest.approx([9.81, 9.81], abs=0.2)
-    assert [row["setting"] for row in rows] == ["mass_kg 1", "mass_kg 1"]
-
-
-def test_diagnose_writes_the_runs_of_a_tool_of_the_lake(fast, tmp_path):
-    root = proposed_lake(tmp_path)
-    fast("print", "confirm", "quick/B01", "--operator", "ada", "--lake", root)
-    made = fast("gantry", "diagnose", "--only", "closed_empty", "--tool", "quick/B01T2", "--lake", root)
-    assert made.status == 0, made
-    lake = Lake.open(root)
-    rows = lake.rows(DiagnosticRow)
-    assert [row["kind"] for row in rows] == ["closed_empty"] * 3
-    assert {row["tool_id"] for row in rows} == {"quick/B01T2"}
-    assert json.loads(rows[0]["details_json"])["supply_pressure_psi"] == 30.0
-    assert lake.rows(GraspRow) == []
-    refused = fast.refused("gantry", "diagnose", "--tool", "quick/B01T9", "--lake", root)
-    assert "`quick/B01T9` is no printed tool" in refused
 
 
 def test_tool_says_where_the_tool_is(fast):

@@ -29,5 +29,5 @@ def test_a_lake_with_nothing_to_search_is_refused_in_a_sentence(fast: Fast, tmp_
     Lake.open(tmp_path / "empty", create=True)
     assert "has no measured grasps; measure tools" in fast.refused("gap", "--lake", str(tmp_path / "empty"))
     assert "has no measured grasps" in fast.refused("gap", "--dry-run", "--lake", str(tmp_path / "empty"))
-    few = fast.refused("gap", "--tools", "5", "--lake", str(tmp_path / "empty"))
-    assert "a panel of 5 designs is too small, gap discovery needs at least 7" in few
+    few = fast.refused("gap", "--objects", "1", "--lake", str(tmp_path / "empty"))
+    assert "a panel of 1 objects tells nothing, 2 are the least" in few

@@ -21,7 +21,7 @@ MODELLING = ("torch", "prefect", "pymc", "botorch", "matplotlib", "scipy", "numb
 COMMANDS = [
     "ask", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run", "campaign status",
     "campaign stop", "challenge grade", "challenge make", "challenge start", "compare", "doctor", "features",
-    "gantry diagnose", "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
+    "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
     "gantry replay", "gantry tare", "gantry tool", "gap", "gap answer", "gap next", "gap plan", "init", "lake check",
     "lake compact", "lake export", "lake import", "lake labs", "lake lineage", "lake publish", "lake stats",
     "objects add", "objects check", "objects draw", "objects list", "objects print", "print confirm",

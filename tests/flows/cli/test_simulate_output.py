@@ -12,15 +12,13 @@ from matplotlib.image import imread
 from rerun.chunk import RrdReader
 
 from fast.flows.cli.main import run
-from fast.flows.cli.simulate import describe_grasp
 from fast.flows.cli.simulate_output import write_outputs
-from fast.flows.report.campaign.grasp import draw_trace
 from fast.flows.report.grasp_frames import GraspFrames, five_instants
 from fast.flows.report.slopes import peak_changes
 from fast.flows.viewer.simulation import LONGEST_ARROW_MM, choose_arrow_mm_per_n
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Branch, Branches, GraspSetup, GraspSimulation, Placement, Slope, Slopes
+from fast.models.records import GraspSetup, GraspSimulation, Placement, Slope, Slopes
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.output.recording import SIDES, GraspRecording
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
@@ -127,52 +125,6 @@ def test_simulate_takes_a_placement(capsys: pytest.CaptureFixture[str]) -> None:
     assert "largest twist" in capsys.readouterr().out
     assert run([*words.split(), "--set", "offset_y_mm=60"]) == 1
     assert "is outside the fingers: with offset_y_mm 60" in capsys.readouterr().err
-
-
-def two_branches(result: GraspSimulation) -> Branches:
-    weaker = replace(result, trace=replace(result.trace, force_n=0.7 * result.trace.force_n))
-    return Branches((Branch(0.64, result), Branch(0.36, weaker)), "placement", 0.05, n_runs=9, cpu_s=5.0)
-
-
-def test_both_branches_are_written_and_drawn(grasp: tuple[GraspSimulation, GraspRecording], tmp_path: Path) -> None:
-    result, recording = grasp
-    found = two_branches(result)
-    files = write_outputs(tmp_path, BEST_PUBLISHED, SPHERE, Placement(), {"object_id": 1}, result, recording, found)
-    assert [file.name for file in files[1:3]] == ["trace.csv", "trace_branch_1.csv"]
-    force_n = []
-    for file in files[1:3]:
-        with file.open() as lines:
-            force_n.append(np.array([float(row["force_n"]) for row in csv.DictReader(lines)]))
-    assert force_n[1] == pytest.approx(0.7 * force_n[0], rel=1e-4, abs=1e-5)
-    lift = draw_trace(result, [], "a grasp", found).axes[1]
-    legend = lift.get_legend()
-    assert legend is not None
-    assert legend.get_title().get_text() == "two branches, decided by placement"
-    assert [text.get_text() for text in legend.get_texts()] == ["64 % of placements", "36 % of placements"]
-    assert draw_trace(result, [], "a grasp").axes[1].get_legend() is None
-
-
-def test_branches_are_said_with_their_shares() -> None:
-    grasp = {"peak_force_n": 6.5, "contact_force_n": 3.0, "work_j": 0.2, "n_steps": 40, "n_dof": 2000, "cpu_s": 1.0}
-    assert "branch" not in describe_grasp(grasp)
-    one = {"branches": [{"branch": 0, "branch_share": 1.0}], "branch_cause": "", "branch_runs": 1}
-    assert describe_grasp(grasp | one).endswith("\none branch (other grasps simulated: 1)")
-    two = [{"branch": k, "branch_share": 0.5, "peak_force_n": 6.5 - k, "work_j": 0.2} for k in range(2)]
-    said = {"branches": two, "branch_runs": 9, "share_error": 0.046}
-    assert "branch 1: 50 +-5 % of placements, peak 5.50 N, work 200.0 mJ" in describe_grasp(
-        grasp | said | {"branch_cause": "placement"}
-    )
-    halves = describe_grasp(grasp | said | {"branch_cause": "numerics"})
-    assert "not known better than half each" in halves
-    assert "+-" not in halves
-
-
-def test_simulate_searches_for_branches(capsys: pytest.CaptureFixture[str]) -> None:
-    words = "simulate --object 1 --set edge_mm=10 --set max_lift_mm=2 --branches --json"
-    assert run(words.split()) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert [(b["branch"], b["branch_share"]) for b in data["branches"]] == [(0, 1.0)]
-    assert (data["branch_cause"], data["branch_runs"]) == ("", 1)
 
 
 def test_simulate_takes_the_best_design_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -82,9 +82,9 @@ def make_up() -> None:
 
     dies_at, n_sampled, asked = os.environ.get("DIE_AT"), 0, ""
     last = {"bank": WIDE_BANK, "local": LOCAL_BANK, "show": HELD_OUT}.get(dies_at or "")
-    as_asked = search._Simulator.simulate
+    as_asked = search.Simulator.simulate
 
-    def note(simulator: search._Simulator, what: str, plans: Sequence[SimulationPlan]) -> None:
+    def note(simulator: search.Simulator, what: str, plans: Sequence[SimulationPlan]) -> None:
         nonlocal asked
         asked = what
         as_asked(simulator, what, plans)
@@ -108,7 +108,7 @@ def make_up() -> None:
         return normal_draws(*words, **options)
 
     search.simulate_missing, posterior.sample = simulate, sample
-    search._Simulator.simulate = note  # type: ignore[method-assign]
+    search.Simulator.simulate = note  # type: ignore[method-assign]
 
 
 def announce(root: Path) -> None:

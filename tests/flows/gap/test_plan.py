@@ -60,7 +60,7 @@ def test_a_panel_says_what_it_will_tell_and_what_one_less_would_cost(config: Pat
     lake = Lake.open(tmp_path / "lake", create=True)
     outlook = look_ahead(lake, config, 3, 3, 20, 1, SILENT)
     assert (len(outlook.tools), len(outlook.objects), outlook.repeats) == (3, 3, 2)
-    assert outlook.sentence.startswith("3 tools on 3 objects, 2 times each: a cause that changes the force by ")
+    assert outlook.sentence == f"3 tools on 3 objects, 2 times each. {outlook.rehearsal.tell_seen_size()}"
     by_name = {one.effect: one for one in outlook.visible}
     less = {one.effect: one for one in outlook.fewer_objects}
     offset, with_less = by_name["load_cell_offset"].value, less["load_cell_offset"].value

@@ -4,17 +4,14 @@ import errno
 from pathlib import Path
 
 import pytest
-from markupsafe import Markup
 
 from fast.flows.report.folder import Folder, write_page
-from fast.flows.report.html import Page
 from fast.models.errors import FastError
-
-PAGE = Page(title="T", kicker="K", footer="F", nav={})
 
 
 def page(folder: Path, words: str) -> Path:
-    return write_page(Folder(folder), words, PAGE, lambda content: Markup(content), [])
+    values = {"title": words, "kicker": "K", "footer": "F", "nav": {}}
+    return write_page(Folder(folder), "flows/report/page.html.j2", lambda _folder: values)
 
 
 def test_a_full_disk_is_one_sentence_and_the_page_before_stays(tmp_path, monkeypatch):

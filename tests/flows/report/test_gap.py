@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from fast.flows.gap.answering import describe_command
+from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.search import write_answer
 from fast.flows.report.gap import answer
 from fast.flows.report.gap.answer import INDEPENDENT, GapPage, ThetaRow
@@ -84,6 +84,11 @@ def content() -> GapPage:
     )
 
 
+def words_of(page: Path) -> str:
+    """The page, on one line: where a line of its template ends means nothing."""
+    return " ".join(page.read_text(encoding="utf-8").split())
+
+
 FAST = GraspSetup(lift_speed_mm_per_s=20.0)
 ASKED = Asked(
     promised=4,
@@ -119,9 +124,9 @@ def _findings(evaluation: Evaluation, rounds: tuple[RoundFindings, ...]) -> Find
 
 
 def test_page_says_where_what_and_how_much(content: GapPage, tmp_path: Path) -> None:
-    page = write_gap_report(content, tmp_path, "X1").read_text(encoding="utf-8")
+    page = words_of(write_gap_report(content, tmp_path, "X1"))
     gap = content.findings.gap
-    assert content.findings.rounds[0].where[0].sentence.replace("'", "&#x27;") in page
+    assert content.findings.rounds[0].where[0].sentence.replace("'", "&#39;") in page
     assert "First-order lag of the load-cell transmitter" in page
     assert f"{gap.rmse_before_n:.2f}" in page
     assert f"noise floor {gap.rmse_floor_n:.2f} N" in page
@@ -158,7 +163,7 @@ def test_page_says_what_a_person_should_measure_how_to_answer_and_what_it_would_
     findings = content.findings.model_copy(update={"next_experiment": asked})
     command = describe_command(asked, "lab", "/data/lake")
     assert command == "fast gap answer walls VALUE --campaign lab --operator NAME --lake /data/lake"
-    page = write_gap_report(replace(content, findings=findings, command=command), tmp_path, "X1").read_text()
+    page = words_of(write_gap_report(replace(content, findings=findings, command=command), tmp_path, "X1"))
     assert "Please measure the walls." in page
     assert "What it would mean" not in page  # its outcomes stand in a table
     for row in (("0.12", "wall thickness offset", "0.60"), ("about 0<", "rib imperfection", "0.30")):
@@ -182,7 +187,7 @@ def test_page_says_that_the_order_of_designs_is_settled_and_what_grasps_for_a_pa
     refined = ASKED.model_copy(update={"before": {}, "after": {}, "outcome": "Its interval is half as wide."})
     update = {"next_experiment": None, "ranking": ranking, "asked": (refined,)}
     page = write_gap_report(replace(content, findings=content.findings.model_copy(update=update)), tmp_path, "X1")
-    words = page.read_text(encoding="utf-8")
+    words = words_of(page)
     assert ranking.sentence in words
     assert words.index(ranking.sentence) < words.index("B01T4") < words.index("B01T2")
     assert "4 grasps promised, 4 made. Its interval is half as wide.</p>" in words
@@ -207,7 +212,7 @@ def test_answer_alone_makes_a_page_and_silence_is_said(tmp_path: Path) -> None:
         seed=0,
         budget={},
     )
-    page = write_gap_report(GapPage(silent), tmp_path, "X2").read_text(encoding="utf-8")
+    page = words_of(write_gap_report(GapPage(silent), tmp_path, "X2"))
     assert "these data show nothing missing" in page
     assert "No single tool, object or phase stands out" in page
 
@@ -217,12 +222,12 @@ def test_a_gap_that_no_place_is_sure_of_says_what_so_few_tools_can_show(content:
     nowhere = content.findings.model_copy(
         update={"rounds": (first.model_copy(update={"where": ()}), *others), "power": power}
     )
-    page = write_gap_report(replace(content, findings=nowhere, where=()), tmp_path, "X2").read_text(encoding="utf-8")
+    page = words_of(write_gap_report(replace(content, findings=nowhere, where=()), tmp_path, "X2"))
     assert f"no single tool, object or phase is sure to carry more of it than others. {power}" in page
     assert "stands out" not in page
     assert "explains the traces together" in page
     unknown = _round(Decision(kind="unknown", probability=0.7))
-    page = write_gap_report(GapPage(_told(unknown)), tmp_path, "X3").read_text(encoding="utf-8")
+    page = words_of(write_gap_report(GapPage(_told(unknown)), tmp_path, "X3"))
     assert "no single tool, object or phase is sure" in page
     assert "explains the traces together" not in page
 
@@ -381,7 +386,7 @@ def test_a_set_says_which_law_is_whose(tmp_path: Path, content: GapPage) -> None
     members = ("load_cell_lag", "lift_misalignment")
     either = NAMED.model_copy(update={"kind": "set", "effects": members, "law": law})
     findings = content.findings.model_copy(update={"rounds": (_round(either),)})
-    page = write_gap_report(replace(content, findings=findings), tmp_path, "X1").read_text(encoding="utf-8")
+    page = words_of(write_gap_report(replace(content, findings=findings), tmp_path, "X1"))
     for member in members:
         assert f"{CATALOGUE[member].title}: <code>" in page
     assert "parameter of load cell lag" in page
@@ -406,7 +411,7 @@ def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:
     )
     named = _round(slips, patternless_n=0.104)
     assert "0.1 N are left" in answer.describe_notes(named, False)[-1]
-    page = write_gap_report(GapPage(findings), tmp_path, "X3").read_text(encoding="utf-8")
+    page = words_of(write_gap_report(GapPage(findings), tmp_path, "X3"))
     for words in (
         "Family: friction laws.",
         "Probability that this answer is right: 0.93.",
@@ -429,7 +434,7 @@ def test_too_few_held_out_and_a_small_gap_are_said(tmp_path: Path) -> None:
     named = _round(NAMED, _candidate("load_cell_lag", 0.9), version="V1")
     gap = Gap(rmse_before_n=0.12, rmse_after_n=0.11, rmse_floor_n=0.13, closed_fraction=0.0, ci95=None)
     findings = _told(named).model_copy(update={"gap": gap})
-    page = write_gap_report(GapPage(findings), tmp_path, "X4").read_text(encoding="utf-8")
+    page = words_of(write_gap_report(GapPage(findings), tmp_path, "X4"))
     assert "too few designs or objects held out for an interval, which takes 3 of either" in page
     assert "95 %: " not in page
     assert "not larger than what repeats scatter or another mesh or contact changes, 0.13 N" in page

@@ -8,27 +8,26 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
+from fast.flows.report.campaign import queries
 from fast.flows.report.campaign import shapes as shapes_module
-from fast.flows.report.campaign.account import describe_throughput, write_paper
 from fast.flows.report.campaign.content import Content
-from fast.flows.report.campaign.page import add_features
-from fast.flows.report.campaign.quality import draw_quality, headline, write_baselines, write_progress
-from fast.flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools, write_early_loss, write_shapes
-from fast.flows.report.campaign.simulation import describe_branches, draw_agreement, write_moments
+from fast.flows.report.campaign.page import SECTIONS, add_features
+from fast.flows.report.campaign.quality import draw_quality, prepare_headline
+from fast.flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools
 from fast.flows.report.campaign.traces import (
     BatchPanels,
     Curve,
     Window,
     describe_specialists,
     gather_curves,
-    write_traces,
 )
 from fast.flows.report.campaign.work import compare_work
 from fast.flows.report.folder import Folder
 from fast.flows.report.style import figure_style
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import GraspRow, SimTraceRow, SimulationBranchRow, SimulationRow
+from fast.lake.tables.campaign import GraspRow, SimulationRow
+from fast.tasks.templates import render
 from tests.flows.synthetic_lake import Campaign, build
 
 PROVENANCE = Provenance(code_version="0.1.0", code_dirty=False, config_hash="c0ffee123456", seed=3, parents=())
@@ -57,8 +56,21 @@ def numbers(folder: Folder, name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def show(name: str, content: Content, folder: Folder) -> str:
+    """A section of the page on one line; nothing where it is left out."""
+    told = SECTIONS[name](content, folder)
+    if told is None:
+        return ""
+    return " ".join(render(f"flows/report/campaign/{name}.html.j2", content=content, told=told).split())
+
+
+def show_headline(content: Content) -> str:
+    told = {"content": content, "headline": prepare_headline(content), "sections": {}, "now": None}
+    return " ".join(render("flows/report/campaign/page.html.j2", **told).split())
+
+
 def test_batches_show_every_tool_of_the_first_and_the_last(content, folder):
-    html = write_traces(content, folder)
+    html = show("traces", content, folder)
     assert html.count('<div class="panel">') == 4
     drawn = gather_curves(
         content.result("x", (folder.root / "data" / "traces.sql").read_text()).rows, "object_id", "batch", "slot"
@@ -66,61 +78,8 @@ def test_batches_show_every_tool_of_the_first_and_the_last(content, folder):
     lines = {key[1:]: curve for key, curve in drawn.items() if key[0] == 0}
     assert lines.keys() == {(batch, slot) for batch in (1, 2) for slot in range(3)}
     panels = BatchPanels((1, 2), content.best, content.tools, Window((0.0, 50.0), (-5.0, 30.0)))
-    curves = ((None,), (lines[1, 0],), (lines[1, 0], lines[1, 1]))
-    counts = [[len(axes.lines) for axes in panels.draw(lines, *own).axes] for own in curves]
-    assert counts == [[4, 5], [4, 6], [4, 7]]  # three tools and the zero; the best over them; its simulation, branches
-
-
-@pytest.fixture
-def branched(tmp_path):
-    """The lake, with a second branch of the best tool on object 2 in the newest version; object 3 has one branch."""
-    lake = build(Lake.open(tmp_path / "branched", create=True), Campaign())
-    content = Content.load(lake, "demo")
-    keys = {"design_id": content.best.design_id, "version_id": content.compared[-1]}
-    two, one = (lake.records(SimulationRow, object_id=object_id, **keys)[-1] for object_id in (2, 3))
-    trace = lake.trace(two.simulation_id, SimTraceRow)
-    other = SimulationBranchRow(
-        branch_id=SimulationBranchRow.make_id(two.simulation_id, 1),
-        simulation_id=two.simulation_id,
-        branch=1,
-        branch_share=0.36,
-        cause="placement",
-        share_error=0.05,
-        n_runs=9,
-        peak_force_n=0.5 * two.peak_force_n,
-        contact_force_n=6.0,
-        work_j=0.5 * two.work_j,
-        time_s=trace.time_s,
-        lift_mm=trace.lift_mm,
-        force_n=0.5 * trace.force_n,
-    )
-    shares = ((two, 0.64), (one, 1.0))
-    searched = [row.model_copy(update={"branch": 0, "branch_share": share}) for row, share in shares]
-    lake.append([other, *searched], PROVENANCE)
-    return Content.load(lake, "demo")
-
-
-def test_a_second_branch_is_a_thin_line_and_a_sentence(branched, folder):
-    html = write_traces(branched, folder)
-    sentence = "Two branches: 64 % of placements take the dashed line, the others the thin one."
-    assert html.count(sentence) == 1
-    assert html.index("object 2 <i>2</i>") < html.index(sentence) < html.index("object 3 <i>3</i>")
-    assert '<i class="branch"></i>' in html
-    assert {row["object_id"] for row in numbers(folder, "other_branches")} == {"2"}
-
-
-def test_a_second_branch_is_marked_beside_the_measured_force(branched):
-    pairs = [row for row in branched.pairs.rows if row["version_id"] == branched.compared[-1]]
-    assert len(pairs) == len({(row["batch"], row["slot"], row["object_id"]) for row in pairs})  # nothing counts twice
-    (two,) = [row for row in pairs if row["other_branch_n"] is not None]
-    assert two["other_branch_n"] == pytest.approx(0.5 * two["simulated_n"])
-    lines = draw_agreement(pairs, "per object").axes[0].lines
-    (ring,) = [line for line in lines if line.get_label().startswith("two branches")]
-    assert (ring.get_xdata().tolist(), ring.get_ydata().tolist()) == ([two["simulated_n"]], [two["measured_n"]])
-    ends = [two["simulated_n"], two["other_branch_n"]]
-    assert any(line.get_xdata().tolist() == pytest.approx(ends) for line in lines if len(line.get_xdata()) == 2)
-    assert "with a second branch: 1 of 2 that were searched" in describe_branches(pairs)
-    assert describe_branches([row for row in pairs if row["branch_share"] is None]) == ""
+    counts = [[len(axes.lines) for axes in panels.draw(lines, own).axes] for own in (None, lines[1, 0])]
+    assert counts == [[4, 5], [4, 6]]  # three tools and the zero; the best over them; its simulation
 
 
 def test_the_best_tool_is_drawn_even_if_it_is_of_neither_batch(tmp_path, folder):
@@ -129,14 +88,14 @@ def test_the_best_tool_is_drawn_even_if_it_is_of_neither_batch(tmp_path, folder)
     )
     middle = next(tool for tool in content.tools if tool.batch == 2)
     content.__dict__["best"] = middle
-    write_traces(content, folder)
+    show("traces", content, folder)
     assert {(row["batch"], row["slot"]) for row in numbers(folder, "traces") if row["batch"] == "2"} == {
         ("2", str(middle.slot))
     }
 
 
 def test_binned_traces_are_means_over_the_repeats(lake, content, folder):
-    write_traces(content, folder)
+    show("traces", content, folder)
     row = next(r for r in numbers(folder, "traces") if (r["batch"], r["slot"], r["object_id"]) == ("2", "1", "2"))
     grasps = [g for g in lake.records(GraspRow, batch=2, slot=1, object_id=2) if g.status == "ok"]
     low = float(row["lift_mm"]) - 0.5
@@ -146,17 +105,17 @@ def test_binned_traces_are_means_over_the_repeats(lake, content, folder):
 
 
 def test_closure_and_pull_up_are_drawn_at_five_instants(content, folder):
-    html = write_moments(content, folder)
+    html = show("moments", content, folder)
     assert [f"figures/moments/{k}.svg" in html for k in range(1, 7)] == [True] * 5 + [False]
     won = [row for row in content.work.rows if (row["batch"], row["slot"]) == (content.best.batch, content.best.slot)]
     held = max(won, key=lambda row: row["peak_force_n"])
     assert f"({held['object_id']}), in the simulator" in html
-    assert f"{held['peak_force_n']:.1f}\u00a0N on the bench" in html
+    assert f"{held['peak_force_n']:.1f} N on the bench" in html
 
 
 def test_a_grasp_that_the_simulator_does_not_get_through_is_said(content, folder, monkeypatch):
     monkeypatch.setattr("fast.flows.report.campaign.simulation.simulate_again", lambda *_: None)
-    assert "The simulator has no such grasp to draw" in write_moments(content, folder)
+    assert "The simulator has no such grasp to draw" in show("moments", content, folder)
 
 
 def test_specialists_are_the_strongest_on_something():
@@ -203,7 +162,7 @@ def test_without_simulations_softest_and_stiffest_are_told_by_quality(tmp_path):
 
 
 def test_shapes_without_known_classes_still_list_their_features(content, folder):
-    html = write_shapes(content, folder)
+    html = show("shapes", content, folder)
     assert "Nothing yet." in html  # the made-up class belongs to no group
     assert len(numbers(folder, "shape_features")) == 1
 
@@ -211,8 +170,7 @@ def test_shapes_without_known_classes_still_list_their_features(content, folder)
 def test_a_tool_that_lets_go_early_is_drawn_between_the_others(content, folder, monkeypatch):
     monkeypatch.setattr(shapes_module, "SHORT", 1.0)
     monkeypatch.setattr(shapes_module, "STABLE_CLASSES", {"made up"})
-    html, sources = write_early_loss(content, folder)
-    folder.sources(*sources)
+    html = show("shapes", content, folder)
     strong = [r for r in numbers(folder, "early_losses") if float(r["peak_force_n"]) > 1.0]
     least = min(strong, key=lambda r: float(r["part"]))
     assert f"B{int(least['batch']):02d}T{least['slot']} on the {least['object_name']}" in html
@@ -222,9 +180,9 @@ def test_a_tool_that_lets_go_early_is_drawn_between_the_others(content, folder, 
 def test_no_tool_lets_go_early_is_one_line(content, folder, monkeypatch):
     monkeypatch.setattr(shapes_module, "SHORT", 0.0)
     monkeypatch.setattr(shapes_module, "STABLE_CLASSES", {"made up"})
-    html, _ = write_early_loss(content, folder)
-    assert re.fullmatch(
-        r"<p>No tool holds a stably grasped object for less than 0 %.*\(the shortest: \d+ %\)\.</p>", html
+    html = show("shapes", content, folder)
+    assert re.search(
+        r"<p>No tool holds a stably grasped object for less than 0 %[^<]*\(the shortest: \d+ %\)\.</p>", html
     )
 
 
@@ -240,7 +198,7 @@ def test_change_of_work_is_the_difference_of_the_means(content):
 
 def test_other_lakes_are_drawn_as_other_approaches(lake, folder, tmp_path):
     other = build(Lake.open(tmp_path / "measured-only-7", create=True), Campaign(seed=5, with_simulations=False))
-    html = write_baselines(Content.load(lake, "demo", [other]), folder)
+    html = show("baselines", Content.load(lake, "demo", [other]), folder)
     rows = numbers(folder, "approaches")
     assert {(row["approach"], row["seed"]) for row in rows} == {("data", "0"), ("measured only", "7")}
     assert len(rows) == 12
@@ -249,22 +207,22 @@ def test_other_lakes_are_drawn_as_other_approaches(lake, folder, tmp_path):
 
 
 def test_no_other_approach_is_one_line(content, folder):
-    html = write_baselines(content, folder)
+    html = show("baselines", content, folder)
     assert "this lake has none" in html
     assert "<img" not in html
 
 
-def test_throughput_counts_every_attempt(lake, content):
-    html, source = describe_throughput(content)
-    (row,) = source.rows
+def test_throughput_counts_every_attempt(lake, content, folder):
+    html = show("cost", content, folder)
+    (row,) = content.result("throughput", queries.THROUGHPUT).rows
     assert row["n_grasps"] == len(lake.ids(GraspRow, campaign_id="demo"))
     assert 0 <= row["n_simulated_meanwhile"] <= row["n_simulated"]
     assert "8,532" in html
 
 
 def test_what_is_missing_is_said_in_the_table_of_figures(content, folder):
-    write_progress(content, folder)
-    html = write_paper(content, folder)
+    show("progress", content, folder)
+    html = show("paper", content, folder)
     assert html.count("here</a>") == 1
     assert "needs a calibration: fast calibrate" in html
 
@@ -278,9 +236,8 @@ def test_only_simulations_beside_a_measured_grasp_count_as_meanwhile(tmp_path):
         _add_simulation(lake, first, 3.0, ends_s)
     for ends_s in (-3600.0, 43200.0):  # an hour before, and between the two days
         _add_simulation(lake, first, 3.0, ends_s)
-    _, source = describe_throughput(Content.load(lake, "demo"))
-    assert source.rows[0]["n_simulated"] == 5
-    assert source.rows[0]["n_simulated_meanwhile"] == 3
+    (row,) = Content.load(lake, "demo").result("throughput", queries.THROUGHPUT).rows
+    assert (row["n_simulated"], row["n_simulated_meanwhile"]) == (5, 3)
 
 
 def _add_simulation(lake: Lake, grasp: GraspRow, lasting_s: float, ends_s: float) -> None:
@@ -295,7 +252,7 @@ def _add_simulation(lake: Lake, grasp: GraspRow, lasting_s: float, ends_s: float
 
 def test_imported_tools_are_squares_that_no_scientist_chose(content, folder):
     content.__dict__["tools"] = [dataclasses.replace(tool, kind="imported") for tool in content.tools]
-    html = write_progress(content, folder)
+    html = show("progress", content, folder)
     assert "Squares were imported." in html
     assert "scientist" not in html
     figure = draw_quality(content.tools, content.best)
@@ -304,7 +261,7 @@ def test_imported_tools_are_squares_that_no_scientist_chose(content, folder):
 
 def test_one_tool_on_one_object_is_told_in_the_singular_and_gains_nothing(tmp_path):
     size = Campaign(n_batches=1, n_measured_batches=1, n_tools=1, n_objects=1, failed_grasps=0, with_simulations=False)
-    html = headline(Content.load(build(Lake.open(tmp_path / "lake", create=True), size), "demo"))
+    html = show_headline(Content.load(build(Lake.open(tmp_path / "lake", create=True), size), "demo"))
     assert "mean over 1 object<" in html
     assert "first batch, 1 tool<" in html
     assert "best tool against that mean" not in html
@@ -312,4 +269,4 @@ def test_one_tool_on_one_object_is_told_in_the_singular_and_gains_nothing(tmp_pa
 
 
 def test_the_headline_counts_simulations_and_their_versions(content):
-    assert re.search(r"<b>\d+</b><span>simulated grasps with 2 simulator versions<", headline(content))
+    assert re.search(r"<b>\d+</b><span>simulated grasps with 2 simulator versions<", show_headline(content))

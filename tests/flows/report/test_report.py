@@ -20,6 +20,7 @@ from tests.flows.synthetic_lake import Campaign, build
 
 SECTIONS = (
     "best",
+    "taught",
     "moments",
     "progress",
     "baselines",

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from fast.flows.server.access import Api, address_for_person, key_path, own_login, session_of
-from fast.flows.server.gate import add_gate
+from fast.flows.server.access import Api, Role, address_for_person, key_path, own_login, role_login, session_of
+from fast.flows.server.gate import ROLE, add_gate
 from fast.models.errors import FastError
 
 LOGIN = "fast:open"
@@ -25,7 +25,7 @@ async def inside(scope, receive, send):
     await send({"type": "http.response.body", "body": b"inside"})
 
 
-def ask(headers, path="/api/flows/", method="POST", host="127.0.0.1", kind="http"):
+def ask(headers, path="/api/flows/", method="POST", host="127.0.0.1", kind="http", app=None):
     """Status (or `accepted`, `closed` of a web socket), headers and body of the answer."""
     said = []
 
@@ -39,7 +39,7 @@ def ask(headers, path="/api/flows/", method="POST", host="127.0.0.1", kind="http
     pairs = {"host": HOST, **headers}.items()
     scope = {"type": kind, "method": method, "path": path, "raw_path": path.encode(), "query_string": query.encode(),
              "server": ("127.0.0.1", 4200), "headers": [(k.encode(), v.encode()) for k, v in pairs]}  # fmt: skip
-    asyncio.run(add_gate(inside, LOGIN, host)(scope, receive, send))
+    asyncio.run((app or add_gate(inside, LOGIN, host))(scope, receive, send))
     if kind == "websocket":
         return said[-1]["type"].removeprefix("websocket."), {}, ""
     return said[0]["status"], {k.decode(): v.decode() for k, v in said[0]["headers"]}, said[-1]["body"].decode()
@@ -128,3 +128,27 @@ def test_an_empty_key_is_said(tmp_path, monkeypatch):
     key_path(tmp_path).touch()
     with pytest.raises(FastError, match="is empty; delete it"):
         own_login(tmp_path)
+
+
+def test_a_link_of_a_role_lets_in_with_that_role_and_tells_no_other():
+    keys = {role: role_login(LOGIN, role) for role in Role}
+    assert keys[Role.MOVE] == LOGIN
+    assert len(set(keys.values())) == 3
+    for role, login in keys.items():
+        seen = []
+
+        async def look(scope, receive, send, seen=seen):
+            seen.append(scope[ROLE])
+            await inside(scope, receive, send)
+
+        cookie = {"cookie": f"fast-4200={session_of(login)}"}
+        assert ask(cookie, method="GET", app=add_gate(look, LOGIN, "127.0.0.1", Role))[0] == 200
+        assert seen == [role]
+        # A server with one key knows no other.
+        assert ask(cookie, method="GET")[0] == (200 if role is Role.MOVE else 401)
+        status, headers, _ = ask(
+            {}, f"/?key={login.partition(':')[2]}", "GET", app=add_gate(look, LOGIN, "127.0.0.1", Role)
+        )
+        assert (status, session_of(login) in headers["set-cookie"]) == (303, True)
+    assert Role.MOVE.may(Role.SAY)
+    assert not Role.LOOK.may(Role.SAY)

@@ -18,6 +18,7 @@ import pytest
 
 from fast.flows.server.access import own_login
 from fast.flows.server.lab import LabPlan, open_lab
+from fast.flows.server.page_port import serve_page
 from fast.flows.server.server import ANY_PORT, server
 from fast.flows.viewer.page import open_page
 from fast.hardware.bench import open_virtual_bench
@@ -36,27 +37,28 @@ from tests.studies.platform.sockets import family, is_loopback, listening
 
 
 @contextmanager
-def serve(root: Path) -> Iterator[str]:
-    with open_lab(Lake.open(root, create=True), LabPlan(ANY_PORT)) as lab:
-        yield lab.api.page
+def serve(root: Path) -> Iterator[list[str]]:
+    with open_lab(Lake.open(root, create=True), LabPlan(ANY_PORT, page_port=ANY_PORT)) as lab:
+        yield [lab.api.page, lab.page.page]
 
 
 @contextmanager
-def run_campaign(root: Path) -> Iterator[str]:
-    with server(root) as api:
-        yield api.page
+def run_campaign(root: Path) -> Iterator[list[str]]:
+    lake = Lake.open(root, create=True)
+    with server(root) as api, serve_page(lake, ANY_PORT) as page:
+        yield [api.page, page.page]
 
 
 @contextmanager
-def view(root: Path) -> Iterator[str]:
+def view(root: Path) -> Iterator[list[str]]:
     recording = root / "x.rrd"
     recording.parent.mkdir()
     recording.write_bytes(b"secret")
     with open_page(recording, own_login(root), threading.Event()) as address:
-        yield address.partition("/?")[0]
+        yield [address.partition("/?")[0]]
 
 
-PAGES: dict[str, Callable[[Path], AbstractContextManager[str]]] = {
+PAGES: dict[str, Callable[[Path], AbstractContextManager[list[str]]]] = {
     "fast serve": serve,
     "fast campaign run": run_campaign,
     "fast view": view,
@@ -64,6 +66,7 @@ PAGES: dict[str, Callable[[Path], AbstractContextManager[str]]] = {
 # Where the product listens, or has it done: each is opened in this file, or by the doctor for a moment.
 PLACES = {
     "flows/server/surroundings.py", "flows/server/server.py", "flows/server/server_process.py", "flows/viewer/page.py",
+    "flows/server/page_port.py", "flows/page/process.py",
     "hardware/virtual/arm/server.py", "hardware/virtual/modbus_server.py",
 }  # fmt: skip
 
@@ -94,17 +97,19 @@ def attack(url, login):
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("command", PAGES)
-def test_a_stranger_is_refused_on_the_only_port_that_a_command_opens(command, tmp_path, monkeypatch):
+def test_a_stranger_is_refused_on_every_port_that_a_command_opens(command, tmp_path, monkeypatch):
     monkeypatch.delenv("FAST_PREFECT_API_URL", raising=False)
     monkeypatch.delenv("FAST_PASSWORD", raising=False)
     before = listening(family(os.getpid()))
-    with PAGES[command](tmp_path / "lake") as url:
-        assert listening(family(os.getpid())) - before == {("127.0.0.1", int(url.rpartition(":")[2]))}
+    with PAGES[command](tmp_path / "lake") as urls:
+        ports = {("127.0.0.1", int(url.rpartition(":")[2])) for url in urls}
+        assert listening(family(os.getpid())) - before == ports
         login = own_login(tmp_path / "lake")
-        for path, answers in attack(url, login).items():
-            assert answers == {who: 401 if "user" in who else 403 for who in answers}, path
-        # Whom the key lets in gets further than the gate.
-        assert httpx.get(url, auth=tuple(login.split(":", 1)), timeout=60.0).status_code in (200, 303, 307)
+        for url in urls:
+            for path, answers in attack(url, login).items():
+                assert answers == {who: 401 if "user" in who else 403 for who in answers}, (url, path)
+            # Whom the key lets in gets further than the gate.
+            assert httpx.get(url, auth=tuple(login.split(":", 1)), timeout=60.0).status_code in (200, 303, 307)
 
 
 def test_every_place_of_the_product_that_listens_is_known_here():

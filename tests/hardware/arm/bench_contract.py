@@ -56,6 +56,32 @@ class BenchContract:
         speed = np.polyfit(trace.time_s[~resting], trace.lift_mm[~resting], 1)[0]
         assert speed == pytest.approx(SETUP.lift_speed_mm_per_s, rel=0.05)
 
+    def test_a_grasp_can_be_looked_at_while_it_is_made(self, bench: GraspBench) -> None:
+        grasps, lengths = [], []
+        is_over = threading.Event()
+
+        def look() -> None:
+            while not is_over.wait(0.002):
+                view = bench.present_grasp()
+                if view is not None:
+                    found = view.read(0)
+                    assert len(found.time_s) == len(found.lift_mm) == len(found.force_n)
+                    lengths.append(len(found.time_s))
+
+        looker = threading.Thread(target=look)
+        looker.start()
+        try:
+            bench.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
+        finally:
+            is_over.set()
+            looker.join()
+        view, trace = bench.present_grasp(), grasps[0].trace
+        assert view is not None
+        assert (view.tool_id, view.object_id, view.repeat) == ("a/B01T3", 0, 0)
+        assert len(set(lengths)) > 2
+        assert view.read(5).time_s == pytest.approx(trace.time_s[5:], abs=1e-3)
+        assert view.read(0).force_n == pytest.approx(trace.force_n, abs=0.02)
+
     def test_the_tool_is_hung_back_when_asked_to_stop(self, bench: GraspBench) -> None:
         grasps = []
         bench.measure_tool(3, [(0, 0), (0, 1), (0, 2)], SETUP, grasps.append, lambda: len(grasps) >= 1)

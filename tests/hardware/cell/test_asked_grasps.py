@@ -10,6 +10,7 @@ from fast.hardware.cell.cycle_time import plan_time
 from fast.hardware.parts.limits import BenchLimits
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
+from fast.hardware.virtual.world.state import at_pressure
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
 from fast.models.records import EffectValue, GraspRequest, GraspSetup, Placement, Trace
@@ -111,3 +112,11 @@ def test_a_lagging_transmitter_knows_how_long_the_fingers_waited_and_how_fast_th
     assert at_start[0] > -8.0
     peak_mm = [grasp.trace.lift_mm[np.argmax(grasp.trace.force_n)] for grasp in made]
     assert peak_mm[2] - peak_mm[0] == pytest.approx(0.5 * (10.0 - 5.0), abs=0.8)
+
+
+def test_less_pressure_weakens_the_jaws_of_a_world_that_limits_them():
+    closing = EffectValue(effect="force_limited_closing", parameters={"max_force_n": 60.0})
+    limited = World(hidden=(closing,))
+    assert at_pressure(limited, 2 / 3).hidden[0].parameters["max_force_n"] == pytest.approx(40.0)
+    assert at_pressure(limited, 1.0) is limited
+    assert at_pressure(World(), 0.5) == World()

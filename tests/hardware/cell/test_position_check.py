@@ -67,7 +67,7 @@ def test_more_than_the_search_reaches_is_told_as_its_reach(bench):
 def test_a_tool_on_the_head_is_docked_first(bench):
     bench.changer.pick(3)
     bench.position.run()
-    assert bench.changer.current_slot() is None
+    assert bench.changer.status().slot is None
 
 
 def test_a_stop_in_the_search_leaves_no_limit_off(bench):

@@ -52,7 +52,7 @@ def test_the_safe_state_ends_by_lowering_venting_and_raising():
         assert np.all(np.diff(z_mm[opening:]) >= -1e-6), "then up"
         assert z_mm[-1] == pytest.approx(175.0)
         assert psi[-1] < 1.0
-        assert bench.changer.current_slot() == 3
+        assert bench.changer.status().slot == 3
         assert bench.supervisor.is_ok
 
 
@@ -68,7 +68,7 @@ def test_a_closed_gripper_that_cannot_be_lowered_opens_only_when_its_load_is_tak
         assert bench.supervisor.end_safe_state("test", is_load_taken=True) == (SafeAction.VENT,)
         assert not bench.pneumatics.is_gripping()
         bench.supervisor.home()
-        assert bench.changer.current_slot() == 3
+        assert bench.changer.status().slot == 3
 
 
 def test_an_emergency_stop_needs_release_acknowledgement_homing_and_the_tool():
@@ -89,7 +89,7 @@ def test_an_emergency_stop_needs_release_acknowledgement_homing_and_the_tool():
         bench.supervisor.end_safe_state("test", is_load_taken=True)
         bench.gantry.connect()
         bench.supervisor.home()
-        assert bench.changer.current_slot() == 3
+        assert bench.changer.status().slot == 3
         run(bench, grasps)
     assert [grasp.status for grasp in grasps] == ["failed", "ok", "ok"]
 
@@ -124,7 +124,7 @@ def test_pause_finishes_the_grasp_and_parks():
         when(bench, is_pulling, lambda: bench.supervisor.ask(Verb.PAUSE))
         bench.cell.measure_tool(3, PLAN, SETUP, grasps.append, lambda: bool(asked))
         assert bench.supervisor.is_ok
-        assert bench.changer.current_slot() is None
+        assert bench.changer.status().slot is None
     assert [grasp.status for grasp in grasps] == ["ok"]
 
 

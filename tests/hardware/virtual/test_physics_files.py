@@ -10,8 +10,7 @@ from fast.hardware.virtual.world import physics_cache as physics_files
 from fast.hardware.virtual.world.file import Scatter, World, WorldMesh
 from fast.hardware.virtual.world.physics import PhysicsCache, PhysicsRequest, build_request
 from fast.hardware.virtual.world.physics_cache import PhysicsFiles
-from fast.models.design.fin_ray import FinRay
-from fast.models.design.graded import GradedFinRay
+from fast.models.design.fin_ray import FinRay, GradedFinRay
 from fast.models.errors import SimulationFailed
 from fast.models.records import Design, EffectValue, GraspSetup, GraspSimulation, Theta, Trace
 

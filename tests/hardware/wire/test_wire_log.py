@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fast.hardware.bench import open_virtual_bench
+from fast.hardware.bench import LogFolders, open_virtual_bench
 from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.hardware.wire import log_files as wire_files
 from fast.hardware.wire.log import WireEntry, WireLog
@@ -218,5 +218,5 @@ def test_it_writes_nothing_when_all_is_well_or_a_person_stops_it(tmp_path):
 
 
 def work(folder, do):
-    with open_virtual_bench(WORLD, TOOLS, physics, wires="memory", fault_log_folder=folder) as bench:
+    with open_virtual_bench(WORLD, TOOLS, physics, wires="memory", logs=LogFolders(on_a_fault=folder)) as bench:
         do(bench)

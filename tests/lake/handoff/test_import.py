@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fast.lake.handoff.export_folder import export_handoff
 from fast.lake.handoff.format import GRASP_COLUMNS, SIMULATION_COLUMNS, TRACE_COLUMNS
-from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.import_folder import Origin, import_handoff
 from fast.lake.handoff.readers import HandoffTables, handoff_folder, load_reader
 from fast.lake.handoff.tables import HandoffError
 from fast.lake.store import Lake
@@ -42,12 +42,12 @@ def test_imported_data_are_a_campaign_that_names_its_source(lake, folder):
 
 
 def test_two_folders_of_one_campaign_are_both_named(lake, folder, tmp_path):
-    import_handoff(lake, folder, PROVENANCE, campaign_id="theirs")
+    import_handoff(lake, folder, PROVENANCE, Origin(campaign_id="theirs"))
     more = good_folder(tmp_path / 'more "data"')
     for name in ("grasps.csv", "traces.csv", "simulations.csv"):
         write_csv(more / name, [row | {"grasp_id": row["grasp_id"] + "2"} for row in read_csv(more / name)])
-    import_handoff(lake, more, PROVENANCE, campaign_id="theirs")
-    import_handoff(lake, more, PROVENANCE, campaign_id="theirs")
+    import_handoff(lake, more, PROVENANCE, Origin(campaign_id="theirs"))
+    import_handoff(lake, more, PROVENANCE, Origin(campaign_id="theirs"))
     (campaign,) = lake.rows(CampaignRow)
     sources = tomllib.loads(campaign["config_toml"])["sources"]
     assert [source["folder"] for source in sources] == ["their-lab", 'more "data"']
@@ -104,7 +104,7 @@ def test_nothing_is_imported_into_a_campaign_of_the_bench(lake, folder, provenan
     lake.append(small_rows, provenance)
     before = everything(lake)
     with pytest.raises(UsageError, match="campaign `c1` of this lake was not imported"):
-        import_handoff(lake, folder, PROVENANCE, campaign_id="c1")
+        import_handoff(lake, folder, PROVENANCE, Origin(campaign_id="c1"))
     assert everything(lake) == before
 
 
@@ -208,7 +208,7 @@ def foreign(tmp_path):
 
 def test_a_reader_gives_another_labs_files(lake, foreign, tmp_path):
     with handoff_folder(foreign, load_reader(f"{tmp_path}/mylab.py:read")) as folder:
-        import_handoff(lake, folder, PROVENANCE, source="strange")
+        import_handoff(lake, folder, PROVENANCE, Origin(source="strange"))
     (row,) = lake.rows(GraspRow)
     assert (row["campaign_id"], row["design_id"], row["peak_force_n"], row["order"]) == (
         "import-strange", "theirs", 2.25, None,

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fast.lake.handoff.export_folder import export_handoff
-from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.import_folder import Origin, import_handoff
 from fast.lake.handoff.tables import HandoffError
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ToolRow
@@ -45,7 +45,7 @@ def full(lake: Lake, small_rows, make_grasp) -> Lake:
 def test_what_was_measured_comes_back_as_it_was(full: Lake, tmp_path: Path) -> None:
     export_handoff(full, tmp_path / "out")
     other = Lake.open(tmp_path / "other", create=True)
-    import_handoff(other, tmp_path / "out", PROVENANCE, source="them")
+    import_handoff(other, tmp_path / "out", PROVENANCE, Origin(source="them"))
     # `setup_id` says how a grasp was made; its JSON may write 16 as 16.0. `software` is empty in the lake that made it.
     kept = set(GraspRow.model_fields) - {"campaign_id", "details_json", "tare_force_n", "setup_json", "software"}
     before, after = (
@@ -65,7 +65,7 @@ def test_what_was_measured_comes_back_as_it_was(full: Lake, tmp_path: Path) -> N
 def test_an_export_of_an_import_is_the_same_folder(full: Lake, tmp_path: Path) -> None:
     export_handoff(full, tmp_path / "out", traces="csv")
     other = Lake.open(tmp_path / "other", create=True)
-    import_handoff(other, tmp_path / "out", PROVENANCE, source="them")
+    import_handoff(other, tmp_path / "out", PROVENANCE, Origin(source="them"))
     export_handoff(other, tmp_path / "again", traces="csv")
     files = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert files == ["designs.csv", "grasps.csv", "materials.csv", "tools.csv", "traces.csv"]
@@ -80,7 +80,7 @@ def test_peaks_alone_need_no_traces_file(lake: Lake, small_rows, make_grasp, tmp
     export_handoff(lake, tmp_path / "out")
     assert not list((tmp_path / "out").glob("traces.*"))
     other = Lake.open(tmp_path / "other", create=True)
-    assert import_handoff(other, tmp_path / "out", PROVENANCE, source="them").n_samples == 0
+    assert import_handoff(other, tmp_path / "out", PROVENANCE, Origin(source="them")).n_samples == 0
     assert [row.peak_force_n for row in other.records(GraspRow)] == [12.25]
 
 
@@ -130,7 +130,7 @@ def test_a_lab_is_given_to_grasps_without_one_and_stands_in_their_ids(tmp_path: 
     labs = ("", "turin", "", "")
     write_csv(folder / "grasps.csv", [row | {"lab": lab} for row, lab in zip(rows, labs, strict=True)])
     for n_new in (2, 0):  # importing again changes nothing
-        assert import_handoff(lake, folder, PROVENANCE, lab="delft").n_real == n_new
+        assert import_handoff(lake, folder, PROVENANCE, Origin(lab="delft")).n_real == n_new
     found = {row.grasp_id: row.lab for row in lake.records(GraspRow)}
     assert found == {"delft.a": "delft", "b": "turin"}
     export_handoff(lake, tmp_path / "out")
@@ -140,7 +140,7 @@ def test_a_lab_is_given_to_grasps_without_one_and_stands_in_their_ids(tmp_path: 
 
 def test_two_labs_may_use_the_same_ids(tmp_path: Path, lake: Lake) -> None:
     folder = good_folder(tmp_path / "their-lab")
-    import_handoff(lake, folder, PROVENANCE, lab="delft")
+    import_handoff(lake, folder, PROVENANCE, Origin(lab="delft"))
     table = read_csv(folder / "traces.csv")
     write_csv(folder / "traces.csv", [row | {"force_n": 1.1 * float(row["force_n"])} for row in table])
     grasps = [row for row in read_csv(folder / "grasps.csv") if row["fidelity"] == "real"]
@@ -148,5 +148,5 @@ def test_two_labs_may_use_the_same_ids(tmp_path: Path, lake: Lake) -> None:
     known = {row["grasp_id"] for row in grasps}
     write_csv(folder / "traces.csv", [row for row in read_csv(folder / "traces.csv") if row["grasp_id"] in known])
     (folder / "simulations.csv").unlink(missing_ok=True)
-    import_handoff(lake, folder, PROVENANCE, lab="turin", campaign_id="turin")
+    import_handoff(lake, folder, PROVENANCE, Origin(lab="turin", campaign_id="turin"))
     assert sorted(lake.ids(GraspRow)) == ["delft.a", "delft.b", "turin.a", "turin.b"]

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from fast.lake.handoff.export_folder import export_handoff
-from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.import_folder import Origin, import_handoff
 from fast.lake.handoff.tables import HandoffError
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ObjectRow
@@ -72,7 +72,7 @@ def test_a_grasp_that_is_there_twice_is_named(folder: Path, lake: Lake) -> None:
 @pytest.mark.parametrize("name", ["../../x", "/etc", "a/b", ".hidden", "", "x" * 101, "a\0b", "a\nb"])
 def test_a_campaign_whose_name_leaves_the_folder_is_refused(folder: Path, lake: Lake, name: str) -> None:
     with pytest.raises(UsageError, match="cannot be the name of a campaign; nothing was written"):
-        import_handoff(lake, folder, PROVENANCE, campaign_id=name or " ")
+        import_handoff(lake, folder, PROVENANCE, Origin(campaign_id=name or " "))
     assert lake.rows(GraspRow) == []
 
 

@@ -35,11 +35,9 @@ from fast.models.simulation.version import SimulatorVersion
 
 OBJECT_IDS = (2, 6, 18, 20, 24, 28, 30, 32)
 N_BATCHES, N_SLOTS, N_REPEATS = 3, 4, 2
-SLIPPING, SLIPPED_ON = "quick/B01T1", 32
 INCOMPLETE, MISSING = "quick/B02T1", 28
 FAILED = {("quick/B01T0", 2, 0): "gripper", ("quick/B01T0", 24, 1): "overload", ("quick/B03T1", 30, 0): "overload"}
 DRIFT_N_PER_GRASP = 0.25
-PUSHING_BATCH = 3
 PAUSE_S = 24.0
 VERSIONS = (SimulatorVersion(), SimulatorVersion(tier="screening"))
 _START = datetime(2026, 3, 2, 8, tzinfo=UTC)
@@ -103,7 +101,7 @@ def _measure(batch: int, slot: int, design: Design, attempts: list[GraspRow], tr
             reason = FAILED.get((tool_id, object_id, repeat))
             if reason:
                 attempts.append(_grasp(batch, slot, design, object_id, repeat, 0, len(attempts), None, reason))
-            trace = _trace(design, tool_id, batch, object_id, len(attempts))
+            trace = _trace(design, batch, object_id, len(attempts))
             row = _grasp(batch, slot, design, object_id, repeat, 1 if reason else 0, len(attempts), trace, "")
             attempts.append(row)
             traces.append(TraceRow.of(row.grasp_id, trace))
@@ -143,17 +141,14 @@ def _grasp(
     )
 
 
-def _trace(design: Design, tool_id: str, batch: int, object_id: int, order: int) -> Trace:
+def _trace(design: Design, batch: int, object_id: int, order: int) -> Trace:
     """A push while closing (40 samples), then rise, plateau and decline over 50 mm of lift, with noise."""
     rng = np.random.default_rng([7, order])
     lift_mm = np.concatenate([np.zeros(40), np.arange(1, 201) * 0.25])
     let_go_mm = 12.0 + 3.5 * OBJECT_IDS.index(object_id) + 0.1 * design.rib_count
-    width_mm = 0.6 if (tool_id, object_id) == (SLIPPING, SLIPPED_ON) else 2.2
-    if width_mm < 1:
-        let_go_mm = 4.0
     peak_n = 3.0 * batch + 2.0 * design.rib_thickness_mm + 0.1 * design.rib_angle_deg + 0.5 * (object_id % 7) + 5.0
-    hold = 1 / (1 + np.exp((lift_mm - let_go_mm) / width_mm))
-    push_n = 2.0 if batch == PUSHING_BATCH else -0.5
+    hold = 1 / (1 + np.exp((lift_mm - let_go_mm) / 2.2))
+    push_n = -0.5
     closing = np.clip(np.arange(lift_mm.size) / 39, 0, 1)
     force_n = (peak_n + push_n) * (1 - np.exp(-lift_mm / 1.5)) * hold - push_n * closing * hold
     force_n = force_n * rng.normal(1, 0.01) + rng.normal(0, 0.05, lift_mm.size) + DRIFT_N_PER_GRASP * order * hold

@@ -30,7 +30,6 @@ CONTRACT = {
     "simulator_versions",
     "simulations",
     "sim_traces",
-    "simulation_branches",
     "grasps",
     "traces",
     "fits",
@@ -41,7 +40,6 @@ CONTRACT = {
     "grasp_requests",
     "trace_features",
     "anomaly_flags",
-    "diagnostics",
     "events",
     "flow_runs",
 }
@@ -77,7 +75,7 @@ def test_types_follow_the_annotations():
     assert schema.field("status").type == pa.string()
     assert schema_of(TraceRow).field("force_n").type == pa.list_(pa.float64())
     sampled = [t.table for t in TABLES if has_samples(t)]
-    assert sampled == ["traces", "sim_traces", "simulation_branches", "diagnostics", "posterior_draws"]
+    assert sampled == ["traces", "sim_traces", "posterior_draws"]
 
 
 def test_samples_are_written_before_the_scalars_that_announce_them():

@@ -1,8 +1,5 @@
 """The tables of what was inferred, as a person would query them."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -10,21 +7,18 @@ from pydantic import ValidationError
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (
-    TABLES,
     CalibrationRow,
     EffectRow,
+    EventRow,
     GapFindingRow,
     PosteriorDrawsRow,
-    Row,
     SimulatorVersionRow,
 )
 from fast.lake.tables.catalogue_rows import missing_version_rows, version_rows
-from fast.models.design.space import PARAMETERS
 from fast.models.errors import ConfigError
-from fast.models.records import EffectValue
+from fast.models.records import EffectValue, Theta
 from fast.models.simulation.version import SimulatorVersion
 
-REFERENCE = (Path(__file__).parents[3] / "docs" / "reference" / "tables.md").read_text(encoding="utf-8")
 SLIP = SimulatorVersion(
     effects=(
         EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.2}),
@@ -59,17 +53,6 @@ def draws(calibration_id: str = "C1", n: int = 500) -> list[PosteriorDrawsRow]:
         for chain in range(2)
         for place, parameter in enumerate(parameters)
     ]
-
-
-@pytest.mark.parametrize("row_type", TABLES, ids=lambda t: t.table)
-def test_the_reference_names_every_column(row_type: type[Row]):
-    line = re.search(rf"^\| `{row_type.table}` \(.*$", REFERENCE, re.MULTILINE)
-    assert line is not None
-    names = [re.escape(name).replace("…", r"\w+") for name in re.findall(r"`([^`]+)`", line[0])]
-    if row_type.table == "designs":
-        names += PARAMETERS
-    missing = [name for name in row_type.model_fields if not any(re.fullmatch(known, name) for known in names)]
-    assert missing == []
 
 
 def test_a_version_has_a_row_per_effect_with_all_its_parameters(lake: Lake, provenance: Provenance):
@@ -155,3 +138,11 @@ def test_ids_follow_from_what_decides_the_result():
 
 def draws_id(calibration_id: str, chain: int) -> str:
     return PosteriorDrawsRow.of(calibration_id, chain, "rho", np.zeros(2)).draws_id
+
+
+def test_a_record_is_kept_once_under_its_key(lake: Lake, provenance: Provenance) -> None:
+    for value in (Theta(friction=0.3), Theta(friction=0.4)):
+        lake.append([EventRow.of(["told", 7], "told", "a word", value, None)], provenance)
+    (kept,) = lake.records(EventRow, event_id=EventRow.make_id("told", 7))
+    assert Theta.model_validate(kept.payload) == Theta(friction=0.4)
+    assert (kept.kind, kept.message, kept.campaign_id) == ("told", "a word", "")

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from fast.models.calibration.inference.result import CalibrationResult, make_result, measure_overlap
+from fast.models.calibration.inference.result import CalibrationResult, SamplerCounts, make_result, measure_overlap
 from fast.models.calibration.inference.settings import CalibrationSettings, read_settings
 from fast.models.calibration.inference.summary import check_convergence, check_quality
 from fast.models.calibration.means import calibrate as choice
@@ -14,7 +14,7 @@ from fast.models.calibration.means.calibrate import calibrate
 from fast.models.calibration.means.parameters import Parameters
 from fast.models.calibration.means.problem import THETA, Standardised, drop_repeats
 from fast.models.errors import UsageError
-from tests.synthetic.calibration import make_up_problem
+from tests.synthetic.calibration import draw_prior, make_up_problem
 
 SETTINGS = CalibrationSettings(chains=2, draws=1000, tune=50)
 PROBLEM = make_up_problem(40, 10, seed=0)
@@ -90,7 +90,7 @@ def test_r_hat_is_that_of_the_chains_that_were_drawn():
     names = ("sd_h", *THETA)
     chains = rng.normal(size=(4, 500, 3))
     chains[0, :, 1] += 3.0  # one chain is elsewhere in friction, which the weights have hidden
-    result = make_result(PROBLEM, names, resampled, SETTINGS, "factorised", 0, chains=chains)
+    result = make_result(PROBLEM, names, resampled, SETTINGS, "factorised", SamplerCounts(), chains)
     assert result.r_hat["friction"] > 1.4
     assert max(result.r_hat[name] for name in names if name != "friction") < 1.02
     assert any("friction" in sentence for sentence in result.warnings)
@@ -181,7 +181,7 @@ def some_draws(seed=0, **columns):
 
 
 def test_sound_draws_raise_no_doubt():
-    found = make_result(PROBLEM, NAMES, some_draws(), SETTINGS, "joint", 0)
+    found = make_result(PROBLEM, NAMES, some_draws(), SETTINGS, "joint", SamplerCounts())
     assert found.warnings == ()
     assert all(0.99 < r_hat < 1.01 for r_hat in found.r_hat.values())
     assert all(2000 < size < 4500 for size in found.ess_bulk.values())
@@ -207,14 +207,14 @@ def test_sound_draws_raise_no_doubt():
 )  # fmt: skip
 def test_every_problem_of_the_draws_is_said(columns, n_divergences, sentence):
 
-    found = make_result(PROBLEM, NAMES, some_draws(**columns), SETTINGS, "joint", n_divergences)
+    found = make_result(PROBLEM, NAMES, some_draws(**columns), SETTINGS, "joint", SamplerCounts(n_divergences))
     assert any(re.search(sentence, said) for said in found.warnings), found.warnings
 
 
 def test_the_range_of_a_factor_is_no_range():
     problem = make_up_problem(40, 10, seed=0, scales_with_modulus=True)
     draws = some_draws(young_modulus_mpa=lambda rng, found: 1.5 + 0.05 * rng.standard_normal(3000))
-    assert make_result(problem, NAMES, draws, SETTINGS, "joint", 0).warnings == ()
+    assert make_result(problem, NAMES, draws, SETTINGS, "joint", SamplerCounts()).warnings == ()
 
 
 def test_overlap_is_one_for_equal_and_zero_for_distant_draws():
@@ -229,7 +229,7 @@ def test_overlap_is_one_for_equal_and_zero_for_distant_draws():
 def test_vectors_become_parameters_in_their_units(rho):
     data = Standardised.of(PROBLEM)
     parameters = Parameters.of(data, CalibrationSettings(rho=rho))
-    vector = parameters.draw_prior(np.random.default_rng(0))
+    vector = draw_prior(parameters, np.random.default_rng(0))
     row = dict(zip(parameters.names, parameters.constrain(vector, data.force_scale_n), strict=True))
     phi, psi = parameters.phi(vector[: parameters.n_phi]), parameters.psi(vector[parameters.n_phi :])
     assert row["sd_h"] == phi.sd

@@ -14,7 +14,7 @@ from fast.models.calibration.means.problem import Standardised
 from fast.models.calibration.means.psi_density import Measurements
 from fast.models.calibration.means.ridge import RidgeDensity, find_profile, find_share_taken_off, temper_ridge
 from fast.models.calibration.means.theta_surrogate import Box, build_surrogate
-from tests.synthetic.calibration import make_up_problem
+from tests.synthetic.calibration import draw_prior, make_up_problem
 
 
 @cache
@@ -22,7 +22,7 @@ def straightened(scales_with_modulus: bool) -> tuple[RidgeDensity, np.ndarray]:
     """A density, and a psi inside its box."""
     data = Standardised.of(make_up_problem(40, 8, seed=3, scales_with_modulus=scales_with_modulus))
     measured = Measurements(data, Parameters.of(data, CalibrationSettings()))
-    draw = measured.parameters.draw_prior(np.random.default_rng(4))
+    draw = draw_prior(measured.parameters, np.random.default_rng(4))
     psi = draw[measured.parameters.n_phi :]
     psi[-3:] = measured.parameters.unconstrained_theta(np.array([9.0, 0.55, 0.34]))
     k = 2 if scales_with_modulus else 3

@@ -81,7 +81,7 @@ class Deadly(Gaussian):
 
 
 def test_a_dead_process_is_one_sentence():
-    with pytest.raises(FastError, match="a process that sampled died, .* fewer workers"):
+    with pytest.raises(FastError, match="a process that worked on chains died, .* fewer workers"):
         sample(Deadly(3), np.zeros((2, 3)), SETTINGS.model_copy(update={"workers": 2}))
 
 

@@ -2,9 +2,8 @@
 
 import pytest
 
-from fast.models.design.fin_ray import FinRay
+from fast.models.design.fin_ray import FinRay, GradedFinRay
 from fast.models.design.free_form import FreeForm
-from fast.models.design.graded import GradedFinRay
 from fast.models.design.reference import REFERENCES, find_reference, make_reference
 from fast.models.errors import UsageError
 

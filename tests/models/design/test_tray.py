@@ -1,6 +1,5 @@
 import io
 import tomllib
-from html import escape
 from itertools import pairwise
 from pathlib import Path
 
@@ -8,9 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from fast.models.design.finger import finger_bodies
 from fast.models.design.recipe import Recipe
-from fast.models.design.sheet import batch_sheet_html
 from fast.models.design.space import BEST_PUBLISHED, random_designs
 from fast.models.design.tray import BED_MM, GAP_MM, PrintItem, name_trays, tray_files, tray_layout
 from fast.models.errors import UsageError
@@ -102,45 +99,3 @@ def test_the_tray_says_of_what_each_body_is_made_and_an_independent_reader_takes
         n_placed += 1
     assert n_placed == 2
     assert tray_files([PrintItem("B01T0", BEST_PUBLISHED)], recipe)["tray.3mf"] == files["tray.3mf"]
-
-
-def test_sheet_names_every_tool_and_needs_no_network(batch):
-    html = batch_sheet_html("quick/B03", batch, ["fast print confirm quick/B03 --operator NAME"])
-    assert all(f"<h3>{item.label}</h3>" in html for item in batch)
-    assert "fast print confirm quick/B03 --operator NAME" in html
-    assert "http" not in html
-    assert "<script" not in html
-
-
-def test_sheet_escapes_what_people_type(batch):
-    assert "<b>lab</b>" not in batch_sheet_html("<b>lab</b>", batch, [])
-
-
-def test_sheet_gives_mass_and_volume_and_draws_fingers_at_one_scale(batch):
-    html = batch_sheet_html("quick/B03", batch, [])
-    bodies = finger_bodies(batch[0].design)
-    assert f"{bodies.volume_mm3 / 1e3:.1f} cm&sup3;" in html
-    assert html.count(' 37 122" role="img" aria-label="profile"') == len(batch)
-
-
-def test_sheet_prints_the_recipe_and_what_breaks_its_rules(batch):
-    html = batch_sheet_html("quick/B03", batch, [], TPU)
-    assert "<h2>Recipe fdm-tpu</h2>" in html
-    assert all(escape(step) in html for step in TPU.post_processing)
-    assert "TPU, Shore A 85" in html
-    assert "PETG" in html
-    assert 'class="warn"' not in html
-    volumes = [finger_bodies(item.design) for item in batch]
-    grams = 2 * sum(1.21 * f.compliant.volume + 1.27 * f.rigid.volume for f in volumes) / 1e3
-    assert f"{grams:.0f} g of material" in html
-    thick = TPU.model_copy(update={"nozzle_mm": 1.2})
-    n_thin = sum(min(item.design.front_thickness_mm, item.design.back_thickness_mm, item.design.rib_thickness_mm) < 2.4
-                 for item in batch)  # fmt: skip
-    assert 0 < n_thin < len(batch)
-    assert batch_sheet_html("quick/B03", batch, [], thick).count("thinner than 2.4 mm") == n_thin
-
-
-def test_sheet_marks_the_reference_finger(batch):
-    items = [PrintItem("B01T0", BEST_PUBLISHED), *batch]
-    assert batch_sheet_html("quick/B01", items, []).count("B01T0 <small>reference finger</small>") == 1
-    assert "reference finger" not in batch_sheet_html("quick/B01", batch, [])

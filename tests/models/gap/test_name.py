@@ -66,7 +66,7 @@ def test_what_is_hidden_is_named(effect: str) -> None:
 
 def test_a_name_that_is_less_probable_than_not_is_unknown(lag: NamingResult) -> None:
     """Its size, where it is, and which effect comes nearest are said."""
-    doubtful = replace(lag.decider, rehearsal=replace(USUAL, name=Odds((-0.1, 0.0, 0.0, 0.0, 0.0, 0.0))))
+    doubtful = replace(lag.decider, rehearsal=replace(USUAL, name=Odds((-0.1, 0.0, 0.0, 0.0, 0.0))))
     decision, chance = doubtful.decide(0.9, is_alarm=True)
     assert decision.kind == "unknown"
     assert decision.probability == pytest.approx(0.9 * (1.0 - chance))
@@ -80,7 +80,7 @@ def test_what_nine_in_ten_rehearsed_alarms_do_not_exclude_is_possible(lag: Namin
         log_odds = float(np.log(name / (1.0 - name)))
         rehearsal = replace(
             USUAL,
-            name=Odds((log_odds, 0.0, 0.0, 0.0, 0.0, 0.0)),
+            name=Odds((log_odds, 0.0, 0.0, 0.0, 0.0)),
             possible_name=possible_name,
             possible_unknown=possible_unknown,
         )
@@ -117,10 +117,15 @@ def test_probabilities_of_candidates_sum_to_one(lag: NamingResult) -> None:
     assert {one.effect for one in lag.candidates[2:]} == set(NAMES)
 
 
-def test_an_alarm_of_another_bank_stands() -> None:
-    """Whether anything is missing is told by the wide bank; the local one only says what."""
-    silent = Alarm(is_raised=False, gap=0.1, over_line=0.5)
-    assert name_effect(world("load_cell_lag"), USUAL, alarm=silent, catalogue=NAMES).named.kind == "none"
+def test_either_bank_may_raise_the_alarm(lag: NamingResult) -> None:
+    """An alarm stands whatever the next bank says; what was silent leaves it to the next."""
+    assert lag.standing_alarm is lag.alarm
+    quiet = name(world())
+    assert quiet.standing_alarm is None
+    stood = name_effect(world(), USUAL, alarm=Alarm(is_raised=True, gap=0.9, over_line=2.0), catalogue=NAMES)
+    assert stood.named.kind != "none"
+    raised = name_effect(world("load_cell_lag"), USUAL, alarm=quiet.standing_alarm, catalogue=NAMES)
+    assert raised.named.effects == ("load_cell_lag",)
 
 
 def test_a_pattern_of_no_catalogue_is_unknown_with_its_size() -> None:

@@ -14,7 +14,7 @@ from fast.models.scientist.acquisition.front import (
     select_by_hypervolume,
 )
 from fast.models.scientist.objectives import OUTCOMES
-from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.propose import NO_PENDING, Rule, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.observations import REAL, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -66,9 +66,8 @@ def limit_on(model: Surrogate, limit: float, less_is_better: bool = False) -> Cr
 
 def choose(criteria, n=4, points=None):
     points = random_unit(300, np.random.default_rng(5)) if points is None else points
-    rows = select_by_hypervolume(
-        criteria, criteria[0].predictor, points, REAL, n, NO_PENDING, NOWHERE, np.random.default_rng(1)
-    )
+    select = select_by_hypervolume(criteria)
+    rows = select(criteria[0].predictor, points, REAL, n, NO_PENDING, NOWHERE, np.random.default_rng(1))
     return points[[row for row, _ in rows]]
 
 
@@ -104,8 +103,8 @@ def test_proposals_by_criteria_are_apart_and_printable():
         learnt(model),
         Criterion(draw_known(lambda x: x[:, 1]), is_objective=True, less_is_better=True),
     ]
-    proposals = propose(model, 1, 5, NO_PENDING, np.random.default_rng(0), criteria=criteria)
-    again = propose(model, 1, 5, NO_PENDING, np.random.default_rng(0), criteria=criteria)
+    proposals = propose(model, 1, 5, NO_PENDING, np.random.default_rng(0), Rule(criteria=criteria))
+    again = propose(model, 1, 5, NO_PENDING, np.random.default_rng(0), Rule(criteria=criteria))
     assert [p.design for p in proposals] == [p.design for p in again]
     assert len({p.design.design_id for p in proposals}) == 5
     assert all(p.value >= 0 for p in proposals)

@@ -17,7 +17,7 @@ from fast.models.scientist.acquisition.mes import information_gain
 from fast.models.scientist.bridge.entropy import MaxValueEntropy
 from fast.models.scientist.bridge.model import SurrogateModel
 from fast.models.scientist.bridge.own_model import make_own_surrogate
-from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.propose import NO_PENDING, Room, Rule, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.observations import ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate, observation_variance
@@ -173,7 +173,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_a_rule_that_cannot_be_used_is_one_sentence(surrogate: Surrogate, rule: str, sentence: str):
     with pytest.raises(UsageError, match=sentence):
-        propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(0), acquisition=rule)
+        propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(0), Rule(rule))
 
 
 @pytest.mark.usefixtures("lab")
@@ -195,7 +195,7 @@ def test_a_model_that_cannot_be_used_is_one_sentence(name: str, sentence: str):
 def test_a_constraint_answers_yes_or_no():
     constraint = load_constraint("made_up_lab:gives_a_list")
     with pytest.raises(UsageError, match=r"answered \[\] for a design; it must give True or False"):
-        propose(None, 1, 1, NO_PENDING, np.random.default_rng(0), acquisition="random", constraint=constraint)
+        propose(None, 1, 1, NO_PENDING, np.random.default_rng(0), Rule("random"), Room(constraint=constraint))
 
 
 def test_entropy_search_works_on_a_model_of_ones_own(surrogate: Surrogate):

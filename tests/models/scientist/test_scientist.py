@@ -7,7 +7,7 @@ from scipy.spatial.distance import pdist
 from fast.models.design.printability import PrintingRules, broken_rules
 from fast.models.design.space import RIB_COUNT_COLUMN, random_unit, to_unit
 from fast.models.errors import UsageError
-from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.propose import NO_PENDING, Room, Rule, propose
 from fast.models.scientist.surrogate.fit import ObservationSet, fit_surrogate
 from fast.models.scientist.surrogate.posterior import Surrogate
 
@@ -40,7 +40,7 @@ def fitted(n_real: int = 12, n_sim: int = 30, seed: int = 0) -> Surrogate:
 def test_batch_is_apart_new_and_ordered(fidelity: int, acquisition: str):
     surrogate = fitted()
     pending = np.column_stack([random_unit(4, np.random.default_rng(1)), [0, 0, 1, 1]])
-    proposals = propose(surrogate, fidelity, 10, pending, np.random.default_rng(2), acquisition=acquisition)
+    proposals = propose(surrogate, fidelity, 10, pending, np.random.default_rng(2), Rule(acquisition))
     x = to_unit([proposal.design for proposal in proposals])
     assert len(proposals) == 10
     assert pdist(x).min() > 0.0499
@@ -91,7 +91,7 @@ def test_what_was_proposed_before_never_comes_again_and_rejects_keep_their_surro
     monkeypatch.setattr("fast.models.scientist.propose.candidate_points", lambda *_: candidates)
     monkeypatch.setattr("fast.models.design.space.DesignSpace.random_unit", lambda *_: candidates)
     proposals = [
-        propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(0), acquisition=acquisition, **kept_off)[0]
+        propose(surrogate, 1, 1, NO_PENDING, np.random.default_rng(0), Rule(acquisition), Room(**kept_off))[0]
         for kept_off in ({"taken": before[None], "rejected": reject[None]}, {"taken": candidates[1:]})
     ]
     assert [np.abs(to_unit([p.design]) - candidates).max(axis=1).argmin() for p in proposals] == [2, 0]
@@ -102,7 +102,7 @@ def test_only_what_can_be_printed_is_proposed(acquisition: str):
     rules = PrintingRules(min_cavity_mm=5.0, max_mass_g=26.0)
     surrogate = fitted()
     free, kept = (
-        propose(surrogate, 1, 5, NO_PENDING, np.random.default_rng(2), acquisition=acquisition, printing=printing)
+        propose(surrogate, 1, 5, NO_PENDING, np.random.default_rng(2), Rule(acquisition), Room(printing=printing))
         for printing in (None, rules)
     )
     assert any(broken_rules(proposal.design, rules) for proposal in free)
@@ -112,11 +112,11 @@ def test_only_what_can_be_printed_is_proposed(acquisition: str):
 def test_rules_that_nothing_keeps_are_refused():
     nothing = PrintingRules(max_mass_g=0.1)
     with pytest.raises(UsageError, match="Only 0 of 1 designs"):
-        propose(None, 1, 1, NO_PENDING, np.random.default_rng(2), acquisition="random", printing=nothing)
+        propose(None, 1, 1, NO_PENDING, np.random.default_rng(2), Rule("random"), Room(printing=nothing))
 
 
 def test_random_needs_no_surrogate():
-    proposals = propose(None, 1, 30, NO_PENDING, np.random.default_rng(0), acquisition="random")
+    proposals = propose(None, 1, 30, NO_PENDING, np.random.default_rng(0), Rule("random"))
     assert len({proposal.design.design_id for proposal in proposals}) == 30
     assert {proposal.value for proposal in proposals} == {0.0}
 
@@ -124,13 +124,13 @@ def test_random_needs_no_surrogate():
 @pytest.mark.parametrize("acquisition", ["mes", "random"])
 def test_too_wide_a_distance_is_refused(acquisition: str):
     with pytest.raises(UsageError, match="of 5 designs fit apart from each other; ask for a smaller minimum distance"):
-        propose(fitted(), 1, 5, NO_PENDING, np.random.default_rng(0), min_distance=2.9, acquisition=acquisition)
+        propose(fitted(), 1, 5, NO_PENDING, np.random.default_rng(0), Rule(acquisition), Room(min_distance=2.9))
 
 
 def test_wrong_arguments_are_named():
     surrogate, rng = fitted(n_real=3, n_sim=0), np.random.default_rng(0)
     with pytest.raises(UsageError, match="`mess` is unknown; did you mean `mes`"):
-        propose(surrogate, 1, 1, NO_PENDING, rng, acquisition="mess")
+        propose(surrogate, 1, 1, NO_PENDING, rng, Rule("mess"))
     with pytest.raises(UsageError, match="`mes` needs a fitted surrogate"):
         propose(None, 1, 1, NO_PENDING, rng)
     with pytest.raises(UsageError, match="Fidelity is 2"):
@@ -148,7 +148,7 @@ def closed_loop(acquisition: str, seed: int, n_rounds: int = 5) -> float:
     surrogate = fit_surrogate(data)
     for _ in range(n_rounds):
         for fidelity, n in ((0, 10), (1, 3)):
-            proposals = propose(surrogate, fidelity, n, NO_PENDING, rng, acquisition=acquisition)
+            proposals = propose(surrogate, fidelity, n, NO_PENDING, rng, Rule(acquisition))
             new = observe(to_unit([proposal.design for proposal in proposals]), np.full(n, fidelity), rng)
             columns = [(getattr(data, name), getattr(new, name)) for name in ("x", "s", "y", "noise_variance")]
             data = ObservationSet(*[np.concatenate(pair) for pair in columns])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fast.models.design.space import random_unit
+from fast.models.scientist.insights.health import surrogate_cards
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.health import SurrogateHealth, health_of, is_overconfident
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
@@ -23,9 +24,13 @@ def observed(n_real: int, n_sim: int, *, is_related: bool, seed: int = 0) -> Obs
     return ObservationSet(x, s, y, np.zeros(len(x)))
 
 
+def cards_of(surrogate: Surrogate) -> dict[str, str]:
+    return {card.name: card.sentence for card in surrogate_cards(health_of(surrogate), "demo")}
+
+
 def test_a_good_simulator_helps_and_nothing_is_found():
     health = health_of(fit_surrogate(observed(25, 150, is_related=True)))
-    assert health.findings == ()
+    assert {card.tone for card in surrogate_cards(health, "demo")} == {"green"}
     assert health.simulation_gain is not None
     assert health.simulation_gain > 0.3
     assert health.shared_variance > 0.8
@@ -35,7 +40,10 @@ def test_a_good_simulator_helps_and_nothing_is_found():
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_simulator_of_something_else_is_found_out(seed):
     health = health_of(fit_surrogate(observed(40, 120, is_related=False, seed=seed)))
-    assert health.findings[0].startswith("Simulation is not informative: with it the error at measured designs is ")
+    (card,) = [card for card in surrogate_cards(health, "demo") if card.name == "simulator"]
+    assert card.tone in ("yellow", "red")
+    assert card.sentence.startswith("Simulation is not informative: with it the error at measured designs is ")
+    assert "fast gap demo" in card.next_step
 
 
 def test_a_surrogate_that_is_too_sure_is_found_out():
@@ -46,8 +54,8 @@ def test_a_surrogate_that_is_too_sure_is_found_out():
     )
     fitted = fit_surrogate(noisy)
     too_sure = Surrogate.condition(noisy, fitted.parameters.model_copy(update={"noise_sd": 0.02, "sd_e": 0.02}))
-    assert any("is overconfident" in finding for finding in health_of(too_sure).findings)
-    assert not any("is overconfident" in finding for finding in health_of(fitted).findings)
+    assert "confidence" in cards_of(too_sure)
+    assert "confidence" not in cards_of(fitted)
 
 
 @pytest.mark.parametrize(
@@ -77,4 +85,4 @@ def test_a_gross_outlier_is_found_and_does_not_spoil_the_fit_elsewhere():
 
     assert rmse(clean) < rmse(spoilt) < 1.8  # of a spread of 2.7 N
     assert (health_of(clean).n_outliers, health_of(spoilt).n_outliers) == (0, 1)
-    assert health_of(spoilt).findings[-1].startswith("1 of 40 measured designs lie more than 4 standard deviations")
+    assert cards_of(spoilt)["outliers"].startswith("1 of 40 measured designs lie more than 4 standard deviations")

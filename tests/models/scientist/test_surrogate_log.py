@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fast.models.design.space import random_unit, to_unit
-from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.propose import NO_PENDING, Rule, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from fast.models.scientist.surrogate.health import health_of
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
@@ -59,7 +59,7 @@ def test_simulations_that_mislead_are_left_aside(seed):
 
 def test_the_first_tools_are_those_with_the_largest_predicted_force():
     surrogate = fit_surrogate(observed(1, is_true=True).in_logs())
-    proposals = propose(surrogate, REAL, 5, NO_PENDING, np.random.default_rng(0), n_best=2)
+    proposals = propose(surrogate, REAL, 5, NO_PENDING, np.random.default_rng(0), Rule(n_best=2))
     x = to_unit([proposal.design for proposal in proposals])
     predicted = surrogate.mean(x, REAL)
     assert [proposal.value for proposal in proposals[:2]] == [0.0, 0.0]
@@ -67,5 +67,5 @@ def test_the_first_tools_are_those_with_the_largest_predicted_force():
     assert predicted[:2].min() > np.quantile(surrogate.mean(random_unit(2000, np.random.default_rng(1)), REAL), 0.99)
     apart = np.linalg.norm(x[:, None] - x[None, :], axis=-1)[np.triu_indices(5, 1)]
     assert apart.min() >= 0.05
-    only_best = propose(surrogate, REAL, 2, NO_PENDING, np.random.default_rng(0), n_best=4)
+    only_best = propose(surrogate, REAL, 2, NO_PENDING, np.random.default_rng(0), Rule(n_best=4))
     assert [proposal.design for proposal in only_best] == [proposal.design for proposal in proposals[:2]]

@@ -24,7 +24,8 @@ class Options:
 
     `results` is a JSON-lines file that keeps every outcome, so that a benchmark can be stopped and continued;
     `grasps` are sizes of lakes; `n_sim` and `n_real` are the sizes of a made-up problem; `figure` is a picture to draw;
-    `n` is how often an event happens, `worlds` is how many made-up problems are solved.
+    `n` is how often an event happens, `worlds` is how many made-up problems are solved, `panel` is a file of true
+    grasps with their bank.
     """
 
     designs: int | None = None
@@ -39,6 +40,7 @@ class Options:
     worlds: int | None = None
     n_sim: int | None = None
     n_real: int | None = None
+    panel: Path | None = None
     tell: Callable[[str], None] = _say_nothing
 
 

@@ -56,7 +56,7 @@ def _simulation(surrogate: Surrogate, rule: str, seed: int) -> None:
 
 def _propose(surrogate: Surrogate, rule: str, fidelity: int, n: int, seed: int) -> None:
     from fast.models.design.space import random_unit
-    from fast.models.scientist.propose import propose
+    from fast.models.scientist.propose import Room, Rule, propose
 
     pending = np.column_stack([random_unit(N_PENDING, np.random.default_rng(7)), np.zeros(N_PENDING)])
-    propose(surrogate, fidelity, n, pending, np.random.default_rng(seed), min_distance=0.0, acquisition=rule)
+    propose(surrogate, fidelity, n, pending, np.random.default_rng(seed), Rule(rule), Room(min_distance=0.0))

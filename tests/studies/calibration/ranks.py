@@ -109,7 +109,7 @@ def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
     from fast.models.calibration.means.joint import JointDensity, sample_joint
     from fast.models.calibration.means.parameters import Parameters
     from fast.models.calibration.means.problem import Standardised
-    from tests.synthetic.calibration import Truth, make_up_problem
+    from tests.synthetic.calibration import Truth, draw_outputs, draw_prior, make_up_problem
 
     settings = SETTINGS.model_copy(update={"seed": world})
     theta, rng = _true_theta(kind, settings.priors, world)
@@ -117,8 +117,8 @@ def _calibrate_world(kind: Kind, world: int) -> WorldOutcome:
     data = Standardised.of(make_up_problem(N_SIM, N_REAL, world, truth, scales_with_modulus=kind == "factor"))
     parameters = Parameters.of(data, settings)
     if kind == "model":
-        true_values = parameters.draw_prior(rng)
-        data = JointDensity(data, parameters).draw_outputs(true_values, rng)
+        true_values = draw_prior(parameters, rng)
+        data = draw_outputs(data, parameters, true_values, rng)
         names = parameters.names
     else:
         true_values = np.concatenate(

@@ -100,8 +100,7 @@ def make_training(
     )
     # Samples of the bank have no times: the force before the lift is taken to be that at its start.
     grid_bank = make_grid_bank(grasps.cells, simulated_n, np.repeat(simulated_n[..., :1], N_LEAD, axis=-1))
-    nothing = [np.zeros(n, dtype=bool) for n in (len(designs), len(objects))]
-    return GapData(grasps, grid_bank, *nothing).training
+    return GapData.of_all(grasps, grid_bank).training
 
 
 def _simulated_steps(bank: Bank, designs: Sequence[int], objects: Sequence[int]) -> np.ndarray:

@@ -39,7 +39,7 @@ _WRITING = os.O_WRONLY | os.O_RDWR
 _HOW_ROWS_CAME = frozenset(
     {"created_at", "sequence", "code_version", "code_dirty", "started_at", "ended_at", "parents"}
 )
-_NEW_EACH_TIME = frozenset({"events", "flow_runs", "diagnostics"})
+_NEW_EACH_TIME = frozenset({"events", "flow_runs"})
 Content = dict[str, dict[str, str]]  # table -> id -> the row, as text
 
 

@@ -13,7 +13,6 @@ from typing import Any
 
 from fast.flows.report import folder as report_folder
 from fast.flows.report.campaign import page as report_page
-from fast.flows.report.campaign.simulation import write_moments
 from fast.flows.report.folder import Folder
 from fast.lake.handoff.import_folder import import_handoff
 from fast.lake.leases import exclusive
@@ -144,8 +143,9 @@ def _report(folder: Path) -> None:
     campaign = _campaign(folder)
     # Drawing, and the grasp that the report simulates once more, cost minutes and no row.
     vars(report_folder)["save_svg"] = _draw_nothing
-    setattr(Folder, "print_figure", Folder.figure)  # noqa: B010 - a stand-in
-    vars(report_page)["SECTIONS"] = tuple(part for part in report_page.SECTIONS if part is not write_moments)
+    draw = Folder.draw
+    setattr(Folder, "draw", lambda *of, **_: draw(*of[:3]))  # noqa: B010 - a stand-in that writes no PNG for print
+    report_page.SECTIONS.pop("moments")
     report_page.add_features(campaign.lake, NAME)
     report_page.write_report(campaign.lake, NAME, folder / "lake" / "outputs" / NAME / "report")
 

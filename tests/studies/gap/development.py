@@ -28,7 +28,7 @@ from tests.studies.gap.truth import Panel, read_panels, results_folder
 if TYPE_CHECKING:
     from fast.models.gap.evidence.rehearsal import Rehearsal
 
-N_REHEARSED = 240
+N_REHEARSED = 160
 N_WORLDS: dict[Group, int] = {"null": 40, "nasty null": 12, "single": 48, "alias": 6, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
 Stage = Literal["development", "independent"]
@@ -63,7 +63,7 @@ def measure_worlds(worlds: Worlds, stage: Stage, wanted: Mapping[Group, int], op
     outcomes, rehearsal = read_outcomes(options.results), rehearse_worlds(worlds, options)
     end = time.monotonic() + 60.0 * options.limit_minutes
     with RecordFile(options.results) as file:
-        for group, number, is_left_out in _interleaved(wanted, options.worlds):
+        for group, number, is_left_out in interleave(wanted, options.worlds):
             place = (stage, group, number, is_left_out)
             known = outcomes.get(place)
             if known is not None and is_current(known.answer):
@@ -116,10 +116,10 @@ def rehearse_worlds(worlds: Worlds, options: Options) -> "Rehearsal":
     from fast.tasks.gap.rehearse import rehearse_panel
 
     data = worlds.problem(worlds.draw("null", 0))
-    return rehearse_panel(data, (), N_REHEARSED, options.workers or 1, options.tell)
+    return rehearse_panel(data, (), options.n or N_REHEARSED, options.workers or 1, options.tell)
 
 
-def _interleaved(wanted: Mapping[Group, int], n_worlds: int | None) -> Iterator[tuple[Group, int, bool]]:
+def interleave(wanted: Mapping[Group, int], n_worlds: int | None) -> Iterator[tuple[Group, int, bool]]:
     """World after world, a bit of every group first: a run that is stopped has seen all of them.
 
     Worlds with one effect come twice, the second time with the effect taken out of the catalogue.

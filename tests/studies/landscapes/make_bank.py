@@ -19,7 +19,7 @@ from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
 from fast.models.ids import content_id
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, EffectValue, GraspSetup, Record, Theta
-from fast.models.scientist.propose import propose
+from fast.models.scientist.propose import Room, Rule, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.simulation.effects.base import Effect
@@ -205,7 +205,7 @@ def believed_designs(grasps: Grasps) -> np.ndarray:
 def best_of(data: ObservationSet, taken: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
     """Designs that should improve most on the real results of `data`, n x 9, none of `taken`."""
     pending = np.zeros((0, 10))
-    found = propose(fit_surrogate(data), REAL, n, pending, rng, acquisition="ei", taken=taken, min_distance=0.1)
+    found = propose(fit_surrogate(data), REAL, n, pending, rng, Rule("ei"), Room(taken=taken, min_distance=0.1))
     return to_unit([proposal.design for proposal in found])
 
 

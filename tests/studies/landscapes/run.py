@@ -1,5 +1,6 @@
 """One strategy on one landscape through the schedule of the paper."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from fast.models.design.space import random_unit, to_unit
 from fast.models.records import Record
 from fast.models.scientist.acquisition.candidates import mutate
-from fast.models.scientist.propose import NO_PENDING, propose
+from fast.models.scientist.propose import NO_PENDING, Room, Rule, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -59,14 +60,25 @@ class LandscapeRun(Record):
         return float(reached[0]) if len(reached) else float("inf")
 
 
-def run_strategy(landscape: Landscape, strategy: NightStrategy, schedule: RunSchedule, seed: int) -> LandscapeRun:
-    """Run one strategy; all strategies of a landscape and seed begin with the same designs and noise."""
+def run_strategy(
+    landscape: Landscape,
+    strategy: NightStrategy,
+    schedule: RunSchedule,
+    seed: int,
+    watch: Callable[[ObservationSet], None] = lambda data: None,
+) -> LandscapeRun:
+    """Run one strategy; all strategies of a landscape and seed begin with the same designs and noise.
+
+    watch: is shown what is known before the first round and after each.
+    """
     search = _Search(landscape, strategy, schedule, seed)
+    watch(search.data())
     for _ in range(schedule.rounds):
         if strategy.simulations is not None:
             search.simulate()
         if strategy.tools is not None:
             search.measure()
+        watch(search.data())
     if strategy.tools is None:
         search.verify()
     return search.result(seed)
@@ -118,7 +130,7 @@ class _Search:
         while left > 0:
             n = min(left, self._schedule.simulations_at_once)
             self._run_simulations(self._propose(rule, SIM, n))
-            self._surrogate = self._surrogate.updated(self._data())
+            self._surrogate = self._surrogate.updated(self.data())
             left -= n
 
     def measure(self) -> None:
@@ -157,16 +169,16 @@ class _Search:
             n,
             NO_PENDING,
             self._rng,
-            min_distance=0.05 if fidelity == REAL else 0.0,
-            acquisition=rule,
-            n_best=self._strategy.n_best if fidelity == REAL else 0,
+            Rule(acquisition=rule, n_best=self._strategy.n_best if fidelity == REAL else 0),
+            Room(min_distance=0.05 if fidelity == REAL else 0.0),
         )
         return to_unit([proposal.design for proposal in proposals])
 
     def _fit(self) -> Surrogate:
-        return fit_surrogate(self._data(), self._surrogate.parameters if self._surrogate else None)
+        return fit_surrogate(self.data(), self._surrogate.parameters if self._surrogate else None)
 
-    def _data(self) -> ObservationSet:
+    def data(self) -> ObservationSet:
+        """What is known."""
         x = np.concatenate([self._simulated.x, self._tools.x])
         y = np.concatenate([self._simulated.y, self._tools.y])
         simulated_as = SIM if self._strategy.tools is not None else REAL

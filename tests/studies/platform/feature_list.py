@@ -71,15 +71,6 @@ FEATURES: Mapping[str, Mapping[str, Config]] = {
     "material": {OFF: {}, "lot": {"material": "lot.toml"}},
     "surrogate": {OFF: {}, "log": {"scientist": {"surrogate": "log"}}},
     "repeats": {OFF: {}, "interleaved": {"objects": {"repeats": 2, "repeats_order": "interleaved"}}},
-    "diagnostics": {
-        OFF: {},
-        "protocol": {
-            "diagnostics": {
-                "protocol_slot": 0, "objects": [14], "repeats": 1, "dwell_s": [1.0], "lift_speeds_mm_per_s": [],
-                "supply_pressures_psi": [], "closed_empty": 1, "reference_every": 2, "reference_object": 14,
-            }
-        },
-    },
 }  # fmt: skip
 _BASE: Config = {
     "name": NAME,
@@ -89,7 +80,7 @@ _BASE: Config = {
         "simulations_per_batch": 1,
     },
     "objects": {"repeats": 1},
-    "simulator": {"find_branches": False, "mesh": {"edge_mm": 20.0}},
+    "simulator": {"mesh": {"edge_mm": 20.0}},
     "execution": {"simulation_workers": 1, "print_poll_s": 0.2, "again_grasps": 0},
 }  # fmt: skip
 
@@ -100,11 +91,8 @@ def _pair(one: str, level: str, other: str, other_level: str) -> Pair:
 
 # Pairs that are refused by design, and words of the sentence that says so.
 REFUSED: Mapping[Pair, str] = {
-    _pair("bench", "folder", "diagnostics", "protocol"): 'a bench of kind "folder" makes grasps alone',
-    _pair("bench", "arm", "diagnostics", "protocol"): "an arm makes no diagnostic runs",
     _pair("reference finger", "fin-ray", "family", "free-form"): "the family `free-form` cannot draw",
     _pair("reference finger", "fin-ray", "family", "slotted:Slotted"): "the family `slotted:Slotted` cannot draw",
-    _pair("objects", "own on a place", "diagnostics", "protocol"): "object 14 is not on the bench",
 }
 
 

@@ -17,8 +17,7 @@ CASES = {
         "material": "lot",
     },
     "gantry": {
-        "family": "slotted:Slotted", "objects": "own", "designs": "own", "night": "on", "diagnostics": "protocol",
-        "surrogate": "log",
+        "family": "slotted:Slotted", "objects": "own", "designs": "own", "night": "on", "surrogate": "log",
     },
     "arm": {"family": "free-form", "objects": "own on a place", "gap": "on", "reference tools": "best"},
 }  # fmt: skip

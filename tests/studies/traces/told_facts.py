@@ -7,7 +7,7 @@ A. A modulus scatters by 30 % about Gent's formula. Readings are those that a se
 import numpy as np
 
 from fast.models.design.measured import LENGTHS_MM, Wall, find_hardness_questions, find_wall_questions
-from fast.models.gap.ask.person import find_reading_questions, find_weight_questions, list_measurements
+from fast.models.gap.ask.person import find_reading_questions, list_measurements
 from fast.models.material import (
     MODULI_MPA,
     QUANTITIES,
@@ -16,7 +16,6 @@ from fast.models.material import (
     find_lot_questions,
     modulus_of_hardness_mpa,
 )
-from fast.models.question import Question
 
 N_TOOLS = 6
 WALLS = ("front wall", "back wall", "ribs")
@@ -160,7 +159,6 @@ def _readings(rng: np.random.Generator) -> list[tuple[str, bool | None]]:
 
     more_mm, of_tools = sound["walls"], (sound["walls"] + rng.normal(0.0, 0.03), 0.055)
     jaw = max(sound["jaw_push"], 0.005)
-    hung_n = 9.80665 * (1.0 + rng.normal(0.0, 0.02))
     return [
         ("reading: nothing, any of seven", any(ask(kind, value) for kind, value in sound.items())),
         ("reading: nothing, walls beside measured tools", ask("walls", more_mm, known=of_tools)),
@@ -179,12 +177,4 @@ def _readings(rng: np.random.Generator) -> list[tuple[str, bool | None]]:
         ("reading: the excess in per cent", ask("tensile_bar", 100 * (abs(sound["tensile_bar"]) + 0.03), "per cent")),
         ("reading: the way of the jaw at 20 N", ask("jaw_push", 20 * jaw, "the way at 20 N") if jaw > 0.01 else None),
         ("reading: stiffness in place of compliance", ask("jaw_push", 1 / jaw, "N/mm")),
-        ("weight: nothing", _any(find_weight_questions(1.0, hung_n))),
-        ("weight: in lb", _any(find_weight_questions(1.0 / 0.45359237, hung_n), "lb")),
-        ("weight: a decimal point", _any(find_weight_questions(0.1, hung_n), "decimal")),
-        ("weight: a cell in kg", _any(find_weight_questions(1.0, hung_n / 9.80665), "kg")),
     ]
-
-
-def _any(questions: list[Question], words: str = "") -> bool:
-    return any(words in question.sentence for question in questions)

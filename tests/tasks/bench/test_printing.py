@@ -4,7 +4,7 @@ import pytest
 
 from fast.flows.report.campaign.queries import FAILURES
 from fast.lake.handoff.export_folder import export_handoff
-from fast.lake.handoff.import_folder import import_handoff
+from fast.lake.handoff.import_folder import Origin, import_handoff
 from fast.lake.handoff.tables import HandoffError
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
@@ -273,11 +273,11 @@ def test_a_recipe_travels_with_its_tools(with_recipe, tmp_path):
     take_told(with_recipe, [ToldGrasp("row 1", g.tool_id, g.object_id, g.repeat, 9.0) for g in asked], "ada")
     export_handoff(lake, tmp_path / "out", campaign_id="small")
     other = Lake.open(tmp_path / "other", create=True)
-    import_handoff(other, tmp_path / "out", current_provenance(), campaign_id="theirs")
+    import_handoff(other, tmp_path / "out", current_provenance(), Origin(campaign_id="theirs"))
     (row,) = other.rows(ToolRow)
     assert (row["recipe"], row["recipe_json"]) == ("tpu", lake.rows(ToolRow)[0]["recipe_json"])
     text = (tmp_path / "out" / "tools.csv").read_text()
     (tmp_path / "out" / "tools.csv").write_text(text.replace('""fdm""', '""laser""'))
     third = Lake.open(tmp_path / "third", create=True)
     with pytest.raises(HandoffError, match="must be a recipe as JSON"):
-        import_handoff(third, tmp_path / "out", current_provenance(), campaign_id="theirs")
+        import_handoff(third, tmp_path / "out", current_provenance(), Origin(campaign_id="theirs"))

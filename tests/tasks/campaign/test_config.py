@@ -1,12 +1,13 @@
-import tomllib
+import re
 from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from fast.models.errors import ConfigError
-from fast.tasks.campaign.config import CampaignConfig, differences, load_config
-from fast.tasks.campaign.settings import REMOVED_RULES, ObjectPlan, Schedule
+from fast.tasks.campaign.config import CampaignConfig, differences, load_config, read_stored_config
+from fast.tasks.campaign.retired import RETIRED
+from fast.tasks.campaign.settings import NightSettings, ObjectPlan, Schedule
 
 ROOT = Path(__file__).parents[3]
 QUICK = ROOT / "campaigns" / "quick.toml"
@@ -51,8 +52,11 @@ def test_last_initial_tray_may_be_partly_filled():
         ('name = "quick"', 'name = "Quick!"', "`name` is 'Quick!'"),
         ("seed = 1", "seed = one", "is not TOML"),
         ('world = "', 'world = "missing/', "does not exist"),
-        ("[simulator]", '[simulator]\ntier = "fine"', r"`simulator\.tier` is 'fine': it must be \"production\" or"),
-        ("[simulator]", '[simulator]\ntier = "screening"', "the simulator tier `screening` was removed; simulate"),
+        (
+            "[bench]",
+            '[simulator]\ntier = "fine"\n[bench]',
+            r"`simulator\.tier` is 'fine', it must be 'production' or 'reference'; change it",
+        ),
         (
             "[bench]",
             '[scientist]\nacquisition = "ucb"\n[bench]',
@@ -60,11 +64,9 @@ def test_last_initial_tray_may_be_partly_filled():
         ),
         (
             "[bench]",
-            "[diagnostics]\nprotocol_slot = 0\nobjects = [36]\n[bench]",
-            "object 36 has no place on the bench; use an id from 0 to 35",
+            "[diagnostics]\nprotocol_slot = 0\n[bench]",
+            r"edited\.toml: `diagnostics` is gone: a gap search asks the bench for grasps .*Remove it\.",
         ),
-        ("[bench]", '[scientist]\nacquisition = "jes"\n[bench]', 'rule "jes" was removed, "mes" is no worse'),
-        ("[bench]", '[scientist]\nsimulation_acquisition = "thompson"\n[bench]', 'rule "thompson" was removed'),
     ],
 )
 def test_bad_values_get_one_sentence(tmp_path, old, new, message):
@@ -72,12 +74,20 @@ def test_bad_values_get_one_sentence(tmp_path, old, new, message):
         load_config(edited(tmp_path, old, new))
 
 
-@pytest.mark.parametrize("rule", REMOVED_RULES)
-def test_a_stored_config_that_names_what_was_removed_is_still_read(rule):
-    data = tomllib.loads(QUICK.read_text())
-    data["simulator"]["tier"], data["scientist"] = "screening", {"acquisition": rule}
-    config = CampaignConfig.model_validate(data)
-    assert (config.simulator.version.tier, config.scientist.acquisition) == ("screening", rule)
+@pytest.mark.parametrize(("path", "instead"), RETIRED.items())
+def test_a_key_that_is_gone_is_refused_in_a_file_and_dropped_from_a_lake(tmp_path, path, instead):
+    section, _, key = path.partition(".")
+    text = f"[{section}]\n{key or 'protocol_slot'} = 0\n[bench]"
+    file = edited(tmp_path, "[bench]", text)
+    with pytest.raises(ConfigError, match=re.escape(f"`{path}` is gone: {instead}. Remove it.")):
+        load_config(file)
+    stored = QUICK.read_text()
+    assert read_stored_config(stored.replace("[bench]", text), "quick") == read_stored_config(stored, "quick")
+
+
+def test_a_campaign_that_followed_calibrations_has_nights():
+    text = QUICK.read_text().replace("[bench]", '[simulator]\nfollow = "latest"\nreruns = 5\n[bench]')
+    assert read_stored_config(text, "quick").night == NightSettings(active=True, max_designs=5)
 
 
 def test_missing_file_says_so(tmp_path):

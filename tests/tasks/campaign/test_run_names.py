@@ -13,8 +13,8 @@ from fast.tasks.campaign.settings import ObjectPlan
 RUN = str(uuid4())
 
 
-def grasp(object_id, repeat, diagnostic=None):
-    return SimpleNamespace(object_id=object_id, repeat=repeat, diagnostic=diagnostic)
+def grasp(object_id, repeat):
+    return SimpleNamespace(object_id=object_id, repeat=repeat)
 
 
 @pytest.fixture
@@ -34,7 +34,6 @@ def test_the_name_says_which_object_of_how_many(named, monkeypatch):
     monkeypatch.setattr(run_names.time, "monotonic", lambda: now_s[0])
     place = PlaceInName("B07 gantry, tool 4", RUN, ObjectPlan(ids=(3, 9), repeats=2), {(3, 0)})
     place.count(grasp(3, 1))
-    place.count(grasp(9, 0, diagnostic="dwell"))
     assert named == []  # too soon
     now_s[0] = 11.0
     place.count(grasp(9, 0))

@@ -1,4 +1,4 @@
-"""A campaign that follows calibrated simulator versions: which it takes, when, what becomes of older simulations."""
+"""Nights take calibrated simulator versions: which, when, what becomes of older simulations."""
 
 import json
 
@@ -14,7 +14,7 @@ from fast.models.scientist.surrogate.version_map import LEAST_SHARED
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.settings import Schedule, SimulatorSettings
+from fast.tasks.campaign.settings import NightSettings, Schedule
 from fast.tasks.campaign.simulator_versions import (
     at_present,
     at_stage,
@@ -55,13 +55,11 @@ def calibrate(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersion, 
     campaign.lake.append([*version_rows(new), row], campaign.provenance())
 
 
-def following(campaign: Campaign, **settings) -> Campaign:
-    """The campaign with 12 random simulations and 4 random tools, all simulated and measured, that follows."""
-    simulator = SimulatorSettings(follow="latest", **settings)
+def following(campaign: Campaign, max_designs: int = 0) -> Campaign:
+    """The campaign with 12 random simulations and 4 random tools, all simulated and measured, that has nights."""
+    night = NightSettings(active=True, max_designs=max_designs)
     schedule = Schedule(initial_tools=4, tools_per_batch=4, guided_batches=3, initial_simulations=12)
-    campaign = Campaign(
-        campaign.lake, campaign.config.model_copy(update={"simulator": simulator, "schedule": schedule})
-    )
+    campaign = Campaign(campaign.lake, campaign.config.model_copy(update={"night": night, "schedule": schedule}))
     propose_initial(campaign)
     confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
     campaign.lake.append(version_rows(BASE), campaign.provenance())
@@ -95,7 +93,7 @@ def events(campaign: Campaign, kind: str) -> list[dict]:
     return [json.loads(row["payload_json"]) for row in campaign.lake.rows(EventRow, kind=kind)]
 
 
-def test_a_pinned_campaign_hears_nothing(campaign):
+def test_a_campaign_without_nights_hears_nothing(campaign):
     calibrate(campaign, BASE, OTHER)
     assert at_stage(campaign, 1) is campaign
     assert at_present(campaign).version == BASE
@@ -143,6 +141,7 @@ def test_a_stage_keeps_the_version_it_began_with(campaign):
     assert at_stage(restarted, 2).version == THIRD
     assert [at_stage(restarted, stage).version for stage in (0, 1, 2)] == [BASE, OTHER, THIRD]
     assert [e["stage"] for e in events(campaign, "simulator_version")] == [1, 2]
+    assert [e["reruns"] for e in events(campaign, "simulator_version")] == [[], []], "max_designs = 0"
 
 
 def test_another_modulus_scales_what_is_there_and_repeats_nothing(campaign):
@@ -157,36 +156,14 @@ def test_another_modulus_scales_what_is_there_and_repeats_nothing(campaign):
     assert len(observed_rows(now, now.state(), [1])) == len(observed_rows(campaign, campaign.state(), [1]))
 
 
-def test_rerun_lets_only_the_new_version_speak(campaign):
-    campaign = following(campaign, old_versions="rerun", reruns=5)
-    calibrate(campaign, BASE, OTHER)
-    now = at_stage(campaign, 1)
-    state = now.state()
-    designs = list_reruns(now, 1)
-    # In turn the best measured tool and the best simulated design; tools are simulated best here, too.
-    tools, best_simulated = state.tools[::-1], [t.design for t in state.tools[::-1]]
-    assert {d.design_id for d in designs[:4]} == {t.design.design_id for t in tools} | {best_simulated[0].design_id}
-    assert len({d.design_id for d in designs}) == 5
-    assert designs[4] == state.simulations[-1].design
-    assert simulated(now) == {}
-    for design in designs:
-        for object_id in now.object_ids:
-            append_simulation(now, design, object_id, 7.0)
-    assert list(simulated(now).values()) == [(7.0, 0.0)] * 5
-    assert versions_used(now) == {OTHER.version_id}
-    calibrate(campaign, OTHER, THIRD)
-    restarted = Campaign(Lake.open(campaign.lake.root), campaign.config)
-    assert list_reruns(at_stage(restarted, 1), 1) == designs
-
-
 def test_older_simulations_are_mapped_by_designs_of_both_with_their_error(campaign):
-    campaign = following(campaign, reruns=LEAST_SHARED)
+    campaign = following(campaign)
     before = simulated(campaign)
     calibrate(campaign, BASE, OTHER)
     now = at_stage(campaign, 1)
     rng = np.random.default_rng(3)
     numbered = all_designs(now)
-    for place, design in enumerate(list_reruns(now, 1)):
+    for place, design in enumerate(numbered[:LEAST_SHARED]):
         if place == LEAST_SHARED - 1:
             assert len(simulated(now)) == place  # one design of both too few: the rest is left out
             note_older_simulations(now, 2)
@@ -210,15 +187,15 @@ def test_older_simulations_are_mapped_by_designs_of_both_with_their_error(campai
 
 
 def test_a_design_of_two_older_versions_counts_once_by_the_newer(campaign):
-    campaign = following(campaign, reruns=16)
+    campaign = following(campaign)
     calibrate(campaign, BASE, OTHER)
     second, numbered = at_stage(campaign, 1), all_designs(campaign)
-    for design in list_reruns(second, 1):
+    for design in numbered:
         for object_id in second.object_ids:
             append_simulation(second, design, object_id, 8.0 + numbered.index(design))
     calibrate(campaign, OTHER, THIRD)
     third = at_stage(campaign, 2)
-    for design in list_reruns(third, 2)[:10]:
+    for design in numbered[:10]:
         for object_id in third.object_ids:
             append_simulation(third, design, object_id, 20.0 + numbered.index(design))
     assert len(simulated(third)) == 16

@@ -53,15 +53,6 @@ def test_results_are_bit_identical_in_any_order_and_any_worker(workers):
     assert again == forwards[0]
 
 
-def test_a_search_for_branches_changes_no_number_and_is_counted(workers):
-    plain = workers[0].call(attempt_grasp, job(BEST_PUBLISHED, HALF))
-    searched = workers[0].call(attempt_grasp, dataclasses.replace(job(BEST_PUBLISHED, HALF), find_branches=True))
-    assert numbers(searched) == numbers(plain)
-    assert plain.branches is None
-    assert (searched.branches.cause, searched.branches.n_runs) == ("", 1)
-    assert searched.cpu_s > searched.branches.cpu_s > 0.0
-
-
 def test_a_removed_tier_is_refused_and_no_failure_is_kept_of_it(workers):
     with pytest.raises(UsageError, match="tier `screening` was removed"):
         workers[0].call(attempt_grasp, job(BEST_PUBLISHED, HALF, version=SimulatorVersion(tier="screening")))

@@ -18,7 +18,7 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.simulation.engine import check_engine, open_engine
 from fast.tasks.simulation.simulate import simulate_design
-from tests.studies.simulation.dask_cluster import Cluster, cluster
+from tests.tasks.simulation.dask_cluster import Cluster, cluster
 from tests.tasks.traces.made_up_grasps import made_up, pid_after, slowly_made_up
 
 pytest.importorskip("distributed", reason="the extra `scale` is not installed")

@@ -12,7 +12,7 @@ from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.simulation.engine import Engine, open_engine
 from fast.tasks.simulation.simulate import simulate_design
 from tests.lake.storage.object_server import BUCKET, ObjectServer
-from tests.studies.simulation.dask_cluster import cluster
+from tests.tasks.simulation.dask_cluster import cluster
 
 pytest.importorskip("distributed", reason="the extra `scale` is not installed")
 OBJECTS = (0, 14, 30)

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from fast.lake.maintenance import stats
-from fast.lake.tables.campaign import SimTraceRow, SimulationBranchRow, SimulationRow, SimulatorVersionRow
+from fast.lake.tables.campaign import SimTraceRow, SimulationRow, SimulatorVersionRow
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import FastError
-from fast.models.records import Branch, Branches, GraspSimulation, Trace
-from fast.tasks.scientist.propose import propose_initial
+from fast.models.records import GraspSimulation, Trace
 from fast.tasks.simulation import simulate as simulating
 from fast.tasks.simulation.attempt import Attempt
 from fast.tasks.simulation.simulate import simulate_design
@@ -63,13 +62,6 @@ class ScriptedPool:
 
     def restart(self) -> None:
         self.n_restarts += 1
-
-
-def with_branches(attempt: Attempt, *shares: float) -> Attempt:
-    """The attempt, searched for branches and with as many as there are shares."""
-    assert attempt.result is not None
-    found = tuple(Branch(share, replace(attempt.result, peak_force_n=1.0 - 0.1 * k)) for k, share in enumerate(shares))
-    return replace(attempt, branches=Branches(found, "placement" if len(found) > 1 else "", 0.04, n_runs=9, cpu_s=5.0))
 
 
 def rows(campaign):
@@ -142,51 +134,6 @@ def test_what_was_finished_is_written_when_the_engine_is_lost(campaign):
     with pytest.raises(FastError, match="scheduler"):
         simulate_design(campaign, BEST_PUBLISHED, pool=pool)
     assert list(rows(campaign)) == [4]
-
-
-def test_a_second_branch_is_a_row_of_its_own_table(campaign):
-    simulate_design(campaign, BEST_PUBLISHED, pool=ScriptedPool(with_branches(result(), 0.7, 0.3), result()))
-    found = rows(campaign)
-    assert (found[4]["branch"], found[4]["branch_share"]) == (0, 0.7)
-    assert (found[7]["branch"], found[7]["branch_share"]) == (None, None)  # was not searched
-    (other,) = campaign.lake.records(SimulationBranchRow)
-    assert (other.simulation_id, other.branch, other.branch_share) == (found[4]["simulation_id"], 1, 0.3)
-    assert (other.cause, other.share_error, other.n_runs, other.peak_force_n) == ("placement", 0.04, 9, 0.9)
-    assert other.trace.force_n[1] == pytest.approx(np.sin(1))
-    both = campaign.lake.query("SELECT branch, branch_share, peak_force_n FROM simulated_branches ORDER BY branch")
-    assert both.to_pylist() == [
-        {"branch": 0, "branch_share": 0.7, "peak_force_n": 1.0},
-        {"branch": 1, "branch_share": 0.3, "peak_force_n": 0.9},
-    ]
-
-
-def test_a_grasp_with_one_branch_says_that_it_was_searched(campaign):
-    simulate_design(campaign, BEST_PUBLISHED, pool=ScriptedPool(with_branches(result(), 1.0), result()))
-    assert (rows(campaign)[4]["branch"], rows(campaign)[4]["branch_share"]) == (0, 1.0)
-    assert campaign.lake.records(SimulationBranchRow) == []
-
-
-class AskedPool(ScriptedPool):
-    """Also keeps the jobs that it is given."""
-
-    def __init__(self, *script) -> None:
-        super().__init__(*script)
-        self.jobs = []
-
-    def submit(self, function, *arguments):
-        self.jobs += arguments
-        return super().submit(function, *arguments)
-
-
-def test_only_grasps_of_tools_are_searched_for_branches(campaign):
-    propose_initial(campaign)
-    tool = campaign.state().tools[0]
-    asked = {}
-    for design in (tool.design, BEST_PUBLISHED):
-        pool = AskedPool(result(), result())
-        simulate_design(campaign, design, pool=pool)
-        asked[design.design_id] = {job.find_branches for job in pool.jobs}
-    assert asked == {tool.design.design_id: {True}, BEST_PUBLISHED.design_id: {False}}
 
 
 def test_why_a_result_is_not_converged_as_others_are_is_kept(campaign):

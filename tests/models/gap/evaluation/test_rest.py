@@ -1,4 +1,4 @@
-"""What is left is told in words: where in the lift, whether it stays without an object, and what it goes with."""
+"""What is left is told in words: where in the lift, and whether it stays without an object."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,6 @@ class Made:
             order=self.order,
             measured_n=measured_n,
             predicted_n=self.predicted_n,
-            tool_factor=np.ones(N_TOOLS),
             numerical_n=np.zeros((len(self.tool), 0, N_STEPS)),
         )
 
@@ -66,7 +65,6 @@ def test_a_hose_pulls_on_and_grows(made: Made) -> None:
     told = made.told(np.broadcast_to(0.02 * LIFT_MM, made.predicted_n.shape))
     assert told.startswith("A pull stays after the object has gone: 0.9"), told
     assert "and grows by 0.02 N per mm." in told
-    assert "It " not in told  # it goes with nothing else
 
 
 def test_an_object_that_never_comes_free_has_no_say_in_what_stays(made: Made) -> None:
@@ -85,22 +83,6 @@ def test_what_is_proportional_to_force_ends_with_the_object(made: Made) -> None:
     told = made.told(0.05 * made.predicted_n)
     assert told.startswith("The difference is largest at the peak: 0.4"), told
     assert "more than simulated" in told
-    assert "It grows with the force" in told
-    assert "stiffness" not in told  # of which the force says all
-    assert "repeat" not in told
-
-
-def test_wear_shows_over_repeats_and_not_as_an_object(made: Made) -> None:
-    told = made.told(-0.04 * (1 + made.repeat)[:, None] * made.predicted_n)
-    assert "less than simulated" in told
-    assert "It grows by 0.7" in told, told
-    assert "from the first to the last repeat." in told
-    assert "width" not in told
-
-
-def test_drift_goes_with_the_order(made: Made) -> None:
-    told = made.told(np.where(made.predicted_n > 1.0, 0.03 * (made.order[:, None] + 4.0), 0.0))
-    assert "from early to late grasps of a tool." in told, told
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -108,4 +90,3 @@ def test_noise_says_that_there_is_nothing(seed: int) -> None:
     told = Made(seed).told(np.zeros((1, N_STEPS)))
     assert told.startswith("What is left is 0.0"), told
     assert "no sign on which tools and objects agree" in told
-    assert "It " not in told

@@ -43,7 +43,6 @@ def made_up_residuals(
         order=rng.permutation(len(tool)).astype(float),
         measured_n=factors * predicted + 0.08 * rng.standard_normal(predicted.shape),
         predicted_n=predicted,
-        tool_factor=np.ones(n_tools),
         numerical_n=mesh[tool, obj],
     )
 

@@ -1,0 +1,199 @@
+"""A panel by its evidence alone: nothing is held out, so one finger on two objects is enough.
+
+So small a panel mostly says what cannot be told apart, and the grasp that would decide. A lab's own simulator may stand
+beside ours: then the question is what that one lacks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fast.flows.gap.search import GapOrder, Simulator
+from fast.flows.progress import ProgressReporter
+from fast.flows.simulation.progress import n_missing
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.models.gap.ask.choose import ENOUGH_NATS
+from fast.models.gap.data import GapData
+from fast.models.gap.evidence.trials import Trial
+from fast.models.gap.findings import NextExperiment
+from fast.models.gap.grasps import Grasps
+from fast.models.gap.naming.name import NamingResult, name_effect
+from fast.models.gap.simulated import Beside, stand_beside
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.simulation.version import SimulatorVersion
+from fast.models.units import spell_name, unit_of
+from fast.tasks.calibration.mean_data import TooLittleDataError, find_base_version
+from fast.tasks.campaign.requests import GAP_LEASE
+from fast.tasks.gap.ask import ask
+from fast.tasks.gap.bank import WIDE_BANK, plan_bank, read_bank
+from fast.tasks.gap.calibrate import SearchInputs
+from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, read_grasps
+from fast.tasks.gap.panel import LEAST_DESIGNS, LEAST_OBJECTS, select_panel
+from fast.tasks.gap.rehearse import rehearse_panel
+from fast.tasks.gap.simulated import read_simulated
+from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
+from fast.tasks.gap.trace_rows import designs_of, measured_grasps
+
+_MOST_ROWS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """What a panel says by its evidence. asked: what would decide; None if nothing is open, or nothing would.
+
+    beside: the measured grasps beside another simulator, if there is one.
+    """
+
+    grasps: Grasps
+    naming: NamingResult
+    asked: NextExperiment | None
+    warnings: tuple[str, ...]
+    beside: Beside | None = None
+
+    @property
+    def alike(self) -> tuple[Trial, ...]:
+        """Effects on trial that have as much evidence as the best, within odds of 20 to 1; none without an alarm."""
+        tried = self.naming.trials.tried
+        return tuple(one for one in tried if one.nats > tried[0].nats - ENOUGH_NATS)
+
+    @property
+    def sentence(self) -> str:
+        """What is said of the panel."""
+        grasps, named = self.grasps, self.naming.named
+        n_tools, n_objects = len(grasps.tools), len(grasps.objects)
+        made = f"{len(grasps.grasp_ids)} grasps of {_count(n_tools, 'tool')} on {_count(n_objects, 'object')}"
+        said = [f"{made}; nothing is held out, so no name is checked on grasps that it never saw.", named.sentence]
+        if len(self.alike) > 1:
+            titles = "; ".join(CATALOGUE[one.effect].title for one in self.alike)
+            said.append(f"These cannot be told apart here: {titles}.")
+        if named.kind != "none":
+            said.append(self.asked.sentence if self.asked is not None else "No grasp of this bench would tell more.")
+        if self.beside is not None:
+            said.append(self._tell_beside(self.beside))
+        return " ".join(said)
+
+    def list_rows(self) -> list[dict[str, object]]:
+        """What was weighed, the most evidence first: effects on trial, and the best pattern without a name."""
+        trials = self.naming.trials
+        rows: list[dict[str, object]] = [
+            {"may be missing": one.effect, "evidence": round(one.nats, 1), "value": _tell_value(one)}
+            for one in trials.tried
+        ]
+        known = {one.effect for one in trials.tried}
+        for one in trials.weighed:
+            if one.name not in known and len(rows) < _MOST_ROWS:
+                rows.append({"may be missing": one.name, "evidence": round(one.nats, 1), "value": ""})
+        return rows
+
+    def _tell_beside(self, beside: Beside) -> str:
+        """How far the other simulator is from this one, and where its constants would go."""
+        modulus, friction, ratio = self.naming.trials.fit.theta - beside.theta
+        return (
+            f"Your simulator is {100.0 * beside.apart:.2g} % of the force from ours at its likeliest constants; the "
+            f"measured grasps move it by {modulus:+.2g} MPa, {friction:+.2g} of friction and {ratio:+.2g} of Poisson's "
+            "ratio."
+        )
+
+
+def is_small(lake: Lake, order: GapOrder) -> bool:
+    """Whether a panel has too few designs or objects to hold some out.
+
+    Raises:
+        UsageError: nothing was measured, or on several benches; a design is unknown.
+    """
+    rows = measured_grasps(lake, order.campaign_id)
+    designs = designs_of(lake, [row.design_id for row in rows])
+    rows = select_panel(rows, designs, order.panel)
+    n_designs = len({designs[row.design_id].design_id for row in rows})
+    return n_designs < MIN_DESIGNS or len({row.object_id for row in rows}) < MIN_OBJECTS
+
+
+def describe_cost(lake: Lake, order: GapOrder) -> str:
+    """What weighing a panel would simulate, in a sentence; nothing is simulated.
+
+    Raises:
+        TooLittleDataError: a single object was gripped.
+        UsageError: measurements are missing, not of one kind, or not in N.
+    """
+    measured = read_grasps(lake, order.campaign_id, order.panel)
+    _check_size(measured.grasps)
+    plans = plan_bank(_find_base(lake, measured), measured.grasps.cells)
+    return f"To simulate: {n_missing(lake, plans)} of the {sum(plan.n_grasps for plan in plans)} grasps of the bank."
+
+
+def weigh_panel(lake: Lake, order: GapOrder, reporter: ProgressReporter, simulated: Path | None = None) -> Weighed:
+    """Weigh what may be missing, with all grasps. simulated: forces of a lab's own simulator, CSV.
+
+    Raises:
+        TooLittleDataError: a single object was gripped.
+        UsageError: measurements are missing, not of one kind, or not in N; the file of forces is of another form.
+        FastError: the budget ended before the bank was complete, or another process searches in this lake.
+    """
+    with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
+        measured = read_grasps(lake, order.campaign_id, order.panel)
+        _check_size(measured.grasps)
+        simulated_n = None if simulated is None else read_simulated(simulated, measured.grasps)
+        return _weigh(lake, order, reporter, measured, simulated_n)
+
+
+def _weigh(
+    lake: Lake,
+    order: GapOrder,
+    reporter: ProgressReporter,
+    measured: MeasuredGrasps,
+    simulated_n: np.ndarray | None,
+) -> Weighed:
+    base, cells = _find_base(lake, measured), measured.grasps.cells
+    simulator = Simulator(lake, order, reporter, lambda: False)
+    simulator.simulate(WIDE_BANK, plan_bank(base, cells))
+    data = GapData.of_all(measured.grasps, read_bank(lake, base, cells), measured.facts)
+    warnings = [*measured.warnings, *check_units(data), *check_repeats(data.grasps)]
+    beside = None if simulated_n is None else stand_beside(data, simulated_n)
+    data = data if beside is None else beside.data
+    rehearsal = rehearse_panel(data, (), order.rehearsed, order.settings.workers or 1, reporter.progress)
+    naming = name_effect(data, rehearsal)
+    search = SearchInputs(
+        lake=lake,
+        gap_id="",
+        data=data,
+        base=base,
+        campaign_id=order.campaign_id,
+        settings=order.settings,
+        simulate=simulator.simulate,
+        rehearsal=rehearsal,
+        progress=reporter.progress,
+    )
+    return Weighed(data.grasps, naming, ask(search, naming, order.asking), tuple(warnings), beside)
+
+
+def _find_base(lake: Lake, measured: MeasuredGrasps) -> SimulatorVersion:
+    """The simulator of the campaigns, without effects."""
+    return find_base_version(lake, measured.campaigns, None).model_copy(update={"effects": ()})
+
+
+def _check_size(grasps: Grasps) -> None:
+    """Refuse a panel that tells nothing, before anything is simulated.
+
+    Raises:
+        TooLittleDataError: a single object was gripped.
+    """
+    n = len(np.unique(grasps.obj))
+    if n < LEAST_OBJECTS or len(np.unique(grasps.tool)) < LEAST_DESIGNS:
+        raise TooLittleDataError(
+            f"{_count(n, 'object')} was gripped: whatever is missing there is as well friction or a modulus, so "
+            f"nothing can be told. {LEAST_OBJECTS} objects are the least, which mostly leaves open what it is; "
+            f"{MIN_DESIGNS} designs on {MIN_OBJECTS} objects let a name be checked. `fast gap plan` says what a panel "
+            "would tell."
+        )
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
+
+
+def _tell_value(trial: Trial) -> str:
+    known: Sequence[tuple[str, float]] = list(trial.value.parameters.items())
+    return ", ".join(f"{spell_name(name)} {value:.3g} {unit_of(name) or ''}".rstrip() for name, value in known)

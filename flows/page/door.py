@@ -1,0 +1,104 @@
+"""The lab's page for agents, as a server of the Model Context Protocol: it reads, and proposes what a person decides.
+
+It is a client of the page's interface with a key that lets it say and not move: the gate is on the server.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import httpx
+
+from fast.flows.server.access import Api, Role, role_login
+from fast.models.errors import FastError
+
+if TYPE_CHECKING:
+    from mcp.server import MCPServer
+
+_LIMIT_S = 120.0
+
+
+def make_server(api: Api) -> "MCPServer":
+    """The tools of a lake's page, for an agent."""
+    from mcp.server import MCPServer
+
+    server = MCPServer("fast")
+    page = _Page(api)
+
+    @server.tool()
+    def list_campaigns() -> list[str]:
+        """Campaigns of the lake, the newest first."""
+        return page.get("campaigns")
+
+    @server.tool()
+    def read_campaign(campaign_id: str) -> dict[str, Any]:
+        """Where a campaign stands: state in a word, grasps measured and simulated, when a person is needed, best tool.
+
+        Forces are in N.
+        """
+        return page.get(f"campaigns/{campaign_id}")
+
+    @server.tool()
+    def list_tools() -> list[dict[str, Any]]:
+        """Measured tools, best first: `tool_quality_n` is the mean peak pull-off force in N, `work_j` the work in J."""
+        return page.get("tools")
+
+    @server.tool()
+    def ask_sql(sql: str) -> dict[str, Any]:
+        """The answer to one SELECT over the lake (DuckDB), at most 500 rows. `FROM tool_quality` is a good start."""
+        return page.post("sql", {"sql": sql})
+
+    @server.tool()
+    def read_findings() -> list[dict[str, Any]]:
+        """What gap searches found: where simulation and measurement disagree, and what is missing. Errors are in N."""
+        return page.get("findings")
+
+    @server.tool()
+    def simulate_grasp(object_id: int, tool_id: str = "") -> dict[str, Any]:
+        """Simulate one grasp of a tool on an object (0 to 35); without a tool, of the best published finger."""
+        return page.post("simulate", {"tool_id": tool_id, "object_id": object_id})
+
+    @server.tool()
+    def list_todo() -> list[dict[str, Any]]:
+        """What people are asked for now."""
+        return page.get("todo")
+
+    @server.tool()
+    def propose(
+        kind: str, who: str, why: str, cost: str = "", config: str = "", campaign_id: str = ""
+    ) -> dict[str, Any]:
+        """Propose something that a person accepts or denies on the lab's page; nothing is started by this.
+
+        kind: campaign (with its config in TOML), report (of a campaign), calibration or search. who: your name. cost:
+        what it takes, with units.
+        """
+        proposal = {"kind": kind, "who": who, "why": why, "cost": cost, "config": config, "campaign_id": campaign_id}
+        return page.post("proposals", proposal)
+
+    return server
+
+
+class _Page:
+    """The page's interface, asked as an agent may."""
+
+    def __init__(self, api: Api) -> None:
+        user, _, key = role_login(api.login or "", Role.SAY).partition(":")
+        self._client = httpx.Client(base_url=f"{api.page}/api/v1/", auth=(user, key), timeout=_LIMIT_S, trust_env=False)
+
+    def get(self, path: str) -> Any:
+        """What the page says."""
+        return _read(self._client.get(path))
+
+    def post(self, path: str, body: dict[str, Any]) -> Any:
+        """What the page answers."""
+        token = _read(self._client.get("me"))["token"]
+        return _read(self._client.post(path, json=body, headers={"X-Fast-Token": token}))
+
+
+def _read(answer: httpx.Response) -> Any:
+    """An answer as data.
+
+    Raises:
+        FastError: the page refused, in its sentence.
+    """
+    if answer.is_error:
+        raise FastError(answer.text)
+    return answer.json()

@@ -1,0 +1,226 @@
+"""A small versioned interface for programs: what the page shows, as JSON, with a schema at `/api/v1/openapi.json`."""
+
+from typing import Any
+
+from fastapi import APIRouter, FastAPI
+from pydantic import BaseModel, Field
+from starlette.requests import Request
+
+from fast.flows.page import results
+from fast.flows.page.lab import LabPage
+from fast.flows.page.proposals import Proposal, list_open, write_proposal
+from fast.flows.page.start import simulate_one
+from fast.flows.page.todo import MountTodo, PrintTodo, ReadingTodo, Todo, list_campaigns
+from fast.flows.page.web import NotAllowedError, require_token, visitor_of
+from fast.flows.server.access import Role
+from fast.flows.server.server import address_for_others
+from fast.models.errors import UsageError
+
+VERSION = "/api/v1"
+
+
+class CampaignState(BaseModel):
+    """Where a campaign stands."""
+
+    campaign_id: str
+    state: str = Field(description="in a word: running, waiting, pausing, paused, stopped, complete ...")
+    run: str = Field(description="names the run that goes on, or the last one; orders name it")
+    grasps_done: int
+    grasps_total: int
+    simulated_done: int
+    simulated_total: int
+    person: str = Field(description="when a person is needed, and for what")
+    left: str = Field(description="how long the rest takes")
+    best_tool_id: str | None
+    best_quality_n: float | None = Field(description="mean peak pull-off force, N")
+    simulator_version_id: str
+    simulator_misses: str = Field(description="what the newest gap search found; empty: not searched")
+    fault: str
+
+
+class AskedOfPerson(BaseModel):
+    """Something that a person is asked for."""
+
+    campaign_id: str
+    kind: str = Field(description="print, mount, reading, grasps or proposal")
+    sentence: str
+
+
+class SqlQuestion(BaseModel):
+    """One SELECT over the tables, views and macros of the lake."""
+
+    sql: str = Field(max_length=20_000)
+
+
+class SqlAnswer(BaseModel):
+    """The first rows of an answer."""
+
+    columns: list[str]
+    rows: list[list[Any]]
+    n_rows: int
+
+
+class Visit(BaseModel):
+    """What the bearer of a key may do."""
+
+    role: str
+    token: str
+
+
+class WantedGrasp(BaseModel):
+    """A grasp to simulate; without a tool, of the best published finger."""
+
+    object_id: int = Field(ge=0)
+    tool_id: str = ""
+
+
+class SimulatedGrasp(BaseModel):
+    """A simulated grasp, in N."""
+
+    title: str
+    peak_force_n: float
+    measured_n: list[float | None]
+    version_id: str
+
+
+class Proposed(BaseModel):
+    """A proposal that waits."""
+
+    proposal_id: str
+    sentence: str
+
+
+class Finding(BaseModel):
+    """What a gap search found."""
+
+    gap_id: str
+    campaign_id: str | None
+    answer: str
+    rmse_before_n: float
+    rmse_after_n: float
+    rmse_floor_n: float
+    asks: str = Field(description="the next experiment; empty: nothing is asked")
+    simulator_version_id: str
+    page: str
+
+
+def add_interface(app: FastAPI, page: LabPage) -> None:
+    """Add the routes for programs."""
+    router = APIRouter(prefix=VERSION)
+
+    @router.get("/campaigns")
+    def read_campaigns() -> list[str]:
+        """Campaigns of the lake, the newest first."""
+        return list_campaigns(page.lake)
+
+    @router.get("/campaigns/{campaign_id}")
+    def read_state(campaign_id: str) -> CampaignState:
+        """Where a campaign stands."""
+        now = page.read_now(campaign_id) if campaign_id in list_campaigns(page.lake) else None
+        strip = page.read_strip(campaign_id, now) if now is not None else None
+        if now is None or strip is None:
+            raise UsageError(f"This lake has no campaign `{campaign_id}` that can be shown.")
+        return CampaignState(
+            campaign_id=campaign_id,
+            state=strip.word,
+            run=strip.run,
+            grasps_done=now.load.grasps_done,
+            grasps_total=now.load.grasps_total,
+            simulated_done=now.load.simulated_done,
+            simulated_total=now.load.simulated_total,
+            person=now.need,
+            left=now.left,
+            best_tool_id=now.best.tool_id if now.best else None,
+            best_quality_n=now.best.quality_n if now.best else None,
+            simulator_version_id=now.version,
+            simulator_misses=now.misses,
+            fault=strip.fault,
+        )
+
+    @router.get("/todo")
+    def read_todo() -> list[AskedOfPerson]:
+        """What people are asked for now."""
+        proposed = [
+            AskedOfPerson(campaign_id=one.campaign_id, kind="proposal", sentence=f"{one.who} proposes: {one.why}")
+            for one in list_open(page.lake).values()
+        ]
+        return [*(describe_todo(todo) for todo in page.read_todos()), *proposed]
+
+    @router.get("/tools")
+    def read_tools() -> list[dict[str, Any]]:
+        """Measured tools, best first; forces in N, work in J."""
+        return results.list_tools(page.lake)
+
+    @router.get("/findings")
+    def read_findings() -> list[Finding]:
+        """What gap searches found, the newest first."""
+        from fast.flows.report.gap.answer import describe_answer
+
+        return [
+            Finding(
+                gap_id=run.gap_id,
+                campaign_id=run.campaign_id,
+                answer=describe_answer(run.findings),
+                rmse_before_n=run.findings.gap.rmse_before_n,
+                rmse_after_n=run.findings.gap.rmse_after_n,
+                rmse_floor_n=run.findings.gap.rmse_floor_n,
+                asks=run.findings.next_experiment.sentence if run.findings.next_experiment else "",
+                simulator_version_id=run.after_version_id,
+                page=address,
+            )
+            for run, address in results.list_searches(page.lake)
+        ]
+
+    @router.post("/sql")
+    def ask(question: SqlQuestion) -> SqlAnswer:
+        """The answer to a question; reads only, within the limits of the page."""
+        found = results.answer_sql(page.lake, question.sql)
+        return SqlAnswer(columns=list(found.columns), rows=[list(row) for row in found.rows], n_rows=found.n_rows)
+
+    @router.get("/me")
+    def read_me(request: Request) -> Visit:
+        """What the bearer of this key may do, and the token that a write carries in `X-Fast-Token`."""
+        return Visit(role=visitor_of(request).role, token=page.token)
+
+    @router.post("/simulate")
+    def simulate(wanted: WantedGrasp, request: Request) -> SimulatedGrasp:
+        """Simulate one grasp with the simulator of the tool's campaign; takes seconds."""
+        require_token(request, page.token)
+        address = address_for_others(page.lake)
+        found = page.worker.call(simulate_one, address, wanted.tool_id, wanted.object_id)
+        return SimulatedGrasp.model_validate({name: found[name] for name in SimulatedGrasp.model_fields})
+
+    @router.get("/proposals")
+    def read_proposals() -> dict[str, Proposal]:
+        """Proposals that wait for a person, by id."""
+        return list_open(page.lake)
+
+    @router.post("/proposals")
+    def propose(proposal: Proposal, request: Request) -> Proposed:
+        """Propose something to a person, who accepts or denies it on the page; nothing is started by this."""
+        require_token(request, page.token)
+        if not visitor_of(request).role.may(Role.SAY):
+            raise NotAllowedError("This key lets you look, not say; ask for the other link.")
+        proposal_id = write_proposal(page.lake, proposal)
+        page.forget()
+        return Proposed(proposal_id=proposal_id, sentence="A person decides on the lab's page, tab To do.")
+
+    app.include_router(router)
+
+
+def describe_todo(todo: Todo) -> AskedOfPerson:
+    """What a person is asked for, in a sentence."""
+    if isinstance(todo, PrintTodo):
+        return AskedOfPerson(
+            campaign_id=todo.campaign_id,
+            kind="print",
+            sentence=f"print and mount {len(todo.slots)} tools of batch {todo.name}",
+        )
+    if isinstance(todo, MountTodo):
+        names = ", ".join(tool.rpartition("/")[2] for tool in todo.slots)
+        return AskedOfPerson(campaign_id=todo.campaign_id, kind="mount", sentence=f"mount kept tools again: {names}")
+    if isinstance(todo, ReadingTodo):
+        return AskedOfPerson(campaign_id=todo.campaign_id, kind="reading", sentence=todo.question.sentence)
+    return AskedOfPerson(
+        campaign_id=todo.campaign_id, kind="grasps", sentence=f"make and tell {todo.n_left} grasps of {todo.name}"
+    )

@@ -1,0 +1,139 @@
+"""What the routes of the page share: the lake, what was read of it a moment ago, and how a tab is shown."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from fast.flows.page.live import LiveHub, read_marks
+from fast.flows.page.now import Now, NowReader
+from fast.flows.page.proposals import list_open
+from fast.flows.page.standing import Strip, read_strip
+from fast.flows.page.todo import Todo, list_campaigns, read_todos
+from fast.flows.page.web import HEADERS, Pages, make_token, read_form, require_write, say
+from fast.flows.server.access import Role
+from fast.lake.leases import holder_of
+from fast.lake.store import Lake
+from fast.models.errors import FastError
+from fast.tasks.campaign.requests import lease_name
+from fast.tasks.simulation.pool import Worker
+
+MOST_CPU = 0.02  # of a core: a lake of a million grasps is not read anew for each page that opens
+_STALE_S = 30.0  # at most
+
+
+class Cached:
+    """Something that is read from the lake, again when the lake has more; seldom, where that costs much."""
+
+    def __init__(self, lake: Lake, read: Callable[[str], Any]) -> None:
+        self._lake, self._read = lake, read
+        self._lock = threading.Lock()
+        self._known: dict[str, tuple[Any, float, float, Any]] = {}
+
+    def get(self, name: str) -> Any:
+        """As it is now, or was a moment ago."""
+        with self._lock:
+            marks, now_s = read_marks(self._lake), time.monotonic()
+            if name in self._known:
+                seen, at_s, cost_s, value = self._known[name]
+                if seen == marks or now_s - at_s < min(cost_s / MOST_CPU, _STALE_S):
+                    return value
+            before_s = time.thread_time()
+            value = self._read(name)
+            cost_s = time.thread_time() - before_s
+            # What was said on this page itself is seen at once.
+            self._known[name] = (marks, now_s, cost_s, value)
+            return value
+
+    def forget(self) -> None:
+        """Read anew next time: this page has written something."""
+        with self._lock:
+            self._known.clear()
+
+
+class LabPage:
+    """The page of one lake, with what its routes share."""
+
+    def __init__(self, lake: Lake, login: str) -> None:
+        self.lake, self.login = lake, login
+        self.token = make_token(login)
+        self.now = NowReader(lake)
+        self.hub = LiveHub(lake)
+        self.worker = Worker()  # for what computes for seconds, so that others see on
+        self.pages = Pages(self.token)
+        self._now = Cached(lake, self.now.read)
+        self._todos = Cached(lake, lambda _: read_todos(lake))
+
+    def read_now(self, campaign_id: str) -> Now | None:
+        """What the tab Now shows of a campaign; None where there is none, or it cannot be read."""
+        if not campaign_id:
+            return None
+        try:
+            now: Now = self._now.get(campaign_id)
+            return now
+        except FastError:
+            return None
+
+    def read_todos(self) -> list[Todo]:
+        """The inbox."""
+        todos: list[Todo] = self._todos.get("")
+        return todos
+
+    def forget(self) -> None:
+        """Something was written here."""
+        self._now.forget()
+        self._todos.forget()
+
+    def choose_campaign(self, request: Request) -> str:
+        """The campaign that is asked for; else the one that runs, or the newest; empty where there is none."""
+        names = list_campaigns(self.lake)
+        asked = request.query_params.get("campaign", "")
+        if asked in names:
+            return asked
+        running = [name for name in names if holder_of(self.lake.storage, lease_name(name)) is not None]
+        return next(iter([*running, *names]), "")
+
+    def read_strip(self, campaign_id: str, now: Now | None) -> Strip | None:
+        """The control strip of a campaign."""
+        if not campaign_id:
+            return None
+        is_waiting = any(todo.campaign_id == campaign_id for todo in self.read_todos())
+        is_bench_busy = now is not None and any(slot.state == "left" for slot in now.slots)
+        return read_strip(self.lake, campaign_id, now is not None and now.is_complete, is_waiting and not is_bench_busy)
+
+    def frame(self, request: Request, tab: str) -> dict[str, Any]:
+        """What stands around every tab."""
+        campaign_id = self.choose_campaign(request)
+        now = self.read_now(campaign_id)
+        return {
+            "tab": tab,
+            "campaign": campaign_id,
+            "campaigns": list_campaigns(self.lake),
+            "now": now,
+            "strip": self.read_strip(campaign_id, now),
+            "todos": self.read_todos(),
+            "proposals": list_open(self.lake),
+            "lake_name": self.lake.root.name,
+        }
+
+    async def show(self, request: Request, template: str, tab: str, **values: Any) -> Response:
+        """A tab, or a part of it."""
+
+        def work() -> Response:
+            return self.pages.show(request, template, **self.frame(request, tab), **values)
+
+        return await run_in_threadpool(work)
+
+    async def write(self, request: Request, role: Role, work: Callable[[dict[str, str], str], str]) -> Response:
+        """Do what a form asks for, and say what was done; `work` gets the form and the person's name."""
+        visitor = require_write(request, self.token, role)
+        form = await read_form(request)
+        try:
+            sentence = await run_in_threadpool(work, form, visitor.operator)
+        finally:
+            self.forget()
+        return say(Response(status_code=204, headers=HEADERS), sentence)

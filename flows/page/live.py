@@ -1,0 +1,133 @@
+"""News for open pages, as server-sent events: the force of the present grasp, and that the lake has something new.
+
+One watcher looks for all pages that show a campaign, and none looks where no page is open.
+"""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from typing import Any
+
+from fast.lake.leases import holder_of
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
+from fast.models.errors import FastError
+from fast.models.objects.catalogue import name_object
+from fast.tasks.bench.live import LiveGrasp, live_path, read_live
+from fast.tasks.campaign.requests import Requests, lease_name
+
+FORCE_S = 0.15  # between looks at the present grasp: seven a second
+NEWS_S = 1.5  # between looks at the lake
+_PING_S = 15.0
+_SHOWN = (EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow)
+_LONGEST_QUEUE = 200  # a page that takes nothing for so long gets everything anew when it comes again
+
+
+def read_marks(lake: Lake) -> tuple[Any, ...]:
+    """How far the tables that the page shows go."""
+    return tuple(lake.mark(table) for table in _SHOWN)
+
+
+class LiveHub:
+    """Followers of campaigns, by campaign."""
+
+    def __init__(self, lake: Lake) -> None:
+        self._lake = lake
+        self._watchers: dict[str, _Watcher] = {}
+
+    async def follow(self, campaign_id: str) -> AsyncIterator[str]:
+        """Events for one page, until it is closed: the present grasp whole, then what comes."""
+        watcher = self._watchers.get(campaign_id)
+        if watcher is None:
+            watcher = self._watchers[campaign_id] = _Watcher(self._lake, campaign_id)
+        queue = watcher.add()
+        try:
+            yield "retry: 2000\n\n"
+            whole = await asyncio.to_thread(read_live, watcher.path)
+            if whole is not None:
+                yield format_force(whole)
+            while True:
+                try:
+                    yield await asyncio.wait_for(queue.get(), _PING_S)
+                except TimeoutError:
+                    yield ": still here\n\n"
+        finally:
+            watcher.remove(queue)
+
+    @property
+    def n_followers(self) -> int:
+        """How many pages follow."""
+        return sum(len(watcher.queues) for watcher in self._watchers.values())
+
+
+class _Watcher:
+    """Looks at one campaign as long as somebody follows it."""
+
+    def __init__(self, lake: Lake, campaign_id: str) -> None:
+        self._lake, self._campaign_id = lake, campaign_id
+        self.path = live_path(lake, campaign_id)
+        self._requests = Requests(lake, campaign_id)
+        self.queues: set[asyncio.Queue[str]] = set()
+        self._task: asyncio.Task[None] | None = None
+
+    def add(self) -> "asyncio.Queue[str]":
+        """A follower more."""
+        queue: asyncio.Queue[str] = asyncio.Queue()
+        self.queues.add(queue)
+        if self._task is None or self._task.done():
+            self._task = asyncio.get_running_loop().create_task(self._watch())
+        return queue
+
+    def remove(self, queue: "asyncio.Queue[str]") -> None:
+        """A follower less; the last one takes the watcher with it."""
+        self.queues.discard(queue)
+        if not self.queues and self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def _watch(self) -> None:
+        place, known, next_look_s = "", None, 0.0
+        clock = asyncio.get_running_loop()
+        first = await asyncio.to_thread(read_live, self.path)
+        place = first.place if first is not None else ""
+        while True:
+            # A stat and a short read: no thread is worth it.
+            found = read_live(self.path, place)
+            if found is not None:
+                place = found.place
+                self._send(format_force(found))
+            if clock.time() >= next_look_s:
+                pulse = await asyncio.to_thread(self._pulse)
+                if known is not None and pulse is not None and pulse != known:
+                    self._send(f"event: {'standing' if pulse[0] != known[0] else 'news'}\ndata: {{}}\n\n")
+                known = pulse or known
+                next_look_s = clock.time() + NEWS_S
+            await asyncio.sleep(FORCE_S)
+
+    def _pulse(self) -> tuple[Any, ...] | None:
+        """What changes when there is something new to show; None while the lake cannot be read."""
+        try:
+            holder = holder_of(self._lake.storage, lease_name(self._campaign_id))
+            return (holder.token if holder is not None else "", self._requests.verb()), read_marks(self._lake)
+        except FastError:
+            return None
+
+    def _send(self, message: str) -> None:
+        for queue in list(self.queues):
+            if queue.qsize() < _LONGEST_QUEUE:
+                queue.put_nowait(message)
+
+
+def format_force(found: LiveGrasp) -> str:
+    """New samples of the present grasp as an event."""
+    data = {
+        "isOther": found.is_other,
+        "tool": found.tool_id,
+        "object": found.object_id,
+        "name": name_object(found.object_id) if found.object_id >= 0 else "no object",
+        "repeat": found.repeat,
+        "purpose": found.purpose,
+        "lift": found.lift_mm,
+        "force": found.force_n,
+    }
+    return f"event: force\ndata: {json.dumps(data, separators=(',', ':'))}\n\n"

@@ -1,0 +1,89 @@
+"""What a campaign does, in a word, and the orders that a person may give it now."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from fast.flows.campaign.status import describe_state
+from fast.hardware.parts.safe_state import Verb
+from fast.lake.order import LATEST_FIRST
+from fast.lake.store import Lake
+from fast.tasks.campaign.orders import read_standing
+from fast.tasks.campaign.requests import STARTED
+
+_LAST_START = f"""
+    SELECT payload_json ->> '$.run' AS run, payload_json ->> '$.config' AS config,
+        payload_json ->> '$.auto_print' AS auto_print, payload_json ->> '$.real' AS is_real
+    FROM events WHERE campaign_id = $campaign AND kind = '{STARTED}' ORDER BY {LATEST_FIRST}, event_id DESC LIMIT 1
+"""
+_LAST_FAILURE = f"""
+    SELECT status, reason FROM flow_runs WHERE campaign_id = $campaign AND flow = 'campaign'
+    ORDER BY started_at DESC, {LATEST_FIRST} LIMIT 1
+"""
+_ENDING = {
+    Verb.PAUSE: "pausing",
+    Verb.STOP: "stopping",
+    Verb.ABORT: "stopping",
+    Verb.ESTOP: "emergency stop",
+}
+
+
+@dataclass(frozen=True)
+class Strip:
+    """The control strip. `run`: the run that is seen; `explains`: what the word means now, and until when."""
+
+    campaign_id: str
+    word: str
+    explains: str
+    run: str
+    may_pause: bool
+    may_stop: bool
+    may_continue: bool
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class LastStart:
+    """How a campaign was last started. `config`: its file; empty where it is not known."""
+
+    run: str
+    config: str
+    auto_print: bool
+    is_real: bool
+
+
+def read_strip(lake: Lake, campaign_id: str, is_complete: bool, is_waiting: bool) -> Strip:
+    """What the strip shows; `is_waiting`: a person is asked for something and nothing else can go on at the bench."""
+    standing = read_standing(lake, campaign_id)
+    if standing.holder is not None:
+        verb = standing.verb
+        word = _ENDING[verb] if verb is not None else "waiting" if is_waiting else "running"
+        explains = {
+            "running": "",
+            "waiting": "for a person, see To do",
+            "pausing": "the grasp in progress is finished first (a minute at most); Stop now does not wait for it",
+            "stopping": "the bench goes to its safe state; if this stays for a minute, press the emergency stop",
+            "emergency stop": "a person must look",
+        }[word]
+        return Strip(campaign_id, word, explains, standing.run, verb is None, verb is not Verb.STOP, False)
+    word = describe_state(lake, campaign_id, is_complete)
+    start, fault = read_last_start(lake, campaign_id), ""
+    if word == "interrupted":
+        fault = read_fault(lake, campaign_id)
+        word = "stopped by a fault" if fault else word
+    may_continue = word not in ("complete", "imported")
+    return Strip(campaign_id, word, "", start.run if start else "", False, False, may_continue, fault)
+
+
+def read_last_start(lake: Lake, campaign_id: str) -> LastStart | None:
+    """How the last run of a campaign was started, if one was."""
+    rows: list[dict[str, Any]] = lake.query(_LAST_START, {"campaign": campaign_id}).to_pylist()
+    if not rows:
+        return None
+    row = rows[0]
+    return LastStart(row["run"] or "", row["config"] or "", row["auto_print"] == "true", row["is_real"] == "true")
+
+
+def read_fault(lake: Lake, campaign_id: str) -> str:
+    """Why the last run of a campaign failed, in the words of the terminal; empty if it did not."""
+    rows = lake.query(_LAST_FAILURE, {"campaign": campaign_id}).to_pylist()
+    return str(rows[0]["reason"]) if rows and rows[0]["status"] in ("failed", "died") else ""

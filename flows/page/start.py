@@ -1,0 +1,351 @@
+"""The tab Start: configs with their faults beside the line, jobs for the worker, and one grasp simulated."""
+
+import base64
+import io
+import os
+import re
+import urllib.error
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from fast.flows.page.standing import read_last_start, read_strip
+from fast.flows.server.access import Api
+from fast.flows.server.child_process import CHECKOUT
+from fast.flows.server.environment import named_server
+from fast.flows.server.server import address_for_others, ask_server, find_server
+from fast.lake.store import Lake
+from fast.models.errors import ConfigError, FastError, UsageError
+from fast.tasks.campaign.config import CampaignConfig, load_config
+from fast.tasks.campaign.orders import StaleOrderError
+
+ON_PAGE = "started on the lab's page"
+JOBS = {
+    "report": ("report/report", "write the report of a campaign"),
+    "calibration": ("recalibrate/recalibrate", "calibrate the simulator with the newest measurements"),
+    "search": ("close-gap/close_gap", "search for what the simulator misses"),
+}
+_OPEN = ["SCHEDULED", "PENDING", "RUNNING", "PAUSED"]
+_WAITING_FLOWS = ("print", "mount", "reading")
+_FLOWS = {"recalibrate": "calibration", "close-gap": "search for what the simulator misses", "simulate": "simulations"}
+_RELATIVE = re.compile(
+    r'^(?P<head>\s*(?:world|real|material|designs|recipe)\s*=\s*)"(?P<path>[^"/~][^"]*)"(?P<tail>.*)$', re.M
+)
+_LONGEST_CONFIG = 100_000
+
+
+@dataclass(frozen=True)
+class Config:
+    """A config that may be started: where it is, and its text."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with a config; `line`: beside which, None where it is of the whole."""
+
+    line: int | None
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A config that was looked at: its faults, or what it would be."""
+
+    text: str
+    faults: tuple[Fault, ...]
+    summary: str = ""
+    is_real: bool = False
+    is_folder: bool = False
+
+    @property
+    def lines(self) -> list[tuple[int, str, str]]:
+        """Number, text and fault of each line."""
+        told: dict[int, str] = {}
+        for fault in self.faults:
+            if fault.line is not None:
+                told[fault.line] = f"{told.get(fault.line, '')} {fault.sentence}".strip()
+        return [(number, line, told.get(number, "")) for number, line in enumerate(self.text.splitlines(), start=1)]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run of the queue."""
+
+    name: str
+    state: str
+    since: str
+
+
+def list_configs(lake: Lake) -> list[str]:
+    """Configs to start from: those that come with FAST, and those that were kept here."""
+    own = sorted(path.name for path in _own_folder(lake).glob("*.toml"))
+    coming = sorted(path.name for path in (CHECKOUT / "campaigns").glob("*.toml"))
+    first = ["quick.toml"] if "quick.toml" in coming else []
+    return [*(f"lake/{name}" for name in own), *first, *(name for name in coming if name not in first)]
+
+
+def read_config(lake: Lake, name: str) -> Config:
+    """A config by its name in the list.
+
+    Raises:
+        UsageError: it is not in the list.
+    """
+    path = _find_config(lake, name)
+    try:
+        return Config(name, path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"{name} cannot be read ({error}); choose another.") from error
+
+
+def check_config(lake: Lake, text: str, base: str) -> Checked:
+    """What is wrong with a config, by line, or what it would be. `base`: the config that it was made of."""
+    if len(text) > _LONGEST_CONFIG:
+        return Checked(text[:_LONGEST_CONFIG], (Fault(None, f"more than {_LONGEST_CONFIG} letters are no config."),))
+    path = _write(lake, text, base, f".check-{os.getpid()}")
+    try:
+        config = load_config(path)
+    except FastError as error:
+        sentence = str(error).replace(str(path), "the config").replace("campaign config `the config`", "the config")
+        return Checked(text, (Fault(_find_line(text, sentence), sentence),))
+    finally:
+        path.unlink(missing_ok=True)
+    bench = config.bench
+    return Checked(text, (), _summarize(config), bench.real is not None, bench.is_folder)
+
+
+def start_campaign(lake: Lake, form: Mapping[str, str], operator: str) -> str:
+    """Keep a config and have the worker start its campaign on a virtual bench or a bench of one's own.
+
+    Raises:
+        FastError: the config has faults, or no worker stands.
+    """
+    text, base = form.get("text", "").replace("\r\n", "\n"), form.get("base", "")
+    checked = check_config(lake, text, base)
+    if checked.faults:
+        raise ConfigError(f"{checked.faults[0].sentence} Nothing was started.")
+    known = next((name for name in list_configs(lake) if _is_same(lake, name, text)), None)
+    if known is not None:
+        path = _find_config(lake, known)
+    else:
+        name = re.search(r'^name\s*=\s*"([a-z0-9][a-z0-9-]{0,40})"', text, re.M)
+        path = _write(lake, text, base, name[1] if name else "campaign")
+    parameters = {"config": str(path.resolve()), "auto_print": form.get("auto_print") == "on"}
+    _start(lake, "run-campaign/campaign", parameters, operator)
+    return f"{path.name} is started; it shows on the tab Now within a minute."
+
+
+def continue_campaign(lake: Lake, campaign_id: str, seen_run: str, operator: str) -> str:
+    """Have the worker continue a campaign that has ended early, once for each of its runs.
+
+    Raises:
+        StaleOrderError: it runs again already, or is complete.
+        UsageError: it needs a terminal.
+    """
+    strip = read_strip(lake, campaign_id, False, False)
+    start = read_last_start(lake, campaign_id)
+    if not strip.may_continue or start is None:
+        raise StaleOrderError(f"campaign {campaign_id} is {strip.word}, so there is nothing to continue.")
+    if seen_run != start.run:
+        raise StaleOrderError(f"campaign {campaign_id} ran again since this page showed it; look, then decide.")
+    if start.is_real:
+        raise UsageError(
+            f"campaign {campaign_id} moves a real bench, which needs leave at the terminal beside it: "
+            f"fast campaign run {start.config} --real"
+        )
+    if not start.config or not Path(start.config).is_file():
+        raise UsageError(
+            f"the config of {campaign_id} ({start.config or 'not known'}) is not there any more; continue it with "
+            "`fast campaign run CONFIG`."
+        )
+    if strip.word == "emergency stop, waits for a person":
+        raise UsageError(
+            f"campaign {campaign_id} was ended by the emergency stop: look at the bench, then "
+            f"`fast campaign run {start.config} --acknowledge`."
+        )
+    parameters = {"config": start.config, "auto_print": start.auto_print}
+    _start(lake, "run-campaign/campaign", parameters, operator, key=f"page-continues-{start.run}")
+    return f"campaign {campaign_id} goes on within a minute, at the missing grasp."
+
+
+def start_job(lake: Lake, job: str, campaign_id: str, operator: str) -> str:
+    """Have the worker write a report, calibrate, or search.
+
+    Raises:
+        UsageError: there is no such job, or no worker.
+    """
+    if job not in JOBS:
+        raise UsageError(f"there is no job `{job}`; there are {', '.join(JOBS)}.")
+    deployment, words = JOBS[job]
+    _start(lake, deployment, {"campaign": campaign_id} if campaign_id else {}, operator)
+    return f"In the queue: {words}{f' ({campaign_id})' if campaign_id else ''}."
+
+
+def list_jobs(lake: Lake) -> list[Job] | None:
+    """What the worker does and will do, forms left aside; None where no worker stands."""
+    api = find_worker(lake)
+    if api is None:
+        return None
+    which = {"flow_runs": {"state": {"type": {"any_": _OPEN}}}, "sort": "EXPECTED_START_TIME_ASC", "limit": 50}
+    try:
+        runs = ask_server(api, "/flow_runs/filter", which)
+        flows = {flow["id"]: flow["name"] for flow in ask_server(api, "/flows/filter", {})}
+    except (OSError, ValueError):
+        return None
+    here = address_for_others(lake)
+    own = [run for run in runs if run["parameters"].get("lake", here) == here]
+    jobs: dict[str, Job] = {}
+    for run in own:
+        flow = flows.get(run["flow_id"], run["name"])
+        if flow in _WAITING_FLOWS:
+            continue
+        is_planned = run["auto_scheduled"] and run["state"]["type"] == "SCHEDULED"
+        state = "planned" if is_planned else run["state"]["name"].lower()
+        at = run.get("start_time") or run.get("expected_start_time")
+        name = _FLOWS.get(flow, run["name"])
+        # Of what comes every day, the next time alone.
+        jobs.setdefault(flow if is_planned else run["id"], Job(name, state, _clock(at)))
+    return list(jobs.values())
+
+
+def find_worker(lake: Lake) -> Api | None:
+    """The server of `fast serve`, if it stands."""
+    return named_server() or find_server(lake.root)
+
+
+def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, Any]:
+    """One grasp of a tool of the lake, or of the best published finger, with its picture; in a worker process.
+
+    Raises:
+        FastError: there is no such tool, or the solver gave up.
+    """
+    from fast.flows.campaign.status import read_campaign
+    from fast.flows.page.now import thin
+    from fast.flows.report.campaign.grasp import draw_instants
+    from fast.flows.report.grasp_frames import five_instants
+    from fast.flows.report.style import figure_style
+    from fast.lake.tables.campaign import GraspRow
+    from fast.models.design.space import BEST_PUBLISHED
+    from fast.models.objects.catalogue import get_object
+    from fast.models.records import Design, Placement
+    from fast.models.simulation.grasp import simulate_grasp
+    from fast.models.simulation.output.recording import GraspRecording
+    from fast.models.simulation.placement import place
+    from fast.models.simulation.version import SimulatorVersion
+    from fast.models.traces import peak_force_n
+    from fast.tasks.campaign.simulator_versions import at_present
+
+    lake, version = Lake.open(lake_address), SimulatorVersion()
+    design: Design = BEST_PUBLISHED
+    if tool_id:
+        campaign = at_present(read_campaign(lake, tool_id.rpartition("/")[0]))
+        found = next((tool for tool in campaign.state().tools if tool.tool_id == tool_id), None)
+        if found is None:
+            raise UsageError(f"campaign {campaign.campaign_id} has no tool {tool_id}.")
+        design, version = found.design, campaign.version
+    obj, recording = get_object(object_id), GraspRecording()
+    result = simulate_grasp(design, obj, version, recorder=recording.add, deadline_s=60.0)
+    file, title = io.BytesIO(), f"{tool_id or 'best published finger'} on {obj.name} ({object_id})"
+    with figure_style():
+        draw_instants(place(obj, Placement()), five_instants(recording, result.trace), title).savefig(file, dpi=110)
+    lift, force = thin(result.trace.lift_mm, result.trace.force_n, 300)
+    measured = (
+        [row for row in lake.records(GraspRow, tool_id=tool_id, object_id=object_id) if row.status == "ok"]
+        if tool_id
+        else []
+    )
+    return {
+        "title": title,
+        "picture": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
+        "peak_force_n": peak_force_n(result.trace),
+        "measured_n": [row.peak_force_n for row in measured],
+        "version_id": version.version_id,
+        "traces": [{"label": "simulated", "colour": 2, "simulated": True, "lift": lift, "force": force}],
+    }
+
+
+def _start(lake: Lake, deployment: str, parameters: Mapping[str, Any], operator: str, key: str | None = None) -> None:
+    api = find_worker(lake)
+    if api is None:
+        raise UsageError("No worker stands, so nothing was started: run `fast serve`, and use its page.")
+    try:
+        found = ask_server(api, f"/deployments/name/{deployment}")
+        body = {
+            "parameters": {**parameters, "lake": address_for_others(lake)},
+            "tags": [ON_PAGE, f"by {operator}"],
+            **({"idempotency_key": key} if key is not None else {}),
+        }
+        ask_server(api, f"/deployments/{found['id']}/create_flow_run", body)
+    except (OSError, ValueError, urllib.error.URLError) as error:
+        raise UsageError(
+            f"The server of the flows did not take it ({error}); look at `fast serve`, then try again."
+        ) from error
+
+
+def _own_folder(lake: Lake) -> Path:
+    return lake.root / "outputs" / "configs"
+
+
+def _find_config(lake: Lake, name: str) -> Path:
+    if name not in list_configs(lake):
+        raise UsageError(f"there is no config `{name}`; choose one of the list.")
+    folder, _, file = name.rpartition("/")
+    return (_own_folder(lake) if folder == "lake" else CHECKOUT / "campaigns") / file
+
+
+def _is_same(lake: Lake, name: str, text: str) -> bool:
+    return _find_config(lake, name).read_text(encoding="utf-8").strip() == text.strip()
+
+
+def _write(lake: Lake, text: str, base: str, name: str) -> Path:
+    """Write a config beside those of the lake; files that it names are looked for where its base names them."""
+    near = _find_config(lake, base).parent if base in list_configs(lake) else CHECKOUT / "campaigns"
+
+    def place(match: re.Match[str]) -> str:
+        path = near / match["path"]
+        return f'{match["head"]}"{path.resolve()}"{match["tail"]}' if path.exists() else match[0]
+
+    path = _own_folder(lake) / f"{name}.toml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_text(_RELATIVE.sub(place, text), encoding="utf-8")
+    os.replace(part, path)
+    return path
+
+
+def _find_line(text: str, sentence: str) -> int | None:
+    """The line that a fault is about: as TOML says it, or of the key that is named first."""
+    if found := re.search(r"at line (\d+)", sentence):
+        return int(found[1])
+    for key in re.findall(r"`?([a-z_]+(?:\.[a-z_0-9]+)*)`?", sentence):
+        section, _, name = key.rpartition(".")
+        current = ""
+        for number, line in enumerate(text.splitlines(), start=1):
+            head = re.match(r"\s*\[+\s*([^\]]+?)\s*\]+", line)
+            if head:
+                current = head[1]
+                if current == key:
+                    return number
+            elif re.match(rf"\s*{re.escape(name)}\s*=", line) and (current == section or not section == current == ""):
+                if current == section:
+                    return number
+    return None
+
+
+def _summarize(config: CampaignConfig) -> str:
+    schedule, objects = config.schedule, config.objects
+    n_tools = schedule.initial_tools + schedule.guided_batches * schedule.tools_per_batch
+    n_sims = sum(schedule.simulations_of(stage) for stage in range(schedule.n_stages))
+    bench = "a bench of your own" if config.bench.is_folder else "a virtual bench"
+    return (
+        f"campaign {config.campaign_id} on {bench}: {n_tools} tools in {schedule.guided_batches + 1} stages, "
+        f"{n_tools * objects.n_grasps} grasps, {n_sims} simulated designs on {len(objects.object_ids)} objects each"
+    )
+
+
+def _clock(text: str | None) -> str:
+    return "" if not text else datetime.fromisoformat(text).astimezone().strftime("%H:%M")

@@ -1,0 +1,215 @@
+"""Whether another batch is worth it: the rest of a campaign, rehearsed in every world that the data allow.
+
+In a rehearsal one world is the bench. The learner knows the data; it chooses a batch as a campaign does, the most by
+what other worlds have as their best design (Thompson sampling), a few by the largest predicted force; it is told the
+forces of its world with noise, learns, and chooses again. How often a batch beats the best before it by the lab's
+margin is the chance of that batch; and so on for the batches after it. A night of simulations first tells the learner
+what the simulator of its world says at the most promising designs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from fast.models.design.space import DesignSpace
+from fast.models.records import Record
+from fast.models.scientist.acquisition.candidates import CandidateSettings, candidate_points
+from fast.models.scientist.acquisition.paths import draw_deviations
+from fast.models.scientist.insights.rules import LEAST_CHANCE, MARGIN
+from fast.models.scientist.insights.worlds import N_WORLDS, widening
+from fast.models.scientist.surrogate.observations import REAL, SIM
+from fast.models.scientist.surrogate.posterior import Surrogate, prior_covariance
+
+N_AHEAD = 6  # batches that are rehearsed
+CANDIDATES = CandidateSettings(n_random=200, n_local=500)
+_N_GREEDY = 2  # of a batch, designs with the largest predicted force
+
+
+class BatchAhead(Record):
+    """What a batch to come brings, by the rehearsals.
+
+    chance: that it beats the best before it by the margin. gain_n: in the median, how much it adds to the best, N.
+    """
+
+    chance: float
+    gain_n: float
+
+
+class Outlook(Record):
+    """Whether another batch is worth it.
+
+    best_n: the best finger so far, median over the worlds. ahead: the next batch, the one after it, and so on.
+    after_night: the next batch, if a night of `n_night` simulations goes before it; None without a simulator.
+    """
+
+    margin: float
+    best_n: float
+    ahead: tuple[BatchAhead, ...]
+    n_tools: int
+    after_night: BatchAhead | None = None
+    n_night: int = 0
+
+    @property
+    def chance(self) -> float:
+        """Of the next batch."""
+        return self.ahead[0].chance
+
+    @property
+    def n_worth(self) -> int | None:
+        """Batches to come before the chance falls below the limit; None where it does not within those rehearsed."""
+        below = [place for place, batch in enumerate(self.ahead) if batch.chance < LEAST_CHANCE]
+        return below[0] if below else None
+
+    @property
+    def is_worth(self) -> bool:
+        """Whether the chance of the next batch reaches the limit."""
+        return self.chance >= LEAST_CHANCE
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """Outcomes that can be asked for in a rehearsal: measured at the first m designs, then simulated at some.
+
+    worlds: what every world says, k x n, in units of the data. mean (k), covariance (k x k): what the learner knows.
+    noise_sd: k.
+    """
+
+    worlds: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+    noise_sd: np.ndarray
+    n_designs: int
+
+
+def look_ahead(
+    surrogate: Surrogate,
+    space: DesignSpace,
+    n_tools: int,
+    rng: np.random.Generator,
+    *,
+    margin: float = MARGIN,
+    next_tools: np.ndarray | None = None,
+    allowed: np.ndarray | None = None,
+    n_night: int = 0,
+    n_ahead: int = N_AHEAD,
+) -> Outlook:
+    """Rehearse batches of `n_tools`.
+
+    next_tools: designs that are proposed already (p x d, unit cube), which are the next batch then. allowed: designs to
+    choose from instead of candidates around the best, m x d. n_night: simulations of a night, 0 for none.
+    """
+    points = candidate_points(surrogate, rng, CANDIDATES, space) if allowed is None else allowed
+    measured = surrogate.data.x[surrogate.data.s == REAL]
+    own = np.zeros((0, space.n_dims)) if next_tools is None else next_tools
+    designs = np.concatenate([measured, own, points])
+    night_rows = _promising(surrogate, designs, n_night)
+    stage = _stage(surrogate, designs, night_rows, rng)
+    first = np.arange(len(measured), len(measured) + len(own)) if len(own) else None
+    best_n = _rehearse(stage, surrogate, len(measured), n_tools, n_ahead, rng, first, ())
+    outlook = Outlook(
+        margin=margin,
+        best_n=float(np.median(best_n[0])),
+        ahead=tuple(_batch(best_n[k], best_n[k + 1], margin) for k in range(n_ahead)),
+        n_tools=n_tools,
+    )
+    if not n_night:
+        return outlook
+    told = tuple(range(len(designs), len(designs) + len(night_rows)))
+    after = _rehearse(stage, surrogate, len(measured), n_tools, 1, rng, None, told)
+    return outlook.model_copy(update={"after_night": _batch(after[0], after[1], margin), "n_night": n_night})
+
+
+def _batch(before_n: np.ndarray, after_n: np.ndarray, margin: float) -> BatchAhead:
+    is_beaten = after_n >= (1.0 + margin) * before_n
+    return BatchAhead(chance=float(np.mean(is_beaten)), gain_n=float(np.median(after_n - before_n)))
+
+
+def _promising(surrogate: Surrogate, designs: np.ndarray, n: int) -> np.ndarray:
+    """The n designs with the largest predicted outcome that are within reach of no other one."""
+    return np.argsort(-surrogate.mean(designs, REAL), kind="stable")[:n]
+
+
+def _stage(surrogate: Surrogate, designs: np.ndarray, night_rows: np.ndarray, rng: np.random.Generator) -> _Stage:
+    p = surrogate.parameters
+    x = np.concatenate([designs, designs[night_rows]])
+    s = np.repeat([REAL, SIM], [len(designs), len(night_rows)])
+    explained = surrogate.whitened(x, s)
+    mean, covariance = surrogate.mean(x, s), prior_covariance(p, x, s, x, s) - explained.T @ explained
+    covariance *= widening(surrogate) ** 2
+    return _Stage(
+        worlds=mean[:, None] + draw_deviations(covariance, N_WORLDS, rng),
+        mean=mean,
+        covariance=covariance,
+        noise_sd=np.where(s == REAL, p.noise_sd, p.nugget),
+        n_designs=len(designs),
+    )
+
+
+def _rehearse(
+    stage: _Stage,
+    surrogate: Surrogate,
+    n_measured: int,
+    n_tools: int,
+    n_ahead: int,
+    rng: np.random.Generator,
+    first: np.ndarray | None,
+    told: Sequence[int],
+) -> np.ndarray:
+    """Best force so far in every world before the first batch and after each, (n_ahead + 1) x n, N."""
+    n_worlds = stage.worlds.shape[1]
+    forces = surrogate.data.force_n(stage.worlds[: stage.n_designs])
+    best_n = np.zeros((n_ahead + 1, n_worlds))
+    for world in range(n_worlds):
+        best = float(forces[:n_measured, world].max())
+        best_n[0, world] = best
+        learner = _Learner(stage, world, rng)
+        learner.learn(list(told))
+        for batch in range(n_ahead):
+            rows = list(first) if batch == 0 and first is not None else learner.choose(n_measured, n_tools)
+            best = max(best, float(forces[rows, world].max()))
+            best_n[batch + 1, world] = best
+            learner.learn(rows)
+    return best_n
+
+
+class _Learner:
+    """Who chooses batches in a rehearsal: knows the data, and what its world has told it since."""
+
+    def __init__(self, stage: _Stage, world: int, rng: np.random.Generator) -> None:
+        self._stage, self._world, self._rng = stage, world, rng
+        self._rows: list[int] = []
+        self._told: list[float] = []
+
+    def learn(self, rows: Sequence[int]) -> None:
+        """Be told outcomes of the world, with noise."""
+        rows = [int(row) for row in rows]
+        noise = self._stage.noise_sd[rows] * self._rng.normal(size=len(rows))
+        self._told += (self._stage.worlds[rows, self._world] + noise).tolist()
+        self._rows += rows
+
+    def choose(self, first_free: int, n: int) -> list[int]:
+        """N designs: the best of other worlds, brought into line with what was told, and the best predicted."""
+        stage = self._stage
+        others = self._rng.choice(stage.worlds.shape[1] - 1, n, replace=n >= stage.worlds.shape[1])
+        others += others >= self._world
+        draws = np.column_stack([stage.mean, stage.worlds[:, others]])
+        if self._rows:
+            rows = np.array(self._rows)
+            noise = stage.noise_sd[rows, None] * self._rng.normal(size=(len(rows), draws.shape[1]))
+            noise[:, 0] = 0.0
+            K = stage.covariance[np.ix_(rows, rows)] + np.diag(stage.noise_sd[rows] ** 2)
+            K[np.diag_indices_from(K)] *= 1.0 + 1e-8
+            missed = np.array(self._told)[:, None] - draws[rows] - noise
+            draws = draws + stage.covariance[:, rows] @ cho_solve(cho_factor(K), missed)
+        taken = np.zeros(stage.n_designs, dtype=bool)
+        taken[:first_free] = True
+        taken[[row for row in self._rows if row < stage.n_designs]] = True
+        chosen: list[int] = []
+        for place in range(n):
+            values = draws[: stage.n_designs, 0 if place < _N_GREEDY else place]
+            row = int(np.argmax(np.where(taken, -np.inf, values)))
+            taken[row] = True
+            chosen.append(row)
+        return chosen

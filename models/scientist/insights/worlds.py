@@ -1,0 +1,151 @@
+"""Functions that the data allow, drawn from the joint posterior of measured and simulated, to be asked at any design.
+
+Each is a way the bench may be. What all of them say is known; what they disagree about is not.
+
+    f_i(x) = m(x) + w (g_i(x) + k(x, data) (K + noise)^-1 (0 - g_i(data) - noise_i))
+
+with g_i a draw of the prior, by random Fourier features (Wilson et al. 2020, Eq. 13), and w >= 1 the factor by which
+left-out tools say that the surrogate is too sure. Features of a finite number are a tenth too narrow or too wide where
+the data leave little open, so that the spread over the points that are asked is brought to that of the posterior.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_solve
+from scipy.special import ndtri
+from scipy.stats import chi2
+
+from fast.models.gaussian_process.matern import matern52
+from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
+from fast.models.scientist.surrogate.parameters import SurrogateParameters
+from fast.models.scientist.surrogate.posterior import Surrogate, loadings, observation_variance
+
+N_WORLDS = 128
+_N_FREQUENCIES = 512  # of each process: correlations of the prior are right to 4 %
+_N_COMPARED = 200  # points at which the spread is compared with that of the posterior
+_DEGREES = 5.0  # twice the smoothness of Matern-5/2: its spectral density is a t distribution of so many degrees
+_BLOCK = 4096  # points asked at once
+_WIDEST = 2.0  # a surrogate that is wrong by more is no base for advice; its health says so
+
+
+class Outcomes(NamedTuple):
+    """What every world says of m points, m x n each, in the units of the data: on the bench, and in the simulator."""
+
+    real: np.ndarray
+    sim: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Prior:
+    """Draws of one process: frequencies (f x d) and weights of their cosines and sines (2 f x n)."""
+
+    frequencies: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def draw(cls, lengthscales: np.ndarray, sd: float, n: int, rng: np.random.Generator) -> "_Prior":
+        # Every stretch of the heavy tail once: what is left of a variance near data hangs on it.
+        strata = (rng.permutation(_N_FREQUENCIES) + rng.random(_N_FREQUENCIES)) / _N_FREQUENCIES
+        radii = np.sqrt(_DEGREES / chi2.ppf(strata, _DEGREES))
+        frequencies = rng.normal(size=(_N_FREQUENCIES, len(lengthscales))) * radii[:, None] / lengthscales
+        scale = sd / np.sqrt(_N_FREQUENCIES)
+        return cls(frequencies, scale * rng.normal(size=(2 * _N_FREQUENCIES, n)))
+
+    def at(self, x: np.ndarray) -> np.ndarray:
+        """Values at m points, m x n."""
+        phase = x @ self.frequencies.T
+        return np.concatenate([np.cos(phase), np.sin(phase)], axis=1) @ self.weights
+
+
+@dataclass(frozen=True, eq=False)
+class Worlds:
+    """N_WORLDS functions of the design, on the bench and in the simulator, each as likely as the others.
+
+    widen: how much wider than the posterior they spread around its mean.
+    """
+
+    surrogate: Surrogate
+    widen: float
+    _prior_h: _Prior
+    _prior_e: _Prior
+    _weights: np.ndarray  # n_data x (n + 1): of every world, and of the mean
+
+    @classmethod
+    def draw(
+        cls, surrogate: Surrogate, rng: np.random.Generator, n: int = N_WORLDS, widen: float | None = None
+    ) -> "Worlds":
+        """Draw n worlds; `widen` is `widening` of the surrogate unless given."""
+        p, data = surrogate.parameters, surrogate.data
+        h = _Prior.draw(np.array(p.lengthscales_h), p.sd_h, n, rng)
+        e = _Prior.draw(np.array(p.lengthscales_e), p.sd_e, n, rng)
+        of_h, of_e = loadings(p, data.s)
+        drawn = of_h[:, None] * h.at(data.x) + of_e[:, None] * e.at(data.x)
+        noise = np.sqrt(observation_variance(p, data.s) + data.noise_variance)
+        drawn += noise[:, None] * rng.normal(size=drawn.shape)
+        drawn += _own_of_priors(p, data, n, rng)
+        weights = cho_solve((surrogate.factor, True), -drawn, check_finite=False)
+        given = widening(surrogate) if widen is None else widen
+        return cls(surrogate, given, h, e, np.column_stack([weights, surrogate.weights]))
+
+    @property
+    def n(self) -> int:
+        """How many there are."""
+        return self._weights.shape[1] - 1
+
+    def at(self, x: np.ndarray) -> Outcomes:
+        """What the worlds say of m points (m x d), without noise."""
+        blocks = [self._block(x[start : start + _BLOCK]) for start in range(0, len(x), _BLOCK)]
+        mean, apart = (np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
+        some = np.linspace(0, len(x) - 1, min(len(x), _N_COMPARED)).astype(int)
+        for s in (REAL, SIM):
+            sd = self.surrogate.predict(x[some], s)[1]
+            apart[s] *= self.widen * np.sqrt(np.mean(sd**2) / max(float(np.mean(apart[s][some] ** 2)), 1e-300))
+        return Outcomes(mean[REAL] + apart[REAL], mean[SIM] + apart[SIM])
+
+    def forces_n(self, x: np.ndarray) -> np.ndarray:
+        """Measured outcome of m points in every world, m x n, in N (or the unit of the outcome)."""
+        return self.surrogate.data.force_n(self.at(x).real)
+
+    def simulated_n(self, x: np.ndarray) -> np.ndarray:
+        """Simulated outcome of m points in every world, m x n, in N."""
+        return self.surrogate.data.force_n(self.at(x).sim)
+
+    def _block(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (2 x m x 1), and how far each world is from it (2 x m x n), simulated first."""
+        p, data = self.surrogate.parameters, self.surrogate.data
+        of_h, of_e = loadings(p, data.s)
+        h = matern52(x, data.x, np.array(p.lengthscales_h), p.sd_h) @ (of_h[:, None] * self._weights)
+        rows = np.flatnonzero(of_e)
+        e = matern52(x, data.x[rows], np.array(p.lengthscales_e), p.sd_e) @ (of_e[rows, None] * self._weights[rows])
+        mean = np.array([p.mean_sim + h[:, -1:], p.mean_real + p.rho * h[:, -1:] + e[:, -1:]])
+        h, e = h[:, :-1] + self._prior_h.at(x), e[:, :-1] + self._prior_e.at(x)
+        return mean, np.array([h, p.rho * h + e])
+
+
+def widening(surrogate: Surrogate) -> float:
+    """By which factor measured tools, each predicted from the others, lie further off than the surrogate says; >= 1.
+
+    The nine tenths of the standardised errors that are smallest end at 1.64 where the surrogate is right. Parameters
+    of the surrogate were fitted with the left-out tool, so that few tools look better than they are: the factor
+    sqrt(n / (n - d)) of a linear fit stands for that.
+    """
+    left_out, is_real = surrogate.leave_one_out(), surrogate.data.s == REAL
+    n, d = int(is_real.sum()), surrogate.data.x.shape[1]
+    if n < 2:
+        return 1.0
+    z = np.abs(surrogate.data.y - left_out.mean)[is_real] / left_out.sd[is_real]
+    found = float(np.quantile(z, 0.9) / ndtri(0.95))
+    return float(np.clip(max(found, 1.0) * np.sqrt(n / max(n - d, 0.5 * n)), 1.0, _WIDEST))
+
+
+def _own_of_priors(p: SurrogateParameters, data: ObservationSet, n: int, rng: np.random.Generator) -> np.ndarray:
+    """What the tools of each prior campaign have of their own (`PriorLink`), drawn at the data, n_data x n."""
+    own = np.zeros((len(data), n))
+    for place, link in enumerate(p.priors):
+        rows = np.flatnonzero(data.s == REAL + 1 + place)
+        h = _Prior.draw(np.array(p.lengthscales_h), p.rho * p.sd_h, n, rng).at(data.x[rows])
+        e = _Prior.draw(np.array(p.lengthscales_e), p.sd_e, n, rng).at(data.x[rows])
+        own[rows] = link.gain * np.sqrt(1.0 - link.correlation**2) * (h + e)
+    return own

@@ -1,0 +1,73 @@
+"""Forces that a lab's own simulator predicts, from a CSV file: a curve for each tool on each object."""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from fast.models.errors import UsageError
+from fast.models.gap.grasps import Grasps
+from fast.models.traces.step_features import N_STEPS, STEP_MM
+
+COLUMNS = ("tool_id", "object_id", "lift_mm", "force_n")
+_FINER = 10  # points of a step over which a curve is averaged
+_MOST_FORCE_N, _MOST_LIFT_MM = 2000.0, 1000.0
+_FEWEST_POINTS = 10
+_MOST_NAMED = 3
+
+
+def read_simulated(path: Path, grasps: Grasps) -> np.ndarray:
+    """Step means (n x 120, N) of measured grasps as a file has their tools and objects; behind its end a force is 0.
+
+    Raises:
+        UsageError: the file cannot be read, a value is no force, or a tool on an object is missing.
+    """
+    points = _read_points(path)
+    curves = {key: _average(np.array(sorted(rows))) for key, rows in points.items() if len(rows) >= _FEWEST_POINTS}
+    wanted = [
+        (grasps.tools[tool], grasps.objects[obj])
+        for tool, obj in zip(grasps.tool.tolist(), grasps.obj.tolist(), strict=True)
+    ]
+    missing = [f"{tool} on object {obj}" for tool, obj in dict.fromkeys(wanted) if (tool, obj) not in curves]
+    if missing:
+        more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
+        raise UsageError(
+            f"{path} lacks the curve of {', '.join(missing[:_MOST_NAMED])}{more}; give {_FEWEST_POINTS} points or more "
+            f"({', '.join(COLUMNS)}) for each of the {len(set(wanted))} pairs that were measured."
+        )
+    return np.array([curves[key] for key in wanted])
+
+
+def _read_points(path: Path) -> dict[tuple[str, int], list[tuple[float, float]]]:
+    found: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = csv.DictReader(file)
+            if rows.fieldnames is None or not set(COLUMNS) <= set(rows.fieldnames):
+                raise UsageError(f"{path} lacks some of the columns {', '.join(COLUMNS)}; write all four.")
+            for number, row in enumerate(rows, start=2):
+                tool, obj, point = _read_row(path, number, row)
+                found.setdefault((tool, obj), []).append(point)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise UsageError(f"{path} is no readable CSV file in UTF-8 ({error}); correct it.") from error
+    return found
+
+
+def _read_row(path: Path, number: int, row: Mapping[str, str]) -> tuple[str, int, tuple[float, float]]:
+    try:
+        obj, lift_mm, force_n = int(row["object_id"]), float(row["lift_mm"]), float(row["force_n"])
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"{path} row {number}: object_id, lift_mm and force_n must be numbers; correct it.") from error
+    if not (0.0 <= lift_mm <= _MOST_LIFT_MM and abs(force_n) <= _MOST_FORCE_N):
+        raise UsageError(
+            f"{path} row {number}: lift_mm is {lift_mm:g} and force_n is {force_n:g}; lifts go from 0 to "
+            f"{_MOST_LIFT_MM:g} mm, forces to {_MOST_FORCE_N:g} N; correct it."
+        )
+    return row["tool_id"], obj, (lift_mm, force_n)
+
+
+def _average(points: np.ndarray) -> np.ndarray:
+    """Means over steps of the lift (120) of a curve (m x 2), straight between its points."""
+    at_mm = STEP_MM * (np.arange(N_STEPS * _FINER) + 0.5) / _FINER
+    return np.asarray(np.interp(at_mm, points[:, 0], points[:, 1], right=0.0).reshape(N_STEPS, _FINER).mean(axis=1))

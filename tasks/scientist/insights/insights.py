@@ -1,0 +1,263 @@
+"""What a campaign has taught so far, from the lake: effects by objective, the next batch, simpler fingers, health."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow
+from fast.lake.tables.imported import is_imported
+from fast.models.blas import one_blas_thread
+from fast.models.design.reference import REFERENCES, make_reference
+from fast.models.design.space import DesignSpace
+from fast.models.errors import UsageError
+from fast.models.objects.catalogue import get_object
+from fast.models.records import Design, Record
+from fast.models.scientist.insights.cards import (
+    BatchCost,
+    Card,
+    effect_card,
+    gap_card,
+    night_card,
+    pair_card,
+    simplest_card,
+    stop_card,
+    summary_card,
+)
+from fast.models.scientist.insights.classes import ClassEffects, find_class_effects
+from fast.models.scientist.insights.effects import (
+    LEAST_TOOLS,
+    Disagreement,
+    Effect,
+    Grid,
+    Pair,
+    find_disagreements,
+    find_effects,
+    find_pairs,
+)
+from fast.models.scientist.insights.health import health_cards
+from fast.models.scientist.insights.simplest import Simpler, find_simpler
+from fast.models.scientist.insights.stopping import Outlook, look_ahead
+from fast.models.scientist.insights.worlds import Worlds
+from fast.models.scientist.objectives import KNOWN, MEAN_PEAK, OUTCOMES, Outcome
+from fast.models.scientist.propose import keep_allowed
+from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior, trust_simulations
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL
+from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.models.units import unit_of
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.state import CampaignState
+from fast.tasks.scientist.fit import in_units_of
+from fast.tasks.scientist.insights.facts import read_cost, read_facts
+from fast.tasks.scientist.observe import closed_batches, observe, observe_objects
+
+_N_PAIR_CARDS = 2
+_N_NIGHT = 100  # simulations of a night, where the schedule has none
+
+
+class OutcomeEffects(Record):
+    """Effects on one objective: the largest share of the variance first; pairs that change each other most first.
+
+    best_tool_n: outcome of the best measured finger, by the surrogate. slice_of: that finger, by parameter.
+    """
+
+    outcome: str
+    n_tools: int
+    best: float
+    slice_of: Mapping[str, Any]
+    effects: tuple[Effect, ...]
+    pairs: tuple[Pair, ...]
+    disagreements: tuple[Disagreement, ...] = ()
+    classes: tuple[ClassEffects, ...] = ()
+
+
+class SimplerFinger(Record):
+    """A simpler finger that is as good, as a design to print: parameters by name."""
+
+    finding: Simpler
+    design: Mapping[str, Any]
+
+
+class Insights(Record):
+    """All that is said of a campaign; `cards` say it in sentences, the most urgent first."""
+
+    campaign_id: str
+    n_tools: int
+    cards: tuple[Card, ...]
+    outcomes: tuple[OutcomeEffects, ...] = ()
+    outlook: Outlook | None = None
+    cost: BatchCost | None = None
+    simpler: tuple[SimplerFinger, ...] = ()
+
+
+def find_insights(campaign: Campaign) -> Insights:
+    """Everything that the measured batches of a campaign have taught; takes seconds of CPU, writes nothing."""
+    with one_blas_thread():
+        return _Gathering(campaign, campaign.state()).insights()
+
+
+def is_asked_of(lake: Lake, campaign_id: str) -> bool:
+    """Whether insights can be had of a campaign: of imported data there is no config that says what was wanted."""
+    found = lake.records(CampaignRow, campaign_id=campaign_id)
+    return bool(found) and not is_imported(found[-1].config_toml)
+
+
+class _Gathering:
+    """The parts, each asked of the lake once."""
+
+    def __init__(self, campaign: Campaign, state: CampaignState) -> None:
+        self._campaign, self._state = campaign, state
+        self._closed = closed_batches(campaign, state)
+        self._space: DesignSpace = campaign.space
+        self._rng = np.random.default_rng(campaign.seed("insights", max(self._closed, default=0)))
+
+    def insights(self) -> Insights:
+        campaign_id = self._campaign.campaign_id
+        wanted = [name for name in self._campaign.config.scientist.objectives if name not in KNOWN]
+        fits = {name: self._fit(OUTCOMES[name]) for name in wanted}
+        first = fits.get(MEAN_PEAK.name) or next((fit for fit in fits.values() if fit is not None), None)
+        health = health_cards(read_facts(self._campaign, self._state, fits.get(MEAN_PEAK.name)))
+        n_tools = 0 if first is None else first.data.n_real
+        if first is None or n_tools < MIN_OBSERVATIONS:
+            waiting = Card(topic="effect", name="effects", sentence=_too_few(n_tools))
+            return Insights(campaign_id=campaign_id, n_tools=n_tools, cards=(waiting, *health))
+        outcomes, cards = [], []
+        for name, surrogate in fits.items():
+            if surrogate is not None and surrogate.data.n_real >= MIN_OBSERVATIONS:
+                found = self._explain(OUTCOMES[name], surrogate)
+                outcomes.append(found)
+                cards += self._cards_of(found)
+        chosen = self._trusted(first)
+        outlook, cost = self._look_ahead(chosen), read_cost(self._campaign, self._state)
+        simpler = self._simplify(chosen)
+        cards.append(stop_card(outlook, cost))
+        cards += [card for card in (night_card(outlook),) if card is not None]
+        cards += [simplest_card(one.finding) for one in simpler]
+        ordered = sorted([*cards, *health], key=_urgency)
+        return Insights(
+            campaign_id=campaign_id,
+            n_tools=n_tools,
+            cards=tuple(ordered),
+            outcomes=tuple(outcomes),
+            outlook=outlook,
+            cost=cost,
+            simpler=tuple(simpler),
+        )
+
+    def _fit(self, outcome: Outcome) -> Surrogate | None:
+        """The surrogate of an outcome, with the simulations whether or not they help; None with too few data."""
+        data = observe(self._campaign, self._state, self._closed, outcome)
+        if len(data) < MIN_OBSERVATIONS:
+            return None
+        seed = self._campaign.seed("insights fit", outcome.name)
+        return trust_prior(fit_surrogate(in_units_of(self._campaign, data), None, seed=seed), seed)
+
+    def _trusted(self, surrogate: Surrogate) -> Surrogate:
+        """The surrogate that tools are chosen with."""
+        return trust_simulations(surrogate) if surrogate.data.is_log else surrogate
+
+    def _explain(self, outcome: Outcome, surrogate: Surrogate) -> OutcomeEffects:
+        trusted = self._trusted(surrogate)
+        worlds, grid = Worlds.draw(trusted, self._rng), Grid.of(self._space, self._rng)
+        best = _best_point(trusted)
+        effects = find_effects(worlds, self._space, best, grid)
+        is_enough = trusted.data.n_real >= LEAST_TOOLS
+        with_both = worlds if trusted is surrogate else Worlds.draw(surrogate, self._rng)
+        (design,) = self._space.from_unit(self._space.snap(best[None]))
+        best_value = float(trusted.data.force_n(trusted.mean(best[None], REAL))[0])
+        return OutcomeEffects(
+            outcome=outcome.name,
+            n_tools=trusted.data.n_real,
+            best=best_value,
+            slice_of=design.model_dump(),
+            effects=tuple(effects),
+            pairs=tuple(find_pairs(worlds, effects, grid)) if is_enough else (),
+            disagreements=tuple(find_disagreements(with_both, effects, grid)) if is_enough else (),
+            classes=tuple(self._by_class(trusted, effects, grid)) if is_enough and outcome is MEAN_PEAK else (),
+        )
+
+    def _by_class(self, surrogate: Surrogate, effects: list[Effect], grid: Grid) -> list[ClassEffects]:
+        classes = [get_object(object_id).object_class for object_id in self._campaign.object_ids]
+        if len(set(classes)) < 2:
+            return []
+        known = observe_objects(self._campaign, self._state, self._closed, MEAN_PEAK)
+        known = known if surrogate.data.n_sim else known.take(known.s == REAL)
+        is_log = surrogate.data.is_log
+        return find_class_effects(known, classes, surrogate.parameters, is_log, effects, grid, self._rng)
+
+    def _cards_of(self, found: OutcomeEffects) -> list[Card]:
+        unit = unit_of(found.outcome) or ""
+        summary = summary_card(found.effects, found.n_tools)
+        cards = [gap_card(one, self._campaign.campaign_id) for one in found.disagreements]
+        cards += [summary] if summary is not None else []
+        cards += [effect_card(effect, found.best, found.n_tools, unit) for effect in found.effects]
+        cards += [pair_card(pair, unit) for pair in found.pairs[:_N_PAIR_CARDS] if pair.change.is_sure]
+        if len(self._campaign.config.scientist.objectives) == 1:
+            return cards
+        about = OUTCOMES[found.outcome].about
+        return [card.model_copy(update={"name": f"{card.name} of {found.outcome}",
+                                        "sentence": f"{card.sentence} (Of {about}.)"}) for card in cards]  # fmt: skip
+
+    def _look_ahead(self, surrogate: Surrogate) -> Outlook:
+        schedule = self._campaign.config.schedule
+        open_tools = [
+            tool.design
+            for tool in self._state.tools
+            if tool.batch not in self._closed and self._state.confirmed.get(tool.tool_id) != "rejected"
+        ]
+        n_night = schedule.simulations_per_batch or _N_NIGHT if surrogate.data.n_sim else 0
+        return look_ahead(
+            surrogate,
+            self._space,
+            schedule.tools_per_batch,
+            self._rng,
+            margin=schedule.stop_margin,
+            next_tools=self._space.to_unit(open_tools) if open_tools else None,
+            n_night=min(n_night, _N_NIGHT),
+        )
+
+    def _simplify(self, surrogate: Surrogate) -> list[SimplerFinger]:
+        rules, constraint = self._campaign.config.proposal_rules, self._campaign.constraint
+        found = find_simpler(
+            surrogate,
+            self._space,
+            _best_point(surrogate),
+            self._rng,
+            default=_reference_of(self._space),
+            keep=lambda points: keep_allowed(points, rules, constraint, self._space),
+        )
+        designs = self._space.from_unit(np.array([one.point for one in found]).reshape(-1, self._space.n_dims))
+        return [
+            SimplerFinger(finding=one, design=design.model_dump()) for one, design in zip(found, designs, strict=True)
+        ]
+
+
+def _best_point(surrogate: Surrogate) -> np.ndarray:
+    """The measured finger with the largest predicted outcome, d."""
+    x = surrogate.data.x[surrogate.data.s == REAL]
+    return np.asarray(np.clip(x[np.argmax(surrogate.mean(x, REAL))], 0.0, 1.0))
+
+
+def _reference_of(space: DesignSpace) -> Design | None:
+    """The reference finger as one of the space's family, if it can draw it and the ranges hold it."""
+    try:
+        design = make_reference(next(iter(REFERENCES)), space.family)
+    except UsageError:
+        return None
+    point = space.to_unit([design])[0]
+    return design if ((point >= 0.0) & (point <= 1.0)).all() else None
+
+
+_ORDER = {"gap": 0, "effect": 2, "pair": 3, "stop": 1, "simplest": 4, "health": 5}
+
+
+def _urgency(card: Card) -> tuple[int, int]:
+    """Gaps first, then what to do, what matters, and health; of health what is red comes before all but gaps."""
+    if card.tone == "red":
+        return (0, 0) if card.topic == "gap" else (0, 1)
+    return _ORDER[card.topic], 0
+
+
+def _too_few(n_tools: int) -> str:
+    return f"{n_tools} tools are measured; advice takes {MIN_OBSERVATIONS} at least, and an effect {LEAST_TOOLS}."

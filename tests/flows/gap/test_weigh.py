@@ -1,0 +1,127 @@
+"""Panels that hold nothing out: one finger on two objects, and a simulator of the lab's own beside ours."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fast.flows.gap import search
+from fast.flows.gap.search import GapOrder
+from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
+from fast.flows.progress import ProgressReporter
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import DesignRow, GraspRow
+from fast.lake.tables.row import Row
+from fast.models.errors import UsageError
+from fast.models.records import EffectValue
+from fast.models.simulation.version import SimulatorVersion
+from fast.tasks.calibration.mean_data import TooLittleDataError
+from fast.tasks.gap.data import read_grasps
+from fast.tasks.gap.panel import PanelSize
+from fast.tasks.simulation.plan import SimulationPlan
+from tests.tasks.calibration.trace_lake import PROVENANCE
+from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, measured_rows, plan_rows, simulated_trace
+
+ORDER = GapOrder("demo", rehearsed=16).with_workers(1)
+LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.6})
+pytestmark = pytest.mark.timeout(300)
+
+
+def silent() -> ProgressReporter:
+    return ProgressReporter(lambda _: None, lambda _: None)
+
+
+@pytest.fixture(autouse=True)
+def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made-up answers in the place of finite elements."""
+
+    def simulate(lake: Lake, plans: Sequence[SimulationPlan], *_: Any) -> None:
+        lake.append(plan_rows(plans), PROVENANCE)
+
+    monkeypatch.setattr(search, "simulate_missing", simulate)
+
+
+def small_lake(root: Path, n_objects: int, hidden: Sequence[EffectValue] = ()) -> Lake:
+    """One finger, gripping so many objects twice each."""
+    lake = Lake.open(root, create=True)
+    rows: list[Row] = [DesignRow.of(DESIGNS[0])]
+    for object_id in OBJECTS[:n_objects]:
+        for repeat in range(2):
+            for row in measured_rows(DESIGNS[0], "demo/B01T0", object_id, repeat, hidden=hidden):
+                of_bench = {"bench": "virtual", "peak_force_n": 5.0}
+                rows.append(row.model_copy(update=of_bench) if isinstance(row, GraspRow) else row)
+    lake.append(rows, PROVENANCE)
+    return lake
+
+
+def test_one_finger_on_two_objects_is_a_panel(tmp_path: Path) -> None:
+    lake = small_lake(tmp_path / "lake", 2, [LAG])
+    assert is_small(lake, ORDER)
+    cost = describe_cost(lake, ORDER)
+    assert cost.startswith("To simulate: ")
+    found = weigh_panel(lake, ORDER, silent())
+    assert describe_cost(lake, ORDER).startswith("To simulate: 0 of ")
+    assert found.sentence.startswith("4 grasps of 1 tool on 2 objects; nothing is held out")
+    assert "held-out" not in found.sentence
+    effects = [row["may be missing"] for row in found.list_rows()]
+    assert "load_cell_lag" in effects
+    if found.naming.named.kind != "none":
+        assert found.asked is not None or "No grasp of this bench would tell more." in found.sentence
+
+
+def test_one_object_tells_nothing_and_is_refused_before_simulating(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(search, "simulate_missing", lambda *_: pytest.fail("simulated"))
+    lake = small_lake(tmp_path / "lake", 1)
+    for refused in (lambda: weigh_panel(lake, ORDER, silent()), lambda: describe_cost(lake, ORDER)):
+        with pytest.raises(TooLittleDataError, match="1 object was gripped: .* 2 objects are the least"):
+            refused()
+
+
+def write_simulated(path: Path, lake: Lake, version: SimulatorVersion, n_objects: int) -> Path:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("tool_id", "object_id", "lift_mm", "force_n"))
+        (tool,) = read_grasps(lake, "demo").grasps.tools
+        for object_id in OBJECTS[:n_objects]:
+            trace = simulated_trace(DESIGNS[0], version, SETUP, object_id)
+            for lift_mm, force_n in zip(trace.lift_mm.tolist(), trace.force_n.tolist(), strict=True):
+                writer.writerow((tool, object_id, lift_mm, force_n))
+    return path
+
+
+def test_a_simulator_of_the_labs_own_stands_beside_ours(tmp_path: Path) -> None:
+    """One that is ours at another theta is found there; what it lacks is what ours would lack."""
+    lake = small_lake(tmp_path / "lake", 2)
+    theta = BASE.theta.model_copy(update={"young_modulus_mpa": 7.0, "friction": 0.6})
+    file = write_simulated(tmp_path / "own.csv", lake, BASE.model_copy(update={"theta": theta}), 2)
+    found = weigh_panel(lake, ORDER, silent(), file)
+    assert found.beside is not None
+    assert found.beside.apart < 0.02
+    assert found.beside.theta[0] == pytest.approx(7.0, rel=0.1)
+    assert found.beside.theta[1] == pytest.approx(0.6, abs=0.06)
+    assert "Your simulator is " in found.sentence
+    assert np.isfinite(found.grasps.steps_n).all()
+
+
+def test_curves_that_are_missing_or_no_forces_are_named(tmp_path: Path) -> None:
+    lake = small_lake(tmp_path / "lake", 2)
+    file = write_simulated(tmp_path / "own.csv", lake, BASE, 1)
+    with pytest.raises(UsageError, match=f"lacks the curve of .* on object {OBJECTS[1]}; give 10 points or more"):
+        weigh_panel(lake, ORDER, silent(), file)
+    file.write_text("tool_id,object_id,lift_mm,force_n\nT,1,-3,2\n")
+    with pytest.raises(UsageError, match="row 2: lift_mm is -3"):
+        weigh_panel(lake, ORDER, silent(), file)
+    file.write_text("tool_id,object_id,lift_mm\nT,1,3\n")
+    with pytest.raises(UsageError, match="lacks some of the columns"):
+        weigh_panel(lake, ORDER, silent(), file)
+
+
+def test_a_panel_of_a_larger_lake_may_be_asked_for() -> None:
+    assert PanelSize(1, 2).objects == 2
+    with pytest.raises(UsageError, match="a panel of 1 objects tells nothing, 2 are the least"):
+        PanelSize(objects=1)

@@ -1,0 +1,100 @@
+"""The door for programs: its schema, what it refuses, and an agent that drives it with the protocol's own client."""
+
+import asyncio
+
+import pytest
+
+from fast.flows.page.door import make_server
+from fast.flows.page.proposals import list_open
+from fast.flows.server.access import Api, Role, own_login
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
+from tests.flows.cli.cli_lakes import ROOT, proposed_lake
+from tests.flows.page.lab_page import Browser
+from tests.flows.page.served import serve
+
+QUICK = (ROOT / "campaigns" / "quick.toml").read_text()
+
+
+@pytest.fixture
+def lake(tmp_path):
+    return Lake.open(proposed_lake(tmp_path))
+
+
+def test_the_interface_has_a_schema_and_says_where_a_campaign_stands(lake):
+    browser = Browser(lake)
+    schema = browser.client.get("/api/v1/openapi.json").json()
+    assert set(schema["paths"]) >= {"/api/v1/campaigns/{campaign_id}", "/api/v1/sql", "/api/v1/proposals"}
+    assert all(path.startswith("/api/v1/") for path in schema["paths"])
+    state = browser.client.get("/api/v1/campaigns/quick").json()
+    assert (state["grasps_done"], state["state"]) == (0, "interrupted")
+    assert browser.client.get("/api/v1/campaigns/other").status_code == 409
+    assert browser.client.post("/api/v1/sql", json={"sql": "DROP TABLE grasps"}).status_code == 409
+
+
+def test_a_proposal_starts_nothing_and_is_decided_once_by_a_person(lake):
+    browser, headers = Browser(lake, Role.SAY), {"X-Fast-Token": Browser(lake).token}
+    proposal = {
+        "kind": "search",
+        "who": "agent <b>",
+        "why": "errors grow with <i>slip</i>",
+        "cost": "40 min of two cores",
+    }
+    assert browser.client.post("/api/v1/proposals", json=proposal).status_code == 403
+    assert Browser(lake, Role.LOOK).client.post("/api/v1/proposals", json=proposal, headers=headers).status_code == 403
+    for _ in range(2):
+        answer = browser.client.post("/api/v1/proposals", json=proposal, headers=headers)
+        assert answer.status_code == 200
+    number = answer.json()["proposal_id"]
+    assert list(list_open(lake)) == [number]
+    text = browser.see("/todo")
+    assert "errors grow with &lt;i&gt;slip" in text
+    assert browser.say("/todo/proposal", {"proposal": number, "accept": "yes"})[0] == 403
+    person = Browser(lake)
+    status, words = person.say("/todo/proposal", {"proposal": number, "accept": "yes"})
+    assert (status, "run `fast serve`" in words) == (409, True)  # no worker stands: it stays open
+    assert list(list_open(lake)) == [number]
+    assert person.say("/todo/proposal", {"proposal": number, "accept": "no"})[0] == 204
+    status, words = person.say("/todo/proposal", {"proposal": number, "accept": "yes"})
+    assert (status, "decided about this proposal already" in words) == (409, True)
+    (row,) = lake.records(EventRow, kind="proposal_settled")
+    assert row.message == "ada denied a proposal of agent <b>"
+
+
+def test_a_config_with_faults_is_not_proposed(lake):
+    wrong = QUICK.replace("initial_tools = 4 ", "initial_tools = -4 ")
+    proposal = {"kind": "campaign", "who": "agent", "why": "more", "config": wrong}
+    answer = Browser(lake).client.post(
+        "/api/v1/proposals", json=proposal, headers={"X-Fast-Token": Browser(lake).token}
+    )
+    assert (answer.status_code, "initial_tools" in answer.text) == (409, True)
+    assert list_open(lake) == {}
+
+
+def test_an_agent_reads_asks_and_proposes(lake):
+    pytest.importorskip("mcp")
+    from mcp.client import Client
+
+    async def drive(api):
+        async with Client(make_server(api)) as client:
+            names = {tool.name for tool in (await client.list_tools()).tools}
+            state = await client.call_tool("read_campaign", {"campaign_id": "quick"})
+            answer = await client.call_tool("ask_sql", {"sql": "SELECT count(*) AS n FROM proposals"})
+            refused = await client.call_tool("ask_sql", {"sql": "DELETE FROM proposals"})
+            wanted = {"kind": "campaign", "who": "agent", "why": "a second seed", "config": QUICK, "cost": "2 min"}
+            proposed = await client.call_tool("propose", wanted)
+            return names, state, answer, refused, proposed
+
+    with serve(lake) as address:
+        api = Api(f"{address.partition('/?')[0]}/api", own_login(lake.root))
+        names, state, answer, refused, proposed = asyncio.run(drive(api))
+    assert names == {
+        "list_campaigns", "read_campaign", "list_tools", "ask_sql", "read_findings", "simulate_grasp",
+        "list_todo", "propose",
+    }  # fmt: skip
+    assert "grasps_total" in state.content[0].text
+    assert '"n_rows": 1' in answer.content[0].text
+    assert refused.is_error
+    assert not proposed.is_error
+    (proposal,) = list_open(lake).values()
+    assert (proposal.who, proposal.kind) == ("agent", "campaign")

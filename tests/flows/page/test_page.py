@@ -1,0 +1,287 @@
+"""The page's routes: what they show of a lake, what they write, and whom they refuse."""
+
+import re
+
+import pytest
+
+from fast.flows.campaign.status import read_status
+from fast.flows.server.access import Role
+from fast.hardware.parts.safe_state import Verb
+from fast.lake.leases import exclusive
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow, GraspRow, ToolRow
+from fast.tasks.campaign.orders import read_standing
+from fast.tasks.campaign.requests import STARTED, append_event, lease_name
+from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
+from tests.flows.page.lab_page import ADDRESS, Browser
+from tests.flows.synthetic_lake import build
+
+PEOPLE = ROOT / "tests" / "data" / "cases" / "people"
+
+
+@pytest.fixture
+def lake(tmp_path):
+    """A campaign whose first batch is proposed and not printed."""
+    return Lake.open(proposed_lake(tmp_path))
+
+
+@pytest.fixture
+def told(tmp_path, capsys):
+    """A campaign on a bench of one's own whose first batch is asked for."""
+    answer = Fast(capsys)("ask", PEOPLE / "pull.toml", "--lake", tmp_path / "lake")
+    assert answer.status == 0, answer
+    return Lake.open(tmp_path / "lake")
+
+
+def campaign_of(lake):
+    return lake.query("SELECT campaign_id FROM campaigns")["campaign_id"][0].as_py()
+
+
+def find_slots(text):
+    return sorted(set(map(int, re.findall(r'name="fate-(\d+)"', text))))
+
+
+def test_an_empty_lake_says_what_to_do(tmp_path):
+    browser = Browser(Lake.open(tmp_path / "lake", create=True))
+    assert "no campaign" in browser.see("/")
+    for path in ("/todo", "/results", "/gap", "/start", "/people"):
+        browser.see(path)
+
+
+def test_a_campaign_that_cannot_be_read_is_said_and_the_page_stands(tmp_path):
+    lake = build(Lake.open(tmp_path / "lake", create=True))  # its config has no bench
+    assert "This campaign cannot be shown" in Browser(lake).see("/")
+    assert "demo/B01T0" in Browser(lake).see("/results")
+
+
+def test_a_person_is_asked_for_prints_and_the_same_rows_are_written_as_by_the_command(lake):
+    browser, name = Browser(lake), campaign_of(lake)
+    assert "You are needed now: 1 to do" in browser.see("/")
+    text = browser.see("/todo")
+    slots = find_slots(text)
+    assert len(slots) >= 3
+    form = {"campaign": name, "batch": "1", "material_lot": "L7", **{f"fate-{slot}": "printed" for slot in slots}}
+    form[f"fate-{slots[0]}"] = "rejected"
+    status, words = browser.say("/todo/print", form)
+    assert (status, "say why" in words) == (409, True)
+    assert lake.rows(ToolRow) == []
+    form |= {f"reason-{slots[0]}": "tip torn", f"front-{slots[1]}": "4.7"}
+    status, words = browser.say("/todo/print", form)
+    assert status == 409
+    assert "so it is" in words
+    del form[f"front-{slots[1]}"]
+    status, words = browser.say("/todo/print", form)
+    assert (status, f"{len(slots) - 1} tools mounted, 1 rejected" in words) == (204, True)
+    rows = {row["slot"]: row for row in lake.rows(ToolRow)}
+    assert rows[slots[0]]["status"] == "rejected"
+    assert rows[slots[0]]["reason"] == "tip torn"
+    assert {row["operator"] for row in rows.values()} == {"ada"}
+    assert {row["material_lot"] for row in rows.values()} == {"L7"}
+    # Somebody who still has the old page differs visibly; the first word counts.
+    status, words = Browser(lake, name="grace").say("/todo/print", {**form, f"fate-{slots[0]}": "printed"})
+    assert (status, "confirmed elsewhere" in words) == (409, True)
+    assert {row["operator"] for row in lake.rows(ToolRow)} == {"ada"}
+    assert "print" not in read_status(lake, name)["waiting_for_print"]
+
+
+def test_two_who_confirm_at_once_each_keep_what_the_other_has_not_said(lake):
+    name, (first, second) = campaign_of(lake), (Browser(lake), Browser(lake, name="grace"))
+    slots = find_slots(first.see("/todo"))
+    whole = {"campaign": name, "batch": "1", **{f"fate-{slot}": "printed" for slot in slots}}
+    again = {**whole, f"fate-{slots[-1]}": "again", f"reason-{slots[-1]}": "warped"}
+    assert first.say("/todo/print", again)[0] == 204
+    status, words = second.say("/todo/print", whole)
+    assert (status, f"{len(slots) - 1} of those shown were confirmed by somebody else" in words) == (204, True)
+    assert {row["slot"]: row["operator"] for row in lake.rows(ToolRow)} == {
+        slot: "grace" if slot == slots[-1] else "ada" for slot in slots
+    }
+
+
+@pytest.mark.usefixtures("unsimulated")
+def test_a_tenfold_number_in_a_dropped_table_is_asked_about_and_can_be_taken_back(told):
+    browser = Browser(told)
+    status, words = browser.drop("pull", "tenfold.csv", (PEOPLE / "tenfold.csv").read_bytes())
+    assert status == 200
+    assert "49.8 N beside 5.17 N and 4.98 N, a decimal point? It would be 4.98 N." in words
+    upload = re.search(r'name="upload" value="([^"]+)"', words)[1]
+    status, words = browser.say("/todo/told/write", {"campaign": "pull", "upload": upload})
+    assert (status, "so it is" in words, told.rows(GraspRow)) == (409, True, [])
+    status, words = browser.drop("pull", "good.csv", (PEOPLE / "good.csv").read_bytes())
+    assert "It would be: 48 grasps written" in words
+    upload = re.search(r'name="upload" value="([^"]+)"', words)[1]
+    status, words = browser.say("/todo/told/write", {"campaign": "pull", "upload": upload})
+    assert (status, "48 grasps written" in words) == (204, True)
+    assert {row["status"] for row in told.rows(GraspRow)} == {"ok"}
+    status, words = browser.say("/todo/told/undo", {"campaign": "pull"})
+    assert (status, "48 grasps were taken back" in words) == (204, True)
+
+
+@pytest.mark.usefixtures("unsimulated")
+def test_a_file_of_a_testing_machine_is_guessed_and_its_format_shown(told):
+    browser, pull = Browser(told), PEOPLE.parent / "machine-summary" / "B01T0_2_0.csv"
+    status, words = browser.drop("pull", pull.name, pull.read_bytes())
+    assert status == 200
+    assert "name = &#34;Load&#34;" in words
+    assert "1 grasps written (1 with a trace" in words
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("photo.png", b"\x89PNG", "is no table"),
+        ("results.csv", b"", "is empty"),
+        ("../../etc/x.csv", b"a,b\n1,2\n", "x.csv"),
+    ],
+)
+@pytest.mark.usefixtures("unsimulated")
+def test_what_is_no_table_is_refused(told, name, content, words):
+    status, answer = Browser(told).drop("pull", name, content)
+    assert words in answer
+    assert status in (200, 409)
+    assert told.rows(GraspRow) == []
+
+
+def test_a_file_that_is_too_large_is_refused_before_it_is_read(told):
+    browser = Browser(told)
+    where = {"campaign": "pull", "name": "big.csv"}
+    headers = {"X-Fast-Token": browser.token, "Content-Length": "900000000"}
+    answer = browser.client.post("/todo/told/look", params=where, content=b"a,b", headers=headers)
+    assert (answer.status_code, "900.0 MB" in answer.text) == (409, True)
+
+
+def test_an_order_is_given_once_and_refused_when_the_run_is_another(lake):
+    name, browser = campaign_of(lake), Browser(lake)
+    status, words = browser.say("/orders/pause", {"campaign": name, "run": ""})
+    assert (status, "is not running" in words) == (409, True)
+    with exclusive(lake.storage, lease_name(name), "busy") as lease:
+        append_event(lake, name, STARTED, "started", run=lease.token)
+        assert "Finish this grasp" in browser.see("/strip")
+        status, words = browser.say("/orders/pause", {"campaign": name, "run": "an older run"})
+        assert (status, "was started again since" in words) == (409, True)
+        assert read_standing(lake, name).verb is None
+        for _ in range(2):
+            status, words = browser.say("/orders/pause", {"campaign": name, "run": lease.token})
+            assert (status, "ends after the current grasp" in words) == (204, True)
+        asked = lake.records(EventRow, kind=str(Verb.PAUSE))
+        assert [row.message for row in asked] == ["pause asked for by ada on the lab's page"]
+        assert "pausing" in browser.see("/strip")
+        # A stop is never blocked: a pause is pending, and this page is of an older run.
+        status, words = browser.say("/orders/stop", {"campaign": name, "run": "an older run"})
+        assert (status, read_standing(lake, name).verb) == (204, Verb.STOP)
+        assert "stopping" in browser.see("/strip")
+    assert "stopped" in browser.see("/strip")
+
+
+def test_roles_name_and_token_are_asked_for_on_every_write(lake):
+    name = campaign_of(lake)
+    writes = [
+        route.path for route in inner(Browser(lake).app).routes if "POST" in (getattr(route, "methods", None) or ())
+    ]
+    words = [path for path in writes if not path.startswith("/api/")]
+    assert len(words) > 12
+    for path in words:
+        path = path.replace("{verb}", "stop")
+        assert Browser(lake).client.post(path, data={"campaign": name}).status_code == 403, path
+        evil = {"Origin": "http://evil.example"}
+        assert Browser(lake).say(path, {"campaign": name}, **evil)[0] == 403, path
+    status, sentence = Browser(lake, name="").say("/todo/print", {"campaign": name, "batch": "1", "fate-0": "printed"})
+    assert (status, "Say your name first" in sentence) == (403, True)
+    status, sentence = Browser(lake, Role.LOOK).say("/todo/print", {"campaign": name, "batch": "1"})
+    assert (status, "lets you look" in sentence) == (403, True)
+    for path in ("/orders/stop", "/start/campaign", "/start/job", "/start/continue"):
+        status, sentence = Browser(lake, Role.SAY).say(path, {"campaign": name})
+        assert (status, "lets you say" in sentence) == (403, True), path
+    assert lake.rows(ToolRow) == []
+
+
+def inner(gated):
+    """The application behind the gate."""
+    return next(cell.cell_contents for cell in gated.__closure__ if hasattr(cell.cell_contents, "routes"))
+
+
+def test_links_of_roles_are_told_to_those_who_may_move_alone(lake):
+    text = Browser(lake).see("/people")
+    links = dict(zip(("look", "say", "move"), re.findall(rf"{ADDRESS}/\?key=([\w-]+)", text), strict=True))
+    assert len(set(links.values())) == 3
+    assert "?key=" not in Browser(lake, Role.SAY).see("/people")
+    client = Browser(lake).client
+    client.cookies.clear()
+    assert client.get("/").status_code == 401
+    client.get(f"/?key={links['look']}")
+    assert "lets you look" in client.get("/people").text
+
+
+def test_names_of_the_lake_are_never_markup(tmp_path):
+    lake = Lake.open(tmp_path / "lake", create=True)
+    browser = Browser(lake, name="<script>alert(1)</script>")
+    for path in (
+        "/",
+        "/people",
+        "/results/sql?q=SELECT '<img src=x onerror=alert(1)>' AS \"<b>x\"",
+        "/results/tool?id=<b>",
+    ):
+        answer = browser.client.get(path)
+        assert "<script>alert" not in answer.text
+        assert "<img src=x" not in answer.text
+        if answer.headers["content-type"].startswith("text/html"):
+            assert "<b>" not in answer.text.replace("<b></b>", "")
+            assert "script-src 'self'" in answer.headers["content-security-policy"]
+
+
+def test_sql_has_the_limits_of_the_command(lake):
+    browser = Browser(lake)
+    assert "campaigns" in browser.see("/results/sql?q=SELECT count(*) AS campaigns FROM campaigns")
+    for bad in ("DROP TABLE grasps", "SELECT * FROM read_csv('/etc/passwd')", "COPY grasps TO '/tmp/x'"):
+        text = browser.see(f"/results/sql?q={bad}")
+        assert 'class="fault"' in text
+        assert browser.client.get("/results/sql.csv", params={"q": bad}).status_code == 409
+    csv = browser.client.get("/results/sql.csv", params={"q": "SELECT 1 AS a, 2.5 AS b"})
+    assert csv.text.splitlines() == ['"a","b"', "1,2.5"]
+
+
+def test_files_of_the_outputs_run_no_script(lake):
+    (lake.root / "outputs" / "x").mkdir(parents=True)
+    (lake.root / "outputs" / "x" / "a.html").write_text("<script>fetch('/orders/stop')</script>")
+    answer = Browser(lake).client.get("/outputs/x/a.html")
+    assert answer.status_code == 200
+    assert answer.headers["content-security-policy"].startswith("sandbox;")
+    assert Browser(lake).client.get("/outputs/../.state/key").status_code == 404
+
+
+def test_a_config_shows_its_faults_beside_the_line_and_keeps_what_was_typed(lake):
+    browser = Browser(lake)
+    text = (ROOT / "campaigns" / "quick.toml").read_text()
+    base = {"base": "quick.toml"}
+    good = browser.client.post("/start/check", data={**base, "text": text}, headers={"X-Fast-Token": browser.token})
+    assert "12 tools in 3 stages, 96 grasps" in good.text
+    wrong = text.replace("initial_tools = 4 ", "initial_tools = -4 ")
+    bad = browser.client.post("/start/check", data={**base, "text": wrong}, headers={"X-Fast-Token": browser.token})
+    number = next(n for n, line in enumerate(wrong.splitlines(), 1) if "initial_tools" in line)
+    assert f'class="bad">{number}: initial_tools = -4' in bad.text
+    broken = browser.client.post(
+        "/start/check", data={**base, "text": 'name = "x"\nseed = = 1'}, headers={"X-Fast-Token": browser.token}
+    )
+    assert 'class="bad">2: seed = = 1' in broken.text
+    status, words = browser.say("/start/campaign", {**base, "text": text})
+    assert (status, "run `fast serve`" in words) == (409, True)
+    assert not list((lake.root / "outputs" / "configs").glob("*.toml"))
+
+
+def test_notes_and_photos_stay_with_a_tool(lake):
+    browser, name = Browser(lake), campaign_of(lake)
+    slots = find_slots(browser.see("/todo"))
+    browser.say("/todo/print", {"campaign": name, "batch": "1", **{f"fate-{slot}": "printed" for slot in slots}})
+    tool = f"{name}/B01T{slots[0]}"
+    assert browser.say("/results/note", {"about": tool, "text": "tip <i>frays</i>"})[0] == 204
+    photo = browser.client.post(
+        "/results/photo",
+        params={"about": tool},
+        content=b"\x89PNG\r\n\x1a\n...",
+        headers={"X-Fast-Token": browser.token},
+    )
+    assert photo.status_code == 204
+    wrong = browser.client.post(
+        "/results/photo", params={"about": tool}, content=b"<svg/>", headers={"X-Fast-Token": browser.token}
+    )
+    assert (wrong.status_code, "no JPEG" in wrong.text) == (409, True)
+    assert [row.message for row in lake.records(EventRow, kind="note")] == ["tip <i>frays</i>", "photo"]

@@ -1,0 +1,100 @@
+"""`fast.simulate_many`: the same grasps as one by one, and what results show of themselves."""
+
+import math
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import fast
+from fast.flows.campaign.ask_tell import AskedBatch
+from fast.flows.simulation import many_designs
+from fast.flows.simulation.many_designs import SimulatedGrasps
+from fast.models.records import GraspSimulation, Trace
+from fast.tasks.simulation.attempt import Attempt
+
+
+class NoPool:
+    """Workers that do nothing."""
+
+    def __init__(self, n_workers: int) -> None:
+        self.submit = lambda function, job: None
+
+    def lend(self):
+        return nullcontext(self)
+
+    def close(self) -> None:
+        pass
+
+
+TRACE = Trace(np.arange(5.0), np.array([0.0, 0.0, 1.0, 2.0, 3.0]), np.array([-2.0, -3.0, 4.0, 1.0, 0.0]))
+RESULT = GraspSimulation(TRACE, 4.0, 3.0, 0.006, 5, 20, 300, 0.1)
+
+
+def test_it_is_a_table_of_every_design_on_every_object(monkeypatch: pytest.MonkeyPatch) -> None:
+    def attempt(worker, job, future):
+        is_lost = job.obj.name == "cube"
+        return Attempt(None if is_lost else RESULT, "time_out" if is_lost else "", "", 0.1, 0.0, 0.1)
+
+    monkeypatch.setattr(many_designs, "WorkerPool", NoPool)
+    monkeypatch.setattr(many_designs, "answer", attempt)
+    found = fast.simulate_many([fast.BEST_PUBLISHED] * 2, ["cube", 2], workers=1, show_progress=False)
+    assert isinstance(found, SimulatedGrasps)
+    assert found.peak_force_n.shape == (2, 2)
+    assert [[math.isnan(force) for force in row] for row in found.peak_force_n] == [[True, False]] * 2
+    frame = found.to_pandas()
+    assert frame["object"].tolist() == ["cube", "large sphere"] * 2
+    assert frame["failed"].tolist() == ["time_out", ""] * 2
+    assert frame["peak_force_n"].dropna().tolist() == [4.0, 4.0]
+    assert "<td>failed</td><td>4.0</td>" in found._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (([], ["cube"], 2), "0 designs and 1 objects are given; give at least one of each"),
+        (([fast.BEST_PUBLISHED], ["cube"], 0), "workers is 0, it must be from 1 to 256"),
+        (([fast.BEST_PUBLISHED], ["cubic"], 2), "cubic"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(given: tuple, sentence: str) -> None:
+    with pytest.raises(fast.FastError, match=sentence):
+        fast.simulate_many(*given[:2], workers=given[2])
+
+
+def test_a_trace_is_a_table_and_a_plot_of_its_lift() -> None:
+    assert TRACE.to_pandas().to_dict("list")["force_n"] == TRACE.force_n.tolist()
+    axes = Figure().subplots()
+    assert RESULT.plot(axes) is axes
+    assert axes.lines[0].get_xydata().tolist() == [[0.0, -3.0], [1.0, 4.0], [2.0, 1.0], [3.0, 0.0]]
+
+
+def test_a_grasp_shows_its_numbers_and_its_force_in_a_notebook() -> None:
+    shown = RESULT._repr_html_()
+    assert "<th>peak pull-off force</th><td>4.00 N</td>" in shown
+    assert shown.count("<svg") == shown.count("</svg>") == 1
+    assert "flag" not in shown
+
+
+def test_a_batch_to_measure_shows_its_tools() -> None:
+    shown = AskedBatch("pull/B01", {"pull/B01T0": fast.BEST_PUBLISHED}, ())._repr_html_()
+    assert "<th>pull/B01, 0 grasps</th><th>length_mm</th>" in shown
+    assert "<th>pull/B01T0</th><td>30.83</td>" in shown
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (
+            lambda: fast.FinRay(**{**fast.BEST_PUBLISHED.model_dump(), "length_mm": 99}),
+            "FinRay: `length_mm` is 99 mm, it must be at most 35.0 mm; change it.",
+        ),
+        (lambda: fast.Theta(friction=9), "Theta: `friction` is 9, it must be at most 2.0; change it."),
+        (lambda: fast.GraspSetup(closed_gap=3), "GraspSetup: unknown key `closed_gap`; did you mean `closed_gap_mm`?"),
+    ],
+)
+def test_a_bad_number_is_one_sentence(make, sentence: str) -> None:
+    with pytest.raises(fast.FastError) as refused:
+        make()
+    assert str(refused.value) == sentence

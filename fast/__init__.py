@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fast.flows.library import Campaign, find_gap, simulate, simulate_many
+    from fast.flows.library import Campaign, find_gap, grasp_function, simulate, simulate_many
     from fast.lake.store import Lake
     from fast.models.design.fin_ray import FinRay
     from fast.models.design.space import BEST_PUBLISHED
@@ -36,6 +36,7 @@ _HOMES = {
     "Trace": "models.records",
     "find_gap": "flows.library",
     "get_object": "models.objects.catalogue",
+    "grasp_function": "flows.library",
     "simulate": "flows.library",
     "simulate_many": "flows.library",
 }
@@ -53,6 +54,7 @@ __all__ = [
     "Trace",
     "find_gap",
     "get_object",
+    "grasp_function",
     "simulate",
     "simulate_many",
 ]

@@ -1,10 +1,12 @@
 """FAST from Python: one grasp, a campaign on a bench of one's own, the search for a gap. `import fast` offers them."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import torch
+
     from fast.flows.campaign.ask_tell import AskedBatch
     from fast.flows.simulation.many_designs import SimulatedGrasps
     from fast.lake.store import Lake
@@ -21,16 +23,18 @@ def simulate(
     version: "SimulatorVersion | None" = None,
     setup: "GraspSetup | None" = None,
     *,
+    along: "Sequence[str] | str" = (),
     lake: Path | str = "lake-data",
 ) -> "GraspSimulation":
     """Simulate one grasp, as `fast simulate` does: closing, lift and pull-off by both fingers.
 
     `grasped`: an object, or its number, name or file; own objects by name come from `lake`. `version`: theta, mesh and
     effects; default: the paper's theta on the production mesh. `setup`: gaps, heights and speeds. The result has
-    `trace`, `peak_force_n`, `contact_force_n` and `work_j`.
+    `trace`, `peak_force_n`, `contact_force_n` and `work_j`, and `slopes` by the parameters named in `along`, such as
+    `("friction", "length_mm")`; `"all"`: those of finger, material and closing.
 
     Raises:
-        UsageError: there is no such object.
+        UsageError: there is no such object, or a parameter is unknown or has no slope.
         MeshingFailed, SimulationFailed: this finger cannot be meshed, or the grasp does not converge.
     """
     from fast.models.objects.rigid import RigidObject
@@ -40,7 +44,39 @@ def simulate(
     from fast.tasks.objects import find_object
 
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
-    return simulate_grasp(design, met, version or SimulatorVersion(), setup or GraspSetup())
+    return simulate_grasp(design, met, version or SimulatorVersion(), setup or GraspSetup(), along=along)
+
+
+def grasp_function(
+    grasped: "RigidObject | int | str",
+    design: "Design | None" = None,
+    version: "SimulatorVersion | None" = None,
+    setup: "GraspSetup | None" = None,
+    *,
+    names: "Sequence[str] | None" = None,
+    lake: Path | str = "lake-data",
+) -> "Callable[[torch.Tensor], torch.Tensor]":
+    """The peak pull-off force in N as a function for torch, which knows its slopes (a `torch.autograd.Function`).
+
+    It takes a tensor (... x d) of values of the parameters `names` and gives a tensor (...). `names` default to the
+    numbers of the design in their order, of which whole ones are rounded and have slope 0; all that is not named is as
+    in `design` (default: the best published one), `version` and `setup`. What has no slope here has slope 0 with a
+    warning.
+
+    Raises:
+        UsageError: there is no such object, or a parameter is unknown or has no slope.
+    """
+    from fast.models.design.space import BEST_PUBLISHED
+    from fast.models.objects.rigid import RigidObject
+    from fast.models.records import GraspSetup
+    from fast.models.simulation.inputs import GraspInputs
+    from fast.models.simulation.slopes.torch_function import PeakFunction
+    from fast.models.simulation.version import SimulatorVersion
+    from fast.tasks.objects import find_object
+
+    met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
+    inputs = GraspInputs(design or BEST_PUBLISHED, met, version or SimulatorVersion(), setup or GraspSetup())
+    return PeakFunction(inputs, names)
 
 
 def simulate_many(

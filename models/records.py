@@ -260,6 +260,34 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class Slope:
+    """Derivative of a simulated trace by one parameter.
+
+    `unit` is that of the slope, such as `N/mm`. `force_n` (n) per unit of the parameter at the samples of the trace,
+    and `peak_n` of the peak pull-off force. `usual`: by how much the parameter changes between prints, grasps or
+    designs. `step`: over how much to either side a finite difference was taken; None for the derivative itself.
+    """
+
+    unit: str
+    force_n: np.ndarray
+    peak_n: float
+    usual: float
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Slopes of a simulated trace by parameters, good up to `trusted_mm` of lift: 1 mm before the force first jumps.
+
+    `by` has them by name of the parameter, `lost` says why one has none.
+    """
+
+    trusted_mm: float
+    by: dict[str, Slope]
+    lost: dict[str, str]
+
+
+@dataclass(frozen=True)
 class GraspSimulation:
     """Result of one simulated grasp, both fingers."""
 
@@ -293,6 +321,8 @@ class GraspSimulation:
     """Largest pressure of a finger on the object, mean over the 10 mm2 that are pressed most."""
     ribs_touch: bool = False
     """Ribs or walls came to press on each other inside a finger."""
+    slopes: Slopes | None = None
+    """By the parameters that were asked for."""
 
     def plot(self, axes: "Axes | None" = None) -> "Axes":
         """Draw force over lift; see `Trace.plot`."""

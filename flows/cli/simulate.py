@@ -75,6 +75,13 @@ class Asked:
 def simulate(
     *,
     asked: Asked = Asked(),
+    along: Annotated[
+        str | None,
+        Parameter(
+            help="Slopes of force and peak by parameters, e.g. friction,length_mm; `all`: those of finger, material "
+            "and closing."
+        ),
+    ] = None,
     out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
     export_calculix: Annotated[
         Path | None,
@@ -93,7 +100,7 @@ def simulate(
 ) -> None:
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
     if designs is not None:
-        others = {"simulation": asked.simulation, "export-calculix": export_calculix}
+        others = {"simulation": asked.simulation, "along": along, "export-calculix": export_calculix}
         refuse_beside("designs", {"design": asked.design, **others})
         simulate_file(designs, family, asked, workers, out, lake, json)
         return
@@ -105,9 +112,10 @@ def simulate(
         make_folder(out)
     recording = GraspRecording()
     recorder = None if out is None else recording.add
-    result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder)
+    names = () if along is None else tuple(name.strip() for name in along.split(","))
+    result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder, along=names)
     ids = {"design_id": design.design_id, "object_id": met.object_id, "version_id": simulator.version_id}
-    data = {**ids, "placement": placement.model_dump(), **_numbers_of(result)}
+    data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **_slopes_of(result)}
     show(data, describe_grasp(data), json)
     files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording)
     if export_calculix is not None:
@@ -162,6 +170,26 @@ def simulate_file(
 def _numbers_of(result: "GraspSimulation") -> dict[str, Any]:
     names = ("peak_force_n", "contact_force_n", "work_j", "pressure_kpa", "twist_deg", "n_steps", "n_dof", "cpu_s")
     return {name: getattr(result, name) for name in names}
+
+
+def _slopes_of(result: "GraspSimulation") -> dict[str, Any]:
+    """Slopes of the peak, the one whose usual change matters most first; nothing if they were not asked for."""
+    from fast.flows.report.slopes import peak_changes
+
+    if result.slopes is None:
+        return {}
+    rows = [
+        {
+            "parameter": name,
+            "peak_slope": slope.peak_n,
+            "unit": slope.unit,
+            "usual_change": slope.usual,
+            "peak_change_n": change_n,
+            "finite_step": slope.step,
+        }
+        for name, slope, change_n in peak_changes(result.slopes)
+    ]
+    return {"slopes": rows, "slopes_trusted_mm": result.slopes.trusted_mm, "slopes_lost": result.slopes.lost}
 
 
 def read_design(path: Path | None) -> "Design":
@@ -309,4 +337,21 @@ def describe_grasp(data: dict[str, Any]) -> str:
         *([f"largest twist        {data['twist_deg']:.1f} deg"] if data.get("twist_deg") else []),
         f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU",
     ]
-    return "\n".join(lines)
+    return "\n".join(lines + (_slope_lines(data) if "slopes" in data else []))
+
+
+def _slope_lines(data: dict[str, Any]) -> list[str]:
+    """Slopes of the peak as a table, up to where those of the trace are good, and what has none."""
+    rows = [
+        {
+            "parameter": row["parameter"],
+            "slope of the peak": f"{row['peak_slope']:.4g} {row['unit']}",
+            "a change of": f"{row['usual_change']:.3g}",
+            "changes the peak by": f"{row['peak_change_n']:+.2f} N",
+            "": "" if row["finite_step"] is None else f"finite difference, +-{row['finite_step']:.3g}",
+        }
+        for row in data["slopes"]
+    ]
+    good = f"slopes of the trace are good up to {data['slopes_trusted_mm']:.1f} mm of lift"
+    lost = [f"no slope by {name}: {why}" for name, why in data["slopes_lost"].items()]
+    return ["", *([table_text(rows)] if rows else []), good, *lost]

@@ -43,10 +43,29 @@ def write_outputs(
         files[0].write_text(json.dumps({**data, "design": design.content}, indent=2) + "\n")
         files[1].write_text(_csv(result.trace))
         _draw(out, place(obj, placement), result, recording, title)
+        files[-1:-1] = _write_slopes(out, result, title)
     except OSError as error:
         raise unwritable("--out", out, error) from error
     write_simulation(files[-1], obj.object_id, result, recording, title, placement)
     return files
+
+
+def _write_slopes(out: Path, result: "GraspSimulation", title: str) -> list[Path]:
+    """Slopes of the trace as a table, and a picture of what matters most for the peak; nothing without slopes."""
+    from fast.flows.report.slopes import draw_peak_changes
+    from fast.flows.report.style import figure_style
+
+    if result.slopes is None or not result.slopes.by:
+        return []
+    by, trace = result.slopes.by, result.trace
+    table, picture = out / "slopes.csv", out / "slopes.png"
+    columns = [trace.time_s, trace.lift_mm, *(slope.force_n for slope in by.values())]
+    head = ["time_s", "lift_mm", *(f"{name} ({slope.unit})" for name, slope in by.items())]
+    rows = [",".join(f"{number:.6g}" for number in row) for row in zip(*columns, strict=True)]
+    table.write_text("\n".join([",".join(head), *rows]) + "\n")
+    with figure_style():
+        draw_peak_changes(result, title).savefig(picture, dpi=PIXELS_PER_INCH)
+    return [table, picture]
 
 
 def write_table(path: Path, rows: "Sequence[dict[str, Any]]") -> Path:

@@ -140,6 +140,21 @@ class FingerStep:
         finger.ribs_touch = True
         return finger
 
+    def copied(self, body: ElasticBody, surface: ContactSurface, nodes: np.ndarray) -> Self:
+        """The same finger with another body and surface on nodes (n, 3), one that touches itself where this one does.
+
+        How its ribs press on each other is shared: it depends on where nodes are, and a little on areas, which stay.
+        """
+        finger = type(self)(body, surface, nodes, self._obstacle, stop_mm=self._stop_mm, inside=self._inside)
+        finger.ribs_touch = self.ribs_touch
+        return finger
+
+    def numbered_as(self, finger: Self) -> Self:
+        """This copy of a finger, its unknowns in the order that the finger's have now that its ribs touch."""
+        other = self.copied(self.body.numbered_as(finger.body), self.surface, self.nodes)
+        other.ribs_touch, other._inside = finger.ribs_touch, finger._inside  # noqa: SLF001 - a finger of this kind
+        return other
+
     def finish(
         self, state: FingerState, u: np.ndarray, base: np.ndarray, dt_s: float
     ) -> tuple[FingerState, np.ndarray]:

@@ -1,7 +1,7 @@
 """One simulated grasp: close, lift, separate; the sum of both fingers as the load cell sees it."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -10,20 +10,24 @@ import numpy as np
 from fast.models.errors import UsageError
 from fast.models.objects.primitives import bounds
 from fast.models.objects.rigid import RigidObject
-from fast.models.records import Design, GraspContext, GraspSetup, GraspSimulation, Placement, Trace
+from fast.models.records import Design, GraspContext, GraspSetup, GraspSimulation, Placement
 from fast.models.simulation.actuation import ClosingStall
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
 from fast.models.simulation.contact.law import ObjectObstacle, Obstacle
 from fast.models.simulation.effects.base import Effect
-from fast.models.simulation.effects.catalogue import build_effects
 from fast.models.simulation.finger import FingerState, FingerStep
+from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
+from fast.models.simulation.output.fingers import FingerResult, sum_of_fingers
 from fast.models.simulation.output.pressure import PressureGauge
 from fast.models.simulation.output.recording import Camera, Phase, Recorder
 from fast.models.simulation.output.twist import TwistGauge
 from fast.models.simulation.placement import Side, check_overlap, check_reach, find_symmetry
 from fast.models.simulation.problem import FingerProblem, Numerics, find_numerics
+from fast.models.simulation.slopes.march import Copies
+from fast.models.simulation.slopes.parameters import find_parameters
+from fast.models.simulation.slopes.trace import SlopesPlan, find_slopes, plan_slopes
 from fast.models.simulation.solver.newton import NewtonSolver
 from fast.models.simulation.solver.stepping import (
     FingerRecord,
@@ -50,32 +54,6 @@ FREE_STEPS = 2  # steps without contact before the end of the lift is considered
 RESIDUAL_FORCE_N = 0.05  # at the reference modulus: what may be left of the force when the lift ends
 
 
-@dataclass(frozen=True)
-class FingerResult:
-    """Samples of one finger (full width) at the reference modulus, and the work it took.
-
-    `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
-    `n_closing` samples belong to the closing. `has_snapped`: in the lift. A snap while the jaws close is no part of
-    the force that is compared. `twist_deg`: the largest twist of the tip. `pressure_mpa`: the largest pressure on the
-    object. `mesh_error_n`: expected error of the force by the mesh, root mean square over the lift.
-    """
-
-    time_s: np.ndarray
-    lift_mm: np.ndarray
-    force_n: np.ndarray
-    n_closing: int
-    n_steps: int
-    n_newton: int
-    n_factorisations: int
-    n_dof: int
-    setup_cpu_s: float
-    has_snapped: bool
-    ribs_touch: bool
-    twist_deg: float
-    pressure_mpa: float
-    mesh_error_n: float
-
-
 def simulate_grasp(
     design: Design,
     obj: RigidObject,
@@ -89,6 +67,7 @@ def simulate_grasp(
     numerics: Numerics | None = None,
     deadline_s: float | None = None,
     recorder: Recorder | None = None,
+    along: Sequence[str] | str = (),
 ) -> GraspSimulation:
     """Simulate one displacement-controlled grasp of a fixed rigid object.
 
@@ -101,10 +80,12 @@ def simulate_grasp(
     replaces the mesh of the design (half width unless `needs_full_width`). `numerics` is for convergence studies
     and for worlds that must not share the simulator's regularisation; by default it is that of the version's tier.
     `deadline_s` is a wall-clock limit. `recorder` is called with every converged step (see
-    `models.simulation.output.recording`).
+    `models.simulation.output.recording`). `along` names parameters by which the trace gets slopes (see
+    `models.simulation.slopes.parameters`); a parameter whose slope cannot be had is told in `slopes.lost`.
 
     Raises:
-        UsageError: the version's tier was removed, or `mesh` is half a finger where that is not enough.
+        UsageError: the version's tier was removed, `mesh` is half a finger where that is not enough, or a parameter in
+            `along` is unknown or has no slope.
         SimulationFailed: reason `object_outside`, `overlap_at_start`, `time_out`, `no_convergence`, `inverted_element`,
             `indefinite`, `deep_penetration` or `max_steps`.
         MeshingFailed: the mesh could not be made.
@@ -112,38 +93,52 @@ def simulate_grasp(
     check_tier(version.tier)
     started = time.process_time()
     deadline = deadline_after(deadline_s)
-    known = build_effects(version.effects) if effects is None else effects
-    active = tuple(effect.in_grasp(design, setup, context) for effect in known)
-    theta = version.theta
-    for effect in active:
-        theta = effect.modify_theta(theta, design)
-        setup = effect.modify_setup(setup, design)
-        obj = effect.modify_object(obj)
-    check_reach(obj, placement, design, setup)
-    symmetry = find_symmetry(obj, placement)
+    inputs = GraspInputs(design, obj, version, setup, placement, context, effects)
+    wanted = find_parameters(inputs, along)
+    actual = inputs.with_effects()
+    check_reach(actual.obj, placement, design, actual.setup)
+    symmetry = find_symmetry(actual.obj, placement)
+    has_own_mesh = mesh is not None
     if mesh is None:
-        mesh = build_mesh(design, version.mesh, full_width=not symmetry.mirror_y, effects=active)
+        mesh = build_mesh(design, version.mesh, full_width=not symmetry.mirror_y, effects=actual.effects)
     if mesh.is_half and not symmetry.mirror_y:
         raise UsageError(
             f"half a finger is not enough for object {obj.object_id} at this placement; mesh it with full_width=True."
         )
-    problem = FingerProblem(mesh, design, theta, setup, active, numerics or find_numerics(version))
-    solved = [_Finger.of(problem, obj, placement, side) for side in symmetry.sides]
-    check_overlap(obj, placement, setup, [finger.first_gap_mm() for finger in solved])
+    numerics = numerics or find_numerics(version)
+    problem = FingerProblem(mesh, design, actual.theta, actual.setup, actual.effects, numerics)
+    plan = plan_slopes(wanted, problem, inputs, has_own_mesh=has_own_mesh)
+    solved = [_Finger.of(problem, actual.obj, placement, side) for side in symmetry.sides]
+    check_overlap(actual.obj, placement, actual.setup, [finger.first_gap_mm() for finger in solved])
     ready = time.process_time()
     watch = _as_half_turned(recorder) if symmetry.is_only_half_turn else recorder
-    fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side) for f in solved]
-    return replace(
-        _result_of(fingers, problem),
-        cpu_s=time.process_time() - started,
-        setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers),
-    )
+    fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side, plan) for f in solved]
+    result = replace(_result_of(fingers, problem), setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers))
+    if wanted:
+
+        def again(moved: GraspInputs) -> GraspSimulation:
+            rest_s = None if deadline_s is None else max(deadline - time.monotonic(), 0.0)
+            return simulate_grasp(
+                moved.design,
+                moved.obj,
+                moved.version,
+                moved.setup,
+                placement=moved.placement,
+                context=context,
+                effects=effects,
+                mesh=mesh if has_own_mesh else None,
+                numerics=numerics,
+                deadline_s=rest_s,
+            )
+
+        result = replace(result, slopes=find_slopes(plan, problem, fingers, result.trace, again))
+    return replace(result, cpu_s=time.process_time() - started)
 
 
 def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> GraspSimulation:
     """What the load cell sees of the solved fingers, and the work it took; without the time."""
-    scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
-    trace = _sum_of_fingers(fingers, scale)
+    scale = problem.force_scale
+    trace = sum_of_fingers(fingers, [f.force_n[:, 2] for f in fingers], scale)
     for effect in problem.effects:
         trace = effect.modify_trace(trace)
     contact = np.mean([-f.force_n[f.n_closing - 1, 0] for f in fingers])
@@ -208,23 +203,26 @@ def simulate_finger(
     deadline: float = np.inf,
     recorder: Recorder | None = None,
     side: Side = "right",
+    plan: SlopesPlan | None = None,
 ) -> FingerResult:
     """Close and lift one finger against an obstacle; `deadline` is a time of `time.monotonic`.
 
-    `recorder` is called with every converged step; `side` names the finger in its snapshots.
+    `recorder` is called with every converged step; `side` names the finger in its snapshots. `plan` says by which
+    parameters the forces get slopes.
     """
     started = time.process_time()
     model = problem.model()
     finger = model.against(obstacle, problem.finger_stop_mm)
     newton = NewtonSolver(model.linear, model.blocks, problem.numerics.newton, deadline)
-    stepper = Stepper(finger, newton, problem.numerics.limits, _friction(problem, finger.n_points))
+    stepper = Stepper(finger, newton, problem.numerics.limits, problem.friction)
     setup_cpu_s = time.process_time() - started
     camera = None
     if recorder is not None:
-        scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+        scale = problem.force_scale
         camera = Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
     gauge = TwistGauge(problem.mesh, finger.nodes, problem.design.tip_height_mm)
-    seen = _Observed(gauge, PressureGauge(finger.surface.areas, problem.mesh.is_half), camera)
+    copies = None if plan is None else plan.copies_of(finger, problem, deadline)
+    seen = _Observed(gauge, PressureGauge(finger.surface.areas, problem.mesh.is_half), camera, copies)
     _close_and_lift(finger, stepper, problem, seen)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
@@ -242,6 +240,9 @@ def simulate_finger(
         twist_deg=gauge.largest_deg,
         pressure_mpa=seen.pressure.largest,
         mesh_error_n=share * seen.mesh_error_n,
+        has_stalled=seen.has_stalled,
+        slopes_n={name: share * values for name, values in seen.record.slopes().items()},
+        failures={} if copies is None else copies.failures,
     )
 
 
@@ -252,9 +253,11 @@ class _Observed:
     gauge: TwistGauge
     pressure: PressureGauge
     camera: Camera | None
+    copies: Copies | None = None
     record: FingerRecord = field(default_factory=FingerRecord)
     n_closing: int = 0
     has_snapped: bool = False
+    has_stalled: bool = False
     unresolved_n_mm: list[float] = field(default_factory=list)
 
     @property
@@ -271,25 +274,17 @@ class _Observed:
             self.camera.take(phase, time_s, travel_mm, state, clamp_n)
 
     def add(self, phase: Phase, time_s: float, travel_mm: float, step: Step) -> None:
-        """A converged step: its force and pressure too."""
+        """A converged step: its force and pressure too, and the slopes of its force."""
         self.pressure.add(step.state.contact.pressure)
-        self.record.add(time_s, travel_mm if phase == "lift" else 0.0, step.clamp_n)
+        self.record.add(time_s, travel_mm if phase == "lift" else 0.0, step.clamp_n, self._slopes_of(step))
         if phase == "lift":
             self.unresolved_n_mm.append(step.state.contact.unresolved_n_mm)
         self.look(phase, time_s, travel_mm, step.state, step.clamp_n)
 
-
-def _friction(problem: FingerProblem, n: int) -> Callable[[FingerState], np.ndarray]:
-    """Friction coefficient per contact point, frozen over a step, from the effects' factors."""
-    scale = problem.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
-
-    def coefficient(state: FingerState) -> np.ndarray:
-        values = np.full(n, problem.theta.friction)
-        for effect in problem.effects:
-            values *= effect.friction_factor(state.contact.slip, scale * state.contact.pressure)
-        return values
-
-    return coefficient
+    def _slopes_of(self, step: Step) -> dict[str, np.ndarray] | None:
+        if self.copies is None:
+            return None
+        return self.copies.follow(step)
 
 
 def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem, seen: _Observed) -> None:
@@ -297,7 +292,7 @@ def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem
     state = _close(finger, stepper, problem, seen)
     seen.n_closing = len(seen.record.time_s)
     setup, limits = problem.setup, problem.numerics.limits
-    start_s = _stroke_mm(setup) / setup.close_speed_mm_per_s + setup.dwell_s
+    start_s = problem.stroke_mm / setup.close_speed_mm_per_s + setup.dwell_s
     lift = Path(
         state.base,
         UPWARD,
@@ -321,12 +316,14 @@ def _close(finger: FingerStep, stepper: Stepper, problem: FingerProblem, seen: _
     """Walk the finger through the closing, and note every step; the state at its end, at rest."""
     setup, record, no_force = problem.setup, seen.record, np.zeros(3)
     record.add(0.0, 0.0, no_force)
-    start, stroke = 0.5 * setup.open_gap_mm * -INWARD, _stroke_mm(setup)
+    start, stroke = 0.5 * setup.open_gap_mm * -INWARD, problem.stroke_mm
     free = travel_to_touch(finger.distance_to_anything, start, INWARD, stroke)
     state = finger.undeformed(start + free * INWARD, setup.close_speed_mm_per_s * INWARD)
     touch_s, end_s = free / setup.close_speed_mm_per_s, stroke / setup.close_speed_mm_per_s
     if free > 0.0:
         record.add(touch_s, 0.0, no_force)
+    if seen.copies is not None:
+        seen.copies.start(state)
     seen.look("closing", touch_s, free, state, no_force)
     stall = ClosingStall(problem.jaw, stroke - free, problem.numerics.limits.closing_mm)
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
@@ -334,18 +331,16 @@ def _close(finger: FingerStep, stepper: Stepper, problem: FingerProblem, seen: _
         state = step.state
         seen.add("closing", touch_s + step.travel_mm / setup.close_speed_mm_per_s, free + step.travel_mm, step)
         if stall.has_stalled(step):
+            seen.has_stalled = True
             break
-    if record.time_s[-1] < end_s - 1e-9:
-        record.add(end_s, 0.0, record.force_n[-1])
-    if setup.dwell_s > 0.0:  # quasi-static: nothing happens
-        record.add(end_s + setup.dwell_s, 0.0, record.force_n[-1])
     state.v[:] = 0.0
+    if seen.copies is not None:
+        record.slopes_n[-1] = seen.copies.stop_closing(stepper.finger, state, record.force_n[-1])
+    if record.time_s[-1] < end_s - 1e-9:
+        record.repeat_until(end_s)
+    if setup.dwell_s > 0.0:  # quasi-static: nothing happens
+        record.repeat_until(end_s + setup.dwell_s)
     return state
-
-
-def _stroke_mm(setup: GraspSetup) -> float:
-    """Way of one jaw while it closes."""
-    return 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
 
 
 def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:
@@ -353,17 +348,3 @@ def _is_clear(finger: FingerStep, lift: Path, travel: float) -> bool:
     rest = lift.length_mm - travel
     free = travel_to_touch(finger.distance_to_object, lift.at(travel), UPWARD, rest)
     return free >= rest
-
-
-def _sum_of_fingers(fingers: Sequence[FingerResult], scale: float) -> Trace:
-    """Load-cell trace of both fingers; where the steps differ, on the union of their times."""
-    if len(fingers) == 1:
-        only = fingers[0]
-        return Trace(only.time_s, only.lift_mm, 2.0 * scale * only.force_n[:, 2])
-    # Rounding joins instants that differ only in their last bit.
-    own = [np.round(f.time_s, 9) for f in fingers]
-    times = np.unique(np.concatenate(own))
-    force = sum(np.interp(times, t, f.force_n[:, 2], right=0.0) for t, f in zip(own, fingers, strict=True))
-    longest = max(fingers, key=lambda f: f.time_s[-1])
-    lift = np.interp(times, longest.time_s, longest.lift_mm)
-    return Trace(times, lift, scale * np.asarray(force))

@@ -68,7 +68,7 @@ def finger_model(
     key = mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, factor_bytes, roll_deg
     model = _KEPT.models.pop(key, None)
     if model is None:
-        nodes = roll(to_object_frame(mesh.nodes, height_mm, tip_below_mm), mesh.base_nodes, roll_deg)
+        nodes = place_nodes(mesh, height_mm, tip_below_mm, roll_deg)
         body = ElasticBody(mesh, nodes, material, factors=factors)
         surface = ContactSurface(body, nodes, law, spacing)
         blocks = np.zeros((len(body.pattern.indices), 3, 3))
@@ -79,6 +79,11 @@ def finger_model(
         _KEPT.models.popitem(last=False)
     model.surface.forget()
     return model
+
+
+def place_nodes(mesh: SolidMesh, height_mm: float, tip_below_mm: float, roll_deg: float) -> np.ndarray:
+    """Nodes (n, 3) of a mesh as the finger stands before its object, undeformed and with its front wall at x = 0."""
+    return roll(to_object_frame(mesh.nodes, height_mm, tip_below_mm), mesh.base_nodes, roll_deg)
 
 
 def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:

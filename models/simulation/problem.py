@@ -10,9 +10,10 @@ from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, MaterialLaw
 from fast.models.simulation.contact.law import ContactLaw, PointSpacing
 from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.finger import FingerState
 from fast.models.simulation.mesh.build import IN_SECTION
 from fast.models.simulation.mesh.solid import SolidMesh
-from fast.models.simulation.model import FingerModel, finger_model
+from fast.models.simulation.model import FingerModel, finger_model, place_nodes
 from fast.models.simulation.solver.newton import NewtonSettings
 from fast.models.simulation.solver.stepping import REFERENCE_LIMITS, StepLimits
 from fast.models.simulation.version import SimulatorVersion
@@ -63,10 +64,20 @@ class FingerProblem:
     roll_deg: float = 0.0
 
     @property
+    def force_scale(self) -> float:
+        """Real forces over those at the reference modulus."""
+        return self.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+
+    @property
+    def stroke_mm(self) -> float:
+        """Way of one jaw while it closes."""
+        return 0.5 * (self.setup.open_gap_mm - self.setup.closed_gap_mm)
+
+    @property
     def jaw(self) -> Jaw:
         """What holds the modelled part of the finger, at the reference modulus."""
         # Of the real closing force of one jaw, what the model's force is multiplied with to become it.
-        scale = (2.0 if self.mesh.is_half else 1.0) * self.theta.young_modulus_mpa / REFERENCE_MODULUS_MPA
+        scale = (2.0 if self.mesh.is_half else 1.0) * self.force_scale
         limit_n = min((effect.closing_force_limit_n() for effect in self.effects), default=np.inf)
         compliance = sum(effect.base_compliance_mm_per_n() for effect in self.effects)
         return Jaw(limit_n / scale, compliance * scale)
@@ -101,6 +112,17 @@ class FingerProblem:
                 factor *= effect.stiffness_factor(middles, self.design)
             factors.append(factor)
         return None if all((factor == 1.0).all() for factor in factors) else factors
+
+    def nodes(self) -> np.ndarray:
+        """Nodes (n, 3) of the finger as it stands before its object, undeformed and with its front wall at x = 0."""
+        return place_nodes(self.mesh, self.design.height_mm, self.setup.tip_below_mm, self.roll_deg)
+
+    def friction(self, state: FingerState) -> np.ndarray:
+        """Friction coefficient per contact point (n), frozen over the step from a state, from the effects' factors."""
+        values = np.full(len(state.contact.slip), self.theta.friction)
+        for effect in self.effects:
+            values *= effect.friction_factor(state.contact.slip, self.force_scale * state.contact.pressure)
+        return values
 
     def model(self) -> FingerModel:
         """The finger's mechanics, shared by the grasps of a design."""

@@ -31,6 +31,7 @@ from tests.studies.platform.paper_schedule import measure_paper_schedule
 from tests.studies.scientist.insights import measure_insights
 from tests.studies.scientist.lab_world import measure_lab_world
 from tests.studies.simulation.robustness import measure_robustness
+from tests.studies.simulation.slopes import measure_slopes
 from tests.studies.traces.anomalies import measure_anomalies
 from tests.studies.traces.identification import measure_identification
 from tests.studies.traces.told_slips import measure_told_slips
@@ -47,6 +48,7 @@ STUDIES: dict[str, Benchmark] = {
     "lake": benchmark(measure_lake, "grasps"),
     "overhead": benchmark(measure_overhead),
     "robustness": benchmark(measure_robustness, *_KEPT, "workers"),
+    "slopes": benchmark(measure_slopes, "objects", "figure"),
     "gap-truth": benchmark(measure_gap_truth, *_KEPT, "workers"),
     "gap": benchmark(measure_gap, "results", "limit_minutes", "worlds", "workers"),
     "gap-ask": benchmark(measure_asking, "worlds", "results"),

@@ -85,22 +85,18 @@ class ElasticBody:
         `n_axial_points`: see `models.simulation.body.shape_functions.quadrature_of`. `factors`: per block of the mesh,
         factors (m) of its elements on the modulus.
         """
-        self.mesh = mesh
-        lame = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
-        self._material = LAW_CODE[material.law], *lame, material.stiffening_per_mpa
+        self.mesh, self._n_axial_points = mesh, n_axial_points
+        self._material = _constants(material)
         connectivities = [block.connectivity for block in mesh.blocks]
         self.row_of_node, self.pattern = number_rows(len(nodes), mesh.base_nodes, connectivities)
         of_block = [None] * len(mesh.blocks) if factors is None else factors
         self._parts = [
-            self._prepared(block, nodes, n_axial_points, factor)
-            for block, factor in zip(mesh.blocks, of_block, strict=True)
+            self._prepared(block, nodes, factor) for block, factor in zip(mesh.blocks, of_block, strict=True)
         ]
         self._symmetry = _symmetry_blocks(mesh, self.row_of_node, self.pattern)
 
-    def _prepared(
-        self, block: ElementBlock, nodes: np.ndarray, n_axial_points: int, factor: np.ndarray | None
-    ) -> _Elements:
-        gradients, inverses, volumes, values = _reference_gradients(block, nodes, n_axial_points)
+    def _prepared(self, block: ElementBlock, nodes: np.ndarray, factor: np.ndarray | None) -> _Elements:
+        gradients, inverses, volumes, values = _reference_gradients(block, nodes, self._n_axial_points)
         weights = volumes if factor is None else volumes * factor
         connectivity = np.ascontiguousarray(block.connectivity, dtype=np.int32)
         places = block_map(connectivity, self.row_of_node, self.pattern)
@@ -114,6 +110,26 @@ class ElasticBody:
         other.row_of_node, other.pattern = rows, pattern
         parts = [replace(part, places=block_map(part.connectivity, rows, pattern)) for part in self._parts]
         other._parts, other._symmetry = parts, _symmetry_blocks(self.mesh, rows, pattern)  # noqa: SLF001 - a copy of this object
+        return other
+
+    def moved(self, nodes: np.ndarray, material: Material, factors: Sequence[np.ndarray] | None) -> Self:
+        """The same elements with undeformed nodes (n, 3), material and factors of their own; the pattern is shared."""
+        other = copy.copy(self)
+        of_block = [None] * len(self._parts) if factors is None else factors
+        parts = []
+        for block, part, factor in zip(self.mesh.blocks, self._parts, of_block, strict=True):
+            _, inverses, volumes, _ = _reference_gradients(block, nodes, self._n_axial_points)
+            weights = volumes if factor is None else volumes * factor
+            parts.append(replace(part, inverses=inverses, volumes=volumes, weights=weights))
+        other._parts, other._material = parts, _constants(material)  # noqa: SLF001 - a copy of this object
+        return other
+
+    def numbered_as(self, body: Self) -> Self:
+        """The same body, its unknowns in the order of one that differs in nothing but the pattern of its tangent."""
+        other = copy.copy(self)
+        other.row_of_node, other.pattern = body.row_of_node, body.pattern
+        parts = [replace(part, places=numbered.places) for part, numbered in zip(self._parts, body._parts, strict=True)]
+        other._parts, other._symmetry = parts, body._symmetry  # noqa: SLF001 - a copy of this object
         return other
 
     @property
@@ -152,6 +168,12 @@ class ElasticBody:
             diagonal *= (part.volumes.sum(axis=0) / diagonal.sum(axis=1))[:, None]
             np.add.at(volume, part.connectivity.ravel(), diagonal.ravel())
         return volume
+
+
+def _constants(material: Material) -> tuple[int, float, float, float]:
+    """What the kernels take of a material."""
+    lame = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
+    return LAW_CODE[material.law], *lame, material.stiffening_per_mpa
 
 
 def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockPattern) -> np.ndarray:

@@ -159,6 +159,18 @@ class ContactSurface:
         other._places = places  # noqa: SLF001 - a copy of this object
         return other
 
+    def moved(self, before: np.ndarray, after: np.ndarray, law: ContactLaw) -> Self:
+        """The same points with a law of their own, and areas as of undeformed nodes (n, 3) `after` instead of `before`.
+
+        Both share their buffers: what is remembered of distances holds for any nodes.
+        """
+        other = copy.copy(self)
+        ratio = _corner_areas(self._points.faces, after) / _corner_areas(self._points.faces, before)
+        per_face = np.diff(self._points.first_point[self._points.first_patch])
+        other.law = law
+        other._points = self._points._replace(areas=self.areas * np.repeat(ratio, per_face))  # noqa: SLF001 - a copy
+        return other
+
     @property
     def areas(self) -> np.ndarray:
         """Undeformed area of every point (n) in mm2."""
@@ -261,6 +273,15 @@ class ContactSurface:
                 near.normal[inside] = obstacle.normal(near.position[inside])
         contact_kernel.remember(points, near, n_patches, stop_mm, seen)
         return int(n_patches)
+
+
+def _corner_areas(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Areas (f) of plane faces (f, k) with straight sides, times a factor that their kind has."""
+    corners = nodes[faces]
+    is_square = faces.shape[1] == 8
+    along = corners[:, 2 if is_square else 1] - corners[:, 0]
+    across = corners[:, 3] - corners[:, 1] if is_square else corners[:, 2] - corners[:, 0]
+    return np.asarray(np.linalg.norm(np.cross(along, across), axis=1))
 
 
 def _sightings(points: ContactPoints) -> Sightings:

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from shapely.geometry import Polygon
+from shapely.geometry import LinearRing, Polygon
+from shapely.geometry.polygon import orient
 
+from fast.models.errors import MeshingFailed
 from fast.models.records import Design
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.mesh.extrude import extrude
@@ -39,10 +41,56 @@ def build_mesh(
         nodes = solid.nodes.copy()
         nodes[:, IN_SECTION] = printed_points(nodes[:, IN_SECTION], design, effects)
         return replace(solid, nodes=nodes)
+    return _sweep(profile, design, settings, full_width, effects)
+
+
+def build_moved_mesh(
+    mesh: SolidMesh, before: Polygon, design: Design, settings: MeshSettings, effects: Sequence[Effect]
+) -> SolidMesh | None:
+    """The extruded mesh of a finger that differs a little from that of `mesh`, whose profile is `before`.
+
+    The same elements at other places; None where the difference is not little enough for that.
+    """
+    profile = _ordered_as(before, printed_profile(design, settings, effects))
+    if profile is None or settings.mesher != "extruded":
+        return None
+    try:
+        moved = _sweep(profile, design, settings, not mesh.is_half, effects)
+    except MeshingFailed:
+        return None
+    own, other = moved.to_arrays(), mesh.to_arrays()
+    is_same = own.keys() == other.keys() and own["nodes"].shape == other["nodes"].shape
+    return moved if is_same and all(np.array_equal(own[k], other[k]) for k in own if k != "nodes") else None
+
+
+def _sweep(
+    profile: Polygon, design: Design, settings: MeshSettings, full_width: bool, effects: Sequence[Effect]
+) -> SolidMesh:
     half, layers = 0.5 * design.width_mm, settings.layers
     levels = np.linspace(-half, half, 2 * layers + 1) if full_width else np.linspace(0.0, half, layers + 1)
     section = printed_section(planar_mesh(profile, settings.edge_mm, settings.refine), design, effects)
     return extrude(section, levels, symmetric=not full_width)
+
+
+def _ordered_as(before: Polygon, after: Polygon) -> Polygon | None:
+    """A profile with its corners and voids in the order of another that is nearly the same; None if it is not."""
+    before, after = orient(before), orient(after)
+    if len(before.interiors) != len(after.interiors):
+        return None
+    middles = np.array([ring.centroid.coords[0] for ring in after.interiors]).reshape(-1, 2)
+    rings = [_ring_as(before.exterior, after.exterior)]
+    for void in before.interiors:
+        nearest = int(np.argmin(np.hypot(*(middles - void.centroid.coords[0]).T)))
+        rings.append(_ring_as(void, after.interiors[nearest]))
+    outline, *voids = rings
+    return None if any(ring is None for ring in rings) else Polygon(outline, voids)
+
+
+def _ring_as(before: LinearRing, after: LinearRing) -> np.ndarray | None:
+    """Corners (n, 2) of a ring, each the nearest to the corner in its place of another ring; None if one is missing."""
+    old, new = np.array(before.coords)[:-1], np.array(after.coords)[:-1]
+    nearest = np.argmin(((old[:, None] - new[None]) ** 2).sum(axis=2), axis=1)
+    return new[nearest] if len(old) == len(new) == len(np.unique(nearest)) else None
 
 
 def printed_section(section: PlanarMesh, design: Design, effects: Sequence[Effect]) -> PlanarMesh:

@@ -97,11 +97,11 @@ class NewtonSolver:
         if residual is None:
             return "inverted_element"
         memory = self._begin(u.size)
-        sizes, step, is_slow = [math.sqrt(_product(residual, residual))], 1.0, False
+        sizes, step, is_slow = [length_of(residual)], 1.0, False
         for _ in range(self.settings.max_iterations):
             if sizes[-1] < self.settings.tolerance_n:
                 return "converged"
-            self._check_deadline()
+            check_deadline(self.deadline)
             self.n_iterations += 1
             direction = None if is_slow else self._corrected(memory, residual, step)
             is_fresh = direction is None
@@ -144,13 +144,6 @@ class NewtonSolver:
             return np.inf
         return max(math.log(self.settings.tolerance_n / sizes[-1]) / math.log(rate), 0.0)
 
-    def _check_deadline(self) -> None:
-        if time.monotonic() > self.deadline:
-            raise SimulationFailed(
-                "The grasp simulation ran past its wall-clock limit; raise `deadline_s` or use a coarser mesh.",
-                reason="time_out",
-            )
-
     def _factorise(self, problem: Problem, u: np.ndarray) -> Outcome:
         """Factorise the tangent, made positive definite by a growing diagonal if it is not."""
         self.n_factorisations += 1
@@ -180,12 +173,30 @@ class NewtonSolver:
             if new is None:
                 step *= 0.4
                 continue
-            best = _Move(candidate, new, math.sqrt(_product(new, new)), step)
+            best = _Move(candidate, new, length_of(new), step)
             work = _product(direction, new)
             if best.size <= 0.5 * size or abs(work) <= 0.6 * abs(slope) or work * slope > 0.0:
                 break
             step *= min(max(slope / (slope - work), 0.1), 0.8)
         return best
+
+
+def check_deadline(deadline: float) -> None:
+    """Stop a simulation whose wall-clock limit, a time of `time.monotonic`, has passed.
+
+    Raises:
+        SimulationFailed: `time_out`.
+    """
+    if time.monotonic() > deadline:
+        raise SimulationFailed(
+            "The grasp simulation ran past its wall-clock limit; raise `deadline_s` or use a coarser mesh.",
+            reason="time_out",
+        )
+
+
+def length_of(residual: np.ndarray) -> float:
+    """Euclidean length of an array (n, 3)."""
+    return math.sqrt(_product(residual, residual))
 
 
 @nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"}, error_model="numpy")

@@ -77,13 +77,17 @@ class Path:
 class Step:
     """A converged step: travel along the path in mm, the state, and the force (3) of the clamp on the finger in N.
 
-    `is_snap`: a node moved more than `MAX_SPEED_RATIO` times as fast as the base, and the pull changed by more than
-    `SNAP_SHARE` of the largest so far, of which more than that is left. Where less is left, the object is let go.
+    `finger`: its equations; it went from the state `before` in a time `dt_s`. `is_snap`: a node moved more than
+    `MAX_SPEED_RATIO` times as fast as the base, and the pull changed by more than `SNAP_SHARE` of the largest so far,
+    of which more than that is left. Where less is left, the object is let go.
     """
 
     travel_mm: float
     state: FingerState
     clamp_n: np.ndarray
+    finger: FingerStep
+    before: FingerState
+    dt_s: float
     is_snap: bool = False
 
 
@@ -125,17 +129,33 @@ class _PullHistory:
 
 @dataclass
 class FingerRecord:
-    """Samples of one finger: time, travel of the phase, force (3) of the clamp on the finger in N."""
+    """Samples of one finger: time, travel of the phase, force (3) of the clamp on the finger in N, and its slopes.
+
+    Slopes (3) are by name, of the parameters that have one.
+    """
 
     time_s: list[float] = field(default_factory=list)
     lift_mm: list[float] = field(default_factory=list)
     force_n: list[np.ndarray] = field(default_factory=list)
+    slopes_n: list[dict[str, np.ndarray]] = field(default_factory=list)
 
-    def add(self, time_s: float, lift_mm: float, force_n: np.ndarray) -> None:
+    def add(
+        self, time_s: float, lift_mm: float, force_n: np.ndarray, slopes_n: dict[str, np.ndarray] | None = None
+    ) -> None:
         """Append one sample."""
         self.time_s.append(time_s)
         self.lift_mm.append(lift_mm)
         self.force_n.append(force_n)
+        self.slopes_n.append(slopes_n or {})
+
+    def repeat_until(self, time_s: float) -> None:
+        """Append the last sample once more, at a later time."""
+        self.add(time_s, self.lift_mm[-1], self.force_n[-1], self.slopes_n[-1])
+
+    def slopes(self) -> dict[str, np.ndarray]:
+        """Slopes (n, 3) of all samples by name; 0 before a parameter acts."""
+        names = self.slopes_n[-1]
+        return {name: np.array([own.get(name, np.zeros(3)) for own in self.slopes_n]) for name in names}
 
 
 @dataclass
@@ -189,6 +209,7 @@ class Stepper:
                 history = _PullHistory()
             is_snap = self._is_snap(new[0], path, pull_n, last_n)
             travel += step
+            done = Step(travel, *new, self.finger, state, step / path.speed_mm_per_s, is_snap)
             state, last_n = new[0], pull_n
             history.add(travel, pull_n)
             self.largest_n = max(self.largest_n, abs(pull_n))
@@ -198,7 +219,7 @@ class Stepper:
                 proposed = max(proposed, step) * GROW
             else:
                 proposed = step
-            yield Step(travel, state, new[1], is_snap)
+            yield done
 
     def _has_event(self, state: FingerState, new: FingerState, missed_n_mm: float) -> bool:
         """True if the step from one state to the next lets go of the object, or misses too much of the pull."""

@@ -1,7 +1,9 @@
 """Pictures and recording of a simulated grasp, and pictures of traces."""
 
+import csv
 import json
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +14,11 @@ from rerun.chunk import RrdReader
 from fast.flows.cli.main import run
 from fast.flows.cli.simulate_output import write_outputs
 from fast.flows.report.grasp_frames import GraspFrames, five_instants
+from fast.flows.report.slopes import peak_changes
 from fast.flows.viewer.simulation import LONGEST_ARROW_MM, choose_arrow_mm_per_n
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.objects.catalogue import get_object
-from fast.models.records import GraspSetup, GraspSimulation, Placement
+from fast.models.records import GraspSetup, GraspSimulation, Placement, Slope, Slopes
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.output.recording import SIDES, GraspRecording
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
@@ -71,6 +74,30 @@ def test_outputs_hold_every_step(grasp: tuple[GraspSimulation, GraspRecording], 
         assert rows[f"/cell/fingers/{side}/surface"] == 1 + len(recording.of("right"))  # as it approaches, first
         assert rows[f"/cell/fingers/{side}/contact_force"] == len(recording.of("right"))
     assert rows["/force/load_cell"] == len(result.trace.time_s)
+
+
+def test_slopes_are_a_table_and_bars(grasp: tuple[GraspSimulation, GraspRecording], tmp_path: Path) -> None:
+    result, recording = grasp
+    force_n = result.trace.force_n
+    by = {"friction": Slope("N", 2.0 * force_n, 3.0, 0.1), "offset_z_mm": Slope("N/mm", -force_n, -1.0, 0.5, 0.5)}
+    sloped = replace(result, slopes=Slopes(20.0, by, {}))
+    files = write_outputs(tmp_path, BEST_PUBLISHED, SPHERE, Placement(), {"object_id": 1}, sloped, recording)
+    table, picture = (file for file in files if file.stem == "slopes")
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert list(rows[0]) == ["time_s", "lift_mm", "friction (N)", "offset_z_mm (N/mm)"]
+    assert [float(row["friction (N)"]) for row in rows] == pytest.approx(2.0 * force_n, rel=1e-4, abs=1e-4)
+    assert 0.02 < float((imread(picture)[:, :, :3].min(axis=2) < 0.9).mean()) < 0.6
+    assert [change[0] for change in peak_changes(sloped.slopes)] == ["offset_z_mm", "friction"]
+
+
+def test_slopes_are_printed_with_what_has_none(capsys: pytest.CaptureFixture[str]) -> None:
+    argv = ["simulate", "--object", "1", "--set", "edge_mm=12", "--set", "max_lift_mm=5"]
+    assert run([*argv, "--along", "young_modulus_mpa,nu"]) == 0
+    printed = capsys.readouterr().out
+    assert "N/MPa" in printed
+    assert "slopes of the trace are good up to 5.0 mm of lift" in printed
+    assert run([*argv, "--along", "rib_count"]) == 2
+    assert "`rib_count` has no slope; slopes are by nu" in capsys.readouterr().err
 
 
 def test_a_turned_object_and_the_left_finger_are_drawn_where_they_are(tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ def test_a_jaw_may_stall_and_give_way():
     travel, stiffness = 0.0, 3.0
     for _ in range(20):
         travel += stall.longest_step_mm(travel)
-        if stall.has_stalled(Step(travel, None, np.array([-stiffness * travel, 0.0, 0.0]))):
+        if stall.has_stalled(Step(travel, None, np.array([-stiffness * travel, 0.0, 0.0]), None, None, 0.0)):
             break
     # The spring takes 4 - 3.08 mm at 9.2 N, before the force limit is met.
     assert travel == pytest.approx(4.0 / (1.0 + 0.1 * stiffness), abs=0.02)

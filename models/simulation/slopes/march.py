@@ -1,0 +1,187 @@
+"""Copies of a finger with one parameter moved a little, which walk its recorded steps with it.
+
+A step of the finger ends in a state u0 with a residual R0 that is small, not zero. There the tangent is factorised
+once more, and each copy solves R(u) = R0 for its own step, from its own state before, with that factor and secant
+corrections that all copies share. So a copy differs from the finger by its parameter alone, not by how far Newton's
+method went, and the difference over the change of the parameter is the derivative of the discrete force to three or
+four digits, however small the change.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fast.models.errors import SimulationFailed
+from fast.models.simulation.finger import FingerState, FingerStep
+from fast.models.simulation.problem import FingerProblem
+from fast.models.simulation.solver.broyden import SecantMemory
+from fast.models.simulation.solver.cholesky import BlockCholesky
+from fast.models.simulation.solver.newton import MAX_SHIFTS, check_deadline, length_of
+from fast.models.simulation.solver.stepping import Step
+
+RELATIVE = 3e-3  # of a copy's difference of the clamp force: how far its equilibrium is solved
+LEAST_N = 5e-6  # the difference of force that a copy is at least solved for
+ROUNDING_N = 2e-10
+MAX_ITERATIONS = 40
+LOOSE = 30.0  # times the tolerance: a copy further from its equilibrium is given up
+SETTLE_S = 1.0  # time of the step by which a jaw closes a little further: long enough for inertia not to count
+CLOSER_MM = 1e-3  # by which it does
+INWARD = np.array([-1.0, 0.0, 0.0])
+
+
+@dataclass
+class _Copy:
+    """A copy: its change of the parameter, its mechanics on the first pattern and on the present one, its state."""
+
+    change: float
+    problem: FingerProblem
+    first: FingerStep
+    finger: FingerStep
+    state: FingerState
+    shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    largest_n: float = 0.0
+    slope_n: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    failure: str = ""
+
+
+def copy_finger(finger: FingerStep, base: FingerProblem, moved: FingerProblem) -> FingerStep:
+    """A finger with the elements and contact points of `finger`, for a problem a little away from its own, `base`."""
+    nodes = finger.nodes if moved.mesh is base.mesh else moved.nodes()
+    body = finger.body.moved(nodes, moved.material, moved.factors())
+    return finger.copied(body, finger.surface.moved(finger.nodes, nodes, moved.law), nodes)
+
+
+class Copies:
+    """Copies of one finger by name; all forces at the reference modulus, of the modelled part of the finger."""
+
+    CLOSER = ""  # the name of the copy whose jaw closes a little further
+
+    def __init__(
+        self,
+        finger: FingerStep,
+        problem: FingerProblem,
+        moved: Mapping[str, tuple[float, FingerProblem]],
+        *,
+        closes_further: bool,
+        deadline: float,
+    ) -> None:
+        """`moved`: the change of each parameter and the problem with it; `deadline` a time of `time.monotonic`."""
+        self._problem, self._deadline = problem, deadline
+        self._numbered: FingerStep | None = None
+        self._closes_further = closes_further
+        none = finger.undeformed(np.zeros(3), np.zeros(3))
+        self._copies: dict[str, _Copy] = {}
+        for name, (change, own) in moved.items():
+            copied = copy_finger(finger, problem, own)
+            self._copies[name] = _Copy(change, own, copied, copied, none)
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """Why copies were given up, by name."""
+        return {name: copy.failure for name, copy in self._copies.items() if copy.failure}
+
+    def start(self, state: FingerState) -> None:
+        """Begin with every copy undeformed where the finger is."""
+        for copy in self._copies.values():
+            copy.state = copy.finger.undeformed(state.base, state.v[0].copy())
+
+    def follow(self, step: Step) -> dict[str, np.ndarray]:
+        """Walk every copy through a step of the finger; slopes of the clamp's force (3) per unit, by name."""
+        if self._copies:
+            self._renew(step.finger)
+            begun, ended, rest = self._factorise(step.finger, step.before, step.state, step.dt_s)
+            for copy in self._copies.values():
+                if not copy.failure:
+                    self._walk(copy, begun, ended, rest, step.state.base + copy.shift, step.dt_s, step.clamp_n)
+        return self._slopes()
+
+    def stop_closing(self, finger: FingerStep, state: FingerState, clamp_n: np.ndarray) -> dict[str, np.ndarray]:
+        """The closing has ended at a state at rest: the copies rest too, and one of them closes a little further.
+
+        Returns the slopes then, as `follow` does.
+        """
+        for copy in self._copies.values():
+            copy.state.v[:] = 0.0
+        if not self._closes_further:
+            return self._slopes()
+        self._renew(finger)
+        own = finger.copied(finger.body, finger.surface, finger.nodes)
+        copy = _Copy(CLOSER_MM, self._problem, own, own, state, CLOSER_MM * INWARD)
+        self._copies[self.CLOSER] = copy
+        begun, ended, rest = self._factorise(finger, state, state, SETTLE_S)
+        self._walk(copy, begun, ended, rest, state.base + copy.shift, SETTLE_S, clamp_n)
+        copy.state.v[:] = 0.0
+        return self._slopes()
+
+    def _slopes(self) -> dict[str, np.ndarray]:
+        return {name: copy.slope_n for name, copy in self._copies.items()}
+
+    def _renew(self, finger: FingerStep) -> None:
+        """Go on with the pattern of the finger's tangent."""
+        if finger is self._numbered:
+            return
+        self._numbered, pattern = finger, finger.body.pattern
+        self._linear, self._blocks = BlockCholesky(pattern), np.zeros((len(pattern.indices), 3, 3))
+        self._memory = SecantMemory(3 * pattern.n)
+        for copy in self._copies.values():
+            if finger.ribs_touch:
+                copy.finger = copy.first.numbered_as(finger)
+
+    def _factorise(
+        self, finger: FingerStep, before: FingerState, after: FingerState, dt_s: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The step's first guess, its end and what is left there of its residual (n, 3); its tangent is factorised."""
+        check_deadline(self._deadline)
+        begun = finger.begin(before, after.base, dt_s, self._problem.friction(before))
+        ended = finger.start_from(after)
+        rest = finger.residual(ended)
+        if rest is None or not finger.tangent(ended, self._blocks):
+            raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
+        added = 0.0
+        for k in range(MAX_SHIFTS):
+            if self._linear.factorise(self._blocks):
+                break
+            wanted = 3.0 * 4.0**k
+            finger.shift(self._blocks, wanted - added)
+            added = wanted
+        self._memory.clear()
+        return begun, ended, rest
+
+    def _walk(
+        self,
+        copy: _Copy,
+        begun: np.ndarray,
+        ended: np.ndarray,
+        rest: np.ndarray,
+        base: np.ndarray,
+        dt_s: float,
+        clamp_n: np.ndarray,
+    ) -> None:
+        """One step of a copy: from its own state before, to the same rest of residual as the finger's."""
+        finger, state = copy.finger, copy.state
+        guess = ended + (finger.begin(state, base, dt_s, copy.problem.friction(state)) - begun)
+        u, residual = guess, finger.residual(guess)
+        if residual is None:
+            u, residual = ended.copy(), finger.residual(ended)
+        tolerance_n = max(RELATIVE * max(copy.largest_n, LEAST_N), ROUNDING_N)
+        self._memory.begin()
+        size = math.inf
+        for _ in range(MAX_ITERATIONS):
+            if residual is None:
+                break
+            residual = residual - rest
+            size = length_of(residual)
+            if size <= tolerance_n:
+                break
+            u = u + self._memory.direction(self._linear.solve(residual), residual, 1.0)
+            residual = finger.residual(u)
+        if residual is None or not size <= LOOSE * tolerance_n:
+            copy.failure = f"a copy moved by {copy.change:g} does not converge"
+            copy.slope_n = np.full(3, np.nan)
+            return
+        copy.state, own_n = finger.finish(state, u, base, dt_s)
+        difference_n = own_n - clamp_n
+        copy.largest_n = max(copy.largest_n, float(np.abs(difference_n).max()))
+        copy.slope_n = difference_n / copy.change

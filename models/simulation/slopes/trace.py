@@ -1,0 +1,197 @@
+"""From copies of fingers to slopes of a trace: what is moved for each parameter, and what the load cell sees of it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fast.models.errors import MeshingFailed, SimulationFailed
+from fast.models.records import GraspSimulation, Slope, Slopes, Trace
+from fast.models.simulation.effects.base import Effect
+from fast.models.simulation.finger import FingerStep
+from fast.models.simulation.inputs import GraspInputs
+from fast.models.simulation.mesh.build import build_moved_mesh, printed_profile
+from fast.models.simulation.output.fingers import FingerResult, sum_of_fingers
+from fast.models.simulation.problem import FingerProblem
+from fast.models.simulation.slopes.march import Copies
+from fast.models.simulation.slopes.parameters import Parameter
+from fast.models.simulation.solver.stepping import LOCATED
+
+JUMP_SHARE = 0.05  # of the largest pull: what is lost of it in one place of the lift, at least, is a jump
+MARGIN_MM = 1.0  # from the first jump: a parameter may move it
+
+Moved = Mapping[str, tuple[float, FingerProblem]]
+
+
+@dataclass(frozen=True)
+class SlopesPlan:
+    """What is done for the slopes by each parameter.
+
+    `moved`: the change of a parameter and the problem with it; those in `carried` need a copy that walks along, the
+    others act on the closing, on the modulus of the whole or on the finished trace. `finite`: those for which grasps of
+    their own are simulated. `lost`: why one has none.
+    """
+
+    parameters: Mapping[str, Parameter]
+    moved: Moved
+    carried: Moved
+    finite: tuple[str, ...]
+    lost: Mapping[str, str]
+    closes_further: bool
+
+    def copies_of(self, finger: FingerStep, problem: FingerProblem, deadline: float) -> Copies | None:
+        """The copies that walk along with one finger of the grasp; None if there is nothing to carry."""
+        if not self.carried and not self.closes_further:
+            return None
+        rolled = {
+            name: (change, replace(own, roll_deg=problem.roll_deg)) for name, (change, own) in self.carried.items()
+        }
+        return Copies(finger, problem, rolled, closes_further=self.closes_further, deadline=deadline)
+
+
+def plan_slopes(
+    parameters: Mapping[str, Parameter], problem: FingerProblem, inputs: GraspInputs, *, has_own_mesh: bool
+) -> SlopesPlan:
+    """What to do for the slopes by these parameters; `problem` is the grasp's, whose mesh may be one of its own."""
+    moved: dict[str, tuple[float, FingerProblem]] = {}
+    finite, lost = [name for name, parameter in parameters.items() if parameter.is_finite], {}
+    for name, parameter in parameters.items():
+        if parameter.is_finite:
+            continue
+        own = _moved_problem(parameter, problem, inputs, has_own_mesh)
+        if own is not None:
+            moved[name] = parameter.small, own
+        elif has_own_mesh:
+            lost[name] = "the mesh that was given cannot be moved with it"
+        else:
+            finite.append(name)
+    carried = {name: moved[name] for name in moved if parameters[name].is_carried}
+    closes_further = any(_moves_closing(problem, own) for _, own in moved.values())
+    return SlopesPlan(parameters, moved, carried, tuple(finite), lost, closes_further)
+
+
+def _moved_problem(
+    parameter: Parameter, problem: FingerProblem, inputs: GraspInputs, has_own_mesh: bool
+) -> FingerProblem | None:
+    """The problem with a parameter moved a little, on the same elements; None if they cannot be had."""
+    asked = parameter.put(parameter.value + parameter.small)
+    actual = asked.with_effects()
+    mesh = problem.mesh
+    if asked.design != inputs.design or _shapes(actual.effects) != _shapes(problem.effects):
+        if has_own_mesh:
+            return None
+        settings = inputs.version.mesh
+        before = printed_profile(inputs.design, settings, problem.effects)
+        found = build_moved_mesh(mesh, before, asked.design, settings, actual.effects)
+        if found is None:
+            return None
+        mesh = found
+    return replace(
+        problem, mesh=mesh, design=asked.design, theta=actual.theta, setup=actual.setup, effects=actual.effects
+    )
+
+
+def _moves_closing(problem: FingerProblem, moved: FingerProblem) -> bool:
+    """Whether the closing may end elsewhere with a parameter moved: its jaw differs, or gives way to any force."""
+    return moved.jaw != problem.jaw or moved.stroke_mm != problem.stroke_mm or not problem.jaw.is_rigid
+
+
+def _shapes(effects: Sequence[Effect]) -> list[Effect]:
+    """Those that change what is meshed."""
+    return [effect for effect in effects if effect.overrides("modify_profile", "modify_section")]
+
+
+def find_slopes(
+    plan: SlopesPlan,
+    problem: FingerProblem,
+    fingers: Sequence[FingerResult],
+    trace: Trace,
+    again: Callable[[GraspInputs], GraspSimulation],
+) -> Slopes:
+    """The slopes of a grasp's trace, from its fingers with their copies, and from grasps simulated `again`."""
+    raw = sum_of_fingers(fingers, [f.force_n[:, 2] for f in fingers], problem.force_scale)
+    lost = dict(plan.lost)
+    by = {}
+    for name, parameter in plan.parameters.items():
+        needed = [name]
+        if name in plan.moved and _moves_closing(problem, plan.moved[name][1]):
+            needed.append(Copies.CLOSER)
+        failure = next((f.failures[own] for f in fingers for own in needed if own in f.failures), lost.get(name))
+        if failure is not None:
+            lost[name] = failure
+        elif name in plan.finite:
+            try:
+                by[name] = _finite_slope(parameter, trace, again)
+            except (SimulationFailed, MeshingFailed) as error:
+                lost[name] = f"its finite step cannot be simulated: {error}"
+        else:
+            change, own = plan.moved[name]
+            pulls_n = [_pull_slope(f, problem, change, own, f.slopes_n.get(name)) for f in fingers]
+            per_unit = sum_of_fingers(fingers, pulls_n, problem.force_scale).force_n
+            per_unit = per_unit + raw.force_n * (own.force_scale / problem.force_scale - 1.0) / change
+            force_n = _seen(raw, trace, per_unit, change, own.effects)
+            by[name] = Slope(parameter.unit, force_n, float(force_n[_at_peak(trace)]), parameter.usual)
+    event_mm = problem.numerics.limits.event_mm
+    jump_mm = min((first_jump_mm(f, event_mm) for f in fingers), default=np.inf)
+    return Slopes(min(max(jump_mm - MARGIN_MM, 0.0), float(trace.lift_mm[-1])), by, lost)
+
+
+def _pull_slope(
+    finger: FingerResult, problem: FingerProblem, change: float, moved: FingerProblem, own_n: np.ndarray | None
+) -> np.ndarray:
+    """Slope (n) of one finger's pull at the reference modulus: its copy's, and what comes of where the closing ends.
+
+    A jaw of stroke S and compliance C stops after a way s with s + C N = S, or where the closing force N is the largest
+    that it has: the derivatives of these two say how s moves with the parameter.
+    """
+    own_n = np.zeros(finger.force_n.shape) if own_n is None else own_n
+    closer = finger.slopes_n.get(Copies.CLOSER)
+    if closer is None or not _moves_closing(problem, moved):
+        return own_n[:, 2]
+    share = 2.0 if problem.mesh.is_half else 1.0
+    last = finger.n_closing - 1
+    force_n, by_own, by_way = (-values[last, 0] / share for values in (finger.force_n, own_n, closer))
+    jaw, other = problem.jaw, moved.jaw
+    if finger.has_stalled and np.isfinite(jaw.max_force_n) and force_n > 0.99 * jaw.max_force_n:
+        further_mm = ((other.max_force_n - jaw.max_force_n) / change - by_own) / by_way
+    else:
+        given = (moved.stroke_mm - problem.stroke_mm) / change
+        given -= force_n * (other.compliance_mm_per_n - jaw.compliance_mm_per_n) / change
+        compliance = jaw.compliance_mm_per_n
+        further_mm = (given - compliance * by_own) / (1.0 + compliance * by_way)
+    return np.asarray(own_n[:, 2] + further_mm * closer[:, 2])
+
+
+def _seen(raw: Trace, trace: Trace, per_unit: np.ndarray, change: float, effects: Sequence[Effect]) -> np.ndarray:
+    """Slope (n) of the trace as the effects make it, from that (m) of the force before them."""
+    if not any(effect.acts_on_traces() for effect in effects):
+        return per_unit
+    moved = Trace(raw.time_s, raw.lift_mm, raw.force_n + change * per_unit)
+    for effect in effects:
+        moved = effect.modify_trace(moved)
+    return np.asarray((np.interp(trace.time_s, moved.time_s, moved.force_n) - trace.force_n) / change)
+
+
+def _finite_slope(parameter: Parameter, trace: Trace, again: Callable[[GraspInputs], GraspSimulation]) -> Slope:
+    """Central difference of two grasps of their own; to one side where the other is out of the parameter's range."""
+    step = parameter.finite
+    below = parameter.value if parameter.is_at_limit else parameter.value - step
+    low, high = again(parameter.put(below)), again(parameter.put(parameter.value + step))
+    width = parameter.value + step - below
+    forces = [np.interp(trace.time_s, one.trace.time_s, one.trace.force_n, right=0.0) for one in (low, high)]
+    peak_n = (high.peak_force_n - low.peak_force_n) / width
+    return Slope(parameter.unit, (forces[1] - forces[0]) / width, peak_n, parameter.usual, abs(step))
+
+
+def _at_peak(trace: Trace) -> int:
+    return int(np.argmax(np.where(trace.is_lift, trace.force_n, -np.inf)))
+
+
+def first_jump_mm(finger: FingerResult, event_mm: float) -> float:
+    """Lift of the first jump of a finger's pull; infinite where there is none."""
+    lift_mm, pull_n = finger.lift_mm[finger.n_closing - 1 :], finger.force_n[finger.n_closing - 1 :, 2]
+    if len(pull_n) < 2:
+        return np.inf
+    is_short = np.diff(lift_mm) < (LOCATED + 0.01) * event_mm
+    is_jump = is_short & (np.abs(np.diff(pull_n)) > JUMP_SHARE * pull_n.max())
+    return float(lift_mm[1:][is_jump].min(initial=np.inf))

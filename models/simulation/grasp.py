@@ -248,17 +248,26 @@ def simulate_finger(
 
 @dataclass
 class _Observed:
-    """What is noted of the converged steps of one finger; `n_closing` samples belong to the closing."""
+    """What is noted of the converged steps of one finger."""
 
     gauge: TwistGauge
+    """How far the tip has turned."""
     pressure: PressureGauge
+    """Largest contact pressure so far, MPa."""
     camera: Camera | None
+    """Keeps pictures of the finger; None where nobody asked for them."""
     copies: Copies | None = None
+    """Copies of the finger that give slopes; None without any."""
     record: FingerRecord = field(default_factory=FingerRecord)
+    """Samples of the closing, then of the lift."""
     n_closing: int = 0
+    """Samples that belong to the closing."""
     has_snapped: bool = False
+    """A step let the finger jump to another equilibrium."""
     has_stalled: bool = False
+    """The jaws stopped before they had closed."""
     unresolved_n_mm: list[float] = field(default_factory=list)
+    """What the mesh does not resolve of the contact, step by step."""
 
     @property
     def mesh_error_n(self) -> float:

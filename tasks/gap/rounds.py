@@ -113,7 +113,7 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
 
     def answer(plan: BankPlan) -> tuple[SearchInputs, NamingResult]:
         search = _with_bank(wide, plan)
-        return search, name_effect(search.data, wide.rehearsal, in_model, proposed.standing_alarm)
+        return search, name_effect(search.data, wide.rehearsal, in_model, proposed.raised_alarm)
 
     proposed = name_effect(wide.data, wide.rehearsal, in_model)
     search, naming, _ = answer_locally(proposed, former, answer)

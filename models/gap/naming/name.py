@@ -57,7 +57,7 @@ class NamingResult:
         return self.decider.trials
 
     @property
-    def standing_alarm(self) -> Alarm | None:
+    def raised_alarm(self) -> Alarm | None:
         """The alarm, which stands whatever another bank says; None without one: any bank may raise it."""
         return self.alarm if self.alarm.is_raised else None
 

@@ -33,17 +33,26 @@ INWARD = np.array([-1.0, 0.0, 0.0])
 
 @dataclass
 class _Copy:
-    """A copy: its change of the parameter, its mechanics on the first pattern and on the present one, its state."""
+    """A finger with one parameter a little another, which walks the steps of the grasp."""
 
     change: float
+    """By how much the parameter is another one, in its unit."""
     problem: FingerProblem
+    """Mechanics with the changed parameter."""
     first: FingerStep
+    """The copy on the pattern of the first step."""
     finger: FingerStep
+    """The copy on the present pattern."""
     state: FingerState
+    """Displacements and friction of the last accepted step."""
     shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """How far the object stands elsewhere, mm."""
     largest_n: float = 0.0
+    """Largest residual of a step so far."""
     slope_n: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Change of the force of the last step, by unit of the parameter."""
     failure: str = ""
+    """Why the copy ended before the grasp; empty while it walks."""
 
 
 def copy_finger(finger: FingerStep, base: FingerProblem, moved: FingerProblem) -> FingerStep:

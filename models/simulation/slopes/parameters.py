@@ -31,25 +31,28 @@ _FINITE_HOOKS = ("modify_object", "finger_stop_mm")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number among the inputs of a grasp.
-
-    `value` is its present one and `put` gives the inputs with another. `small`: the change of a copy, `finite`: of
-    a grasp of its own, each towards where there is room. `is_carried`: copies of the finger walk with it; else its
-    slope follows from others. `is_finite`: two grasps of their own, because the slope of the discrete force is that
-    of contact points and not of the force. `usual`: by how much it changes between prints, grasps or designs, which
-    is what bars show. `is_at_limit`: there is room to one side alone.
-    """
+    """A number among the inputs of a grasp."""
 
     name: str
+    """As in `along=`."""
     value: float
+    """The present one."""
     put: Callable[[float], GraspInputs]
+    """Gives the inputs with another value."""
     small: float
+    """Change of a copy, towards where there is room."""
     finite: float
+    """Change of a grasp of its own, towards where there is room."""
     usual: float
+    """By how much it changes between prints, grasps or designs, which is what bars show."""
     is_carried: bool = True
+    """Copies of the finger walk with it; else its slope follows from others."""
     is_finite: bool = False
+    """Two grasps of their own: the slope of the discrete force is that of contact points, not of the force."""
     is_in_all: bool = False
+    """Asked for by `all`."""
     is_at_limit: bool = False
+    """There is room to one side alone."""
 
     @property
     def unit(self) -> str:

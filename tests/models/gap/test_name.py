@@ -119,12 +119,12 @@ def test_probabilities_of_candidates_sum_to_one(lag: NamingResult) -> None:
 
 def test_either_bank_may_raise_the_alarm(lag: NamingResult) -> None:
     """An alarm stands whatever the next bank says; what was silent leaves it to the next."""
-    assert lag.standing_alarm is lag.alarm
+    assert lag.raised_alarm is lag.alarm
     quiet = name(world())
-    assert quiet.standing_alarm is None
+    assert quiet.raised_alarm is None
     stood = name_effect(world(), USUAL, alarm=Alarm(is_raised=True, gap=0.9, over_line=2.0), catalogue=NAMES)
     assert stood.named.kind != "none"
-    raised = name_effect(world("load_cell_lag"), USUAL, alarm=quiet.standing_alarm, catalogue=NAMES)
+    raised = name_effect(world("load_cell_lag"), USUAL, alarm=quiet.raised_alarm, catalogue=NAMES)
     assert raised.named.effects == ("load_cell_lag",)
 
 

@@ -47,7 +47,7 @@ class LocalBanks:
 
         def answer(plan: BankPlan) -> tuple[GapData, "NamingResult"]:
             data = self._with_bank(wide, plan)
-            return data, name_effect(data, rehearsal, in_model, proposed.standing_alarm, catalogue)
+            return data, name_effect(data, rehearsal, in_model, proposed.raised_alarm, catalogue)
 
         proposed = name_effect(wide, rehearsal, in_model, catalogue=catalogue)
         data, found, plan = answer_locally(proposed, former, answer)

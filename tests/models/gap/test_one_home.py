@@ -17,7 +17,7 @@ from fast.models.simulation.effects.base import USUAL_LIFT_MM_PER_S, Effect, Num
 from fast.models.simulation.effects.catalogue import CATALOGUE, catalogue_entries
 from fast.models.simulation.effects.spec import EffectSpec, Measurement, amplitude
 from fast.models.simulation.effects.states import FORCE, Quantity
-from tests.models.simulation.effects.test_docs import table_of_laws, table_of_parameters, table_of_searches
+from tests.docs.generated import write_effects, write_laws, write_searches
 from tests.synthetic.gap import GapTruth, made_up_gap
 from tests.synthetic.rehearsal import USUAL
 
@@ -91,9 +91,9 @@ def test_a_new_effect_of_one_module_is_named_shown_and_documented(result: Naming
     page = write_gap_report(GapPage(findings), tmp_path, "X2").read_text(encoding="utf-8")
     assert "The load cell is not linear" in page
     assert any(entry["effect"] == NEW for entry in catalogue_entries())
-    (parameters,) = (line for line in table_of_parameters() if NEW in line)
-    (law,) = (line for line in table_of_laws() if LOAD_CELL_CURVE.formula in line)
-    (search,) = (line for line in table_of_searches() if LOAD_CELL_CURVE.family in line)
+    (parameters,) = (line for line in write_effects().splitlines() if NEW in line)
+    (law,) = (line for line in write_laws().splitlines() if LOAD_CELL_CURVE.formula in line)
+    (search,) = (line for line in write_searches().splitlines() if LOAD_CELL_CURVE.family in line)
     assert [line.split(" | ")[0] for line in (parameters, law, search)] == ["| S7"] * 3
     assert "hang dead weights" in search
 

@@ -12,7 +12,7 @@ from fast.models.gap.fit.law_freedom import LAW_SD
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
-_N_KNOTS = 5
+N_KNOTS = 5  # of a law along the lift, each free by one standard deviation
 
 
 def has_memory(effect: str) -> bool:
@@ -36,17 +36,22 @@ def list_law_changes(tool: np.ndarray, n_tools: int, force_n: np.ndarray, change
     tool: c, of each cell. force_n: c x b.
     """
     place = np.log1p(MIDDLES_MM)
-    knots = np.linspace(0.0, place.max(), _N_KNOTS)
+    knots = np.linspace(0.0, place.max(), N_KNOTS)
     near = place.max() / 3.0
 
     def kernel(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         return np.asarray(np.exp(-0.5 * ((first[:, None] - second) / near) ** 2))
 
-    along = np.linalg.solve(np.linalg.cholesky(kernel(knots, knots) + 1e-6 * np.eye(_N_KNOTS)), kernel(knots, place))
+    along = np.linalg.solve(np.linalg.cholesky(kernel(knots, knots) + 1e-6 * np.eye(N_KNOTS)), kernel(knots, place))
     level = find_level(force_n)
     is_tool = (tool == np.arange(n_tools)[:, None])[:, :, None]
     by_level = np.stack([level, 0.7 * level**2])[:, :, None]
     return np.asarray(LAW_SD * np.concatenate([along[:, None] * change_n, by_level * change_n, is_tool * change_n]))
+
+
+def count_law_changes(n_tools: int) -> int:
+    """How many changes `list_law_changes` gives: along the lift, with the force, by print."""
+    return N_KNOTS + 2 + n_tools
 
 
 def find_level(force_n: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TAILS, TARE_SD_N, Errors, Scatter
 from fast.models.gap.evidence.facts import Fact, compare_facts, weigh_rest
-from fast.models.gap.evidence.laws import has_memory, list_law_changes, scale_value
+from fast.models.gap.evidence.laws import N_KNOTS, count_law_changes, has_memory, list_law_changes, scale_value
 from fast.models.gap.evidence.reading import N_BINS, OF_BINS, OF_CONTRASTS, SMOOTH, Reading
 from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.records import EffectValue, GraspContext
@@ -146,6 +146,14 @@ class EvidenceFit:
     def omnibus(self) -> float:
         """How much is left as a whole: the geometric mean of the cells' misfits, so that one that snaps is one."""
         return float(np.exp(np.log(np.maximum(self.misfit, 1e-12)).mean()))
+
+    @property
+    def law_departure(self) -> float:
+        """How far the law of the last effect had to go along the lift: chi squared of its `N_KNOTS` numbers."""
+        n_effects, n_tools = len(self.problem.effects), len(self.problem.surrogate.grasps.tools)
+        first = len(self.columns) - n_effects - count_law_changes(n_tools)
+        law = np.linalg.solve(self._root.T, self._own)[first : first + N_KNOTS]
+        return float(law @ law)
 
     @property
     def factor(self) -> np.ndarray:

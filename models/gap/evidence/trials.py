@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from fast.models.gap.evidence.candidates import (
     QUANTITY,
@@ -19,7 +20,7 @@ from fast.models.gap.evidence.candidates import (
     weigh_patterns,
     weigh_quantities,
 )
-from fast.models.gap.evidence.laws import has_memory
+from fast.models.gap.evidence.laws import N_KNOTS, has_memory
 from fast.models.gap.evidence.likelihood import EvidenceFit, add_effect
 from fast.models.records import EffectValue
 
@@ -30,6 +31,8 @@ N_DESCRIBED = 4
 # hidden, gave up to 48 nats (the second largest of 140 worlds: 37), and 2.2 of what is left.
 LEAST_NATS, LEAST_OMNIBUS = 60.0, 2.5
 _USUAL_NATS = 100.0
+# An effect whose law would have to go farther than one law in a hundred goes, is another one that has its form alone.
+LARGEST_DEPARTURE = float(chi2.isf(0.01, N_KNOTS))
 _LEAST_SHARE, _MOST_SHARE = 0.02, 2.0  # of evidence: less is nothing, more is as good as that
 
 
@@ -52,6 +55,11 @@ class Trial:
         return self.fit.effects[-1]
 
     @property
+    def is_refused(self) -> bool:
+        """Whether it fits by a law alone that is hardly its own."""
+        return self.fit.law_departure > LARGEST_DEPARTURE
+
+    @property
     def left_patterns_nats(self) -> float:
         """Evidence that is left for a pattern or a drift without a name."""
         patterns = [one for one in self.left if one.kind not in ("effect", QUANTITY) and not one.effect]
@@ -72,13 +80,15 @@ class Trial:
 class Trials:
     """All that was tried, the best first. weighed: what there is evidence for without any, the most first.
 
-    missing: families that the catalogue is taken not to have.
+    missing: families that the catalogue is taken not to have. refused: what would fit by another law than its own; it
+    is not named.
     """
 
     fit: EvidenceFit
     weighed: tuple[Candidate, ...]
     tried: tuple[Trial, ...]
     missing: tuple[str, ...] = ()
+    refused: tuple[Trial, ...] = ()
 
     @staticmethod
     def of(fit: EvidenceFit, weighed: Sequence[Candidate], families: Mapping[str, str]) -> "Trials":
@@ -87,7 +97,9 @@ class Trials:
         for one in _choose(weighed, families):
             with_it = add_effect(fit, one.value) if one.value is not None else fit
             found.append(Trial(one.name, families[one.name], with_it.nats - fit.nats, with_it))
-        return Trials(fit, tuple(weighed), tuple(sorted(found, key=lambda trial: -trial.nats)))
+        found.sort(key=lambda trial: -trial.nats)
+        tried, refused = (tuple(one for one in found if one.is_refused == is_refused) for is_refused in (False, True))
+        return Trials(fit, tuple(weighed), tried, refused=refused)
 
     def look_after_best(self, families: Mapping[str, str]) -> "Trials":
         """The same with what the best trial leaves for patterns, drifts, and effects of other families."""
@@ -112,18 +124,19 @@ class Trials:
 
     def without(self, family: str) -> "Trials":
         """What would have been tried had the catalogue no such family."""
-        kept = [one for one in self.tried if one.family != family]
-        return replace(self, tried=tuple(kept), missing=(*self.missing, family))
+        tried, refused = (tuple(one for one in own if one.family != family) for own in (self.tried, self.refused))
+        return replace(self, tried=tried, refused=refused, missing=(*self.missing, family))
 
     def describe(self) -> np.ndarray:
         """What tells a right name from a wrong one, `N_DESCRIBED` logarithms.
 
         The evidence of the best effect, as far as more of it says more; the mean share of it that is left for a
-        pattern, a quantity, and another effect; the evidence of the best effect of another family as such a share; and
-        by how much what is left for a pattern would be an alarm of its own.
+        pattern, a quantity, and another effect; the evidence of the best effect of another family, or of one that is
+        refused, as such a share; and by how much what is left for a pattern would be an alarm of its own.
         """
         best = self.tried[0]
-        second = next((trial.nats for trial in self.tried if trial.family != best.family), 0.0)
+        others = [trial.nats for trial in self.tried if trial.family != best.family]
+        second = max([*others, *(trial.nats for trial in self.refused)], default=0.0)
         nats = max(best.nats, 1.0)
         left = np.array([best.left_patterns_nats, best.left_quantities_nats, best.left_effects_nats])
         return np.array(

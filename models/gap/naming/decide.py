@@ -38,7 +38,8 @@ class Decider:
         if not is_alarm:
             return self.answer_none(1.0 - gap), 0.0
         if not self.trials.tried:
-            return self.answer_unknown(gap), 0.0
+            possible = (UNKNOWN,) if self.trials.refused else ()
+            return self.answer_unknown(gap).model_copy(update={"possible": possible}), 0.0
         name = self.rehearsal.name.judge(self.trials.describe())
         chosen = choose_alike(self.trials, self.rehearsal)
         named = self.answer_unknown(gap * (1.0 - name)) if name < EVEN else self.answer_effects(chosen, gap * name)
@@ -79,7 +80,9 @@ class Decider:
         change_n = fit.rest_n if pattern is None or pattern.change_n is None else pattern.change_n
         size_n = compute_rms(change_n)
         share = 100.0 * size_n / compute_rms(fit.force_n)
-        nearest = f" {CATALOGUE[self.trials.tried[0].effect].title} comes nearest." if self.trials.tried else ""
+        nearest = max((*self.trials.tried, *self.trials.refused), key=lambda trial: trial.nats, default=None)
+        by_law = ", but only by a law that is not its own" if nearest is not None and nearest.is_refused else ""
+        words_near = "" if nearest is None else f" {CATALOGUE[nearest.effect].title} comes nearest{by_law}."
         words = (
             f"cells are {np.sqrt(fit.omnibus):.1f} times further off than honest simulators, without a pattern"
             if pattern is None
@@ -90,7 +93,7 @@ class Decider:
             probability=probability,
             sentence=(
                 f"Something is missing that no effect of the catalogue explains: {words}, {size_n:.2g} N root mean "
-                f"square ({share:.2g} % of the force), {self._find_most(change_n)}.{nearest}"
+                f"square ({share:.2g} % of the force), {self._find_most(change_n)}.{words_near}"
                 f"{_ADVICE.get('' if pattern is None else pattern.kind, '')}"
             ),
             drift=self._find_drift(),

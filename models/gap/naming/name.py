@@ -157,7 +157,7 @@ def _report_candidates(
             nats=None if pattern is None else pattern.nats,
         ),
     ]
-    fitted = {trial.effect: trial for trial in trials.tried}
+    fitted = {trial.effect: trial for trial in (*trials.tried, *trials.refused)}
     for one in trials.weighed:
         if one.kind != "effect" or one.value is None:
             continue

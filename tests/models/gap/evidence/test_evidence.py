@@ -29,6 +29,7 @@ from fast.models.gap.evidence.visible import find_visible_sizes
 from fast.models.gap.evidence.worlds import make_world
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.traces.step_features import N_STEPS
 
 DATA = Path(__file__).parents[3] / "data" / "gap-small.npz"
 
@@ -148,6 +149,18 @@ def test_evidence_of_a_fit_is_that_of_its_linear_model(problem: Problem) -> None
     tried = add_effect(fit, one.value)
     assert tried.effects[-1].parameters["offset_n"] == pytest.approx(offset_n, abs=0.1)
     assert tried.nats - fit.nats > one.nats - 5.0
+
+
+@pytest.mark.parametrize(("pull_n", "is_refused"), [(np.ones(N_STEPS), False), (np.linspace(0.0, 2.0, N_STEPS), True)])
+def test_an_effect_that_fits_by_another_law_is_refused(problem: Problem, pull_n: np.ndarray, is_refused: bool) -> None:
+    """A hose that pulls more the higher the gantry is has the form of an offset of the load cell, but not its law."""
+    fit = fit_evidence(problem.measured(problem.surrogate.grasps.steps_n + 0.5 * pull_n))
+    families = {"load_cell_offset": CATALOGUE["load_cell_offset"].family}
+    trials = Trials.of(fit, weigh_candidates(fit, list(families)), families)
+    (only,) = trials.refused if is_refused else trials.tried
+    assert only.is_refused == is_refused
+    assert only.nats > 60.0
+    assert len(trials.tried) + len(trials.refused) == 1
 
 
 def test_facts_speak_for_and_against_an_effect_and_draw_its_amplitude(worlds: Worlds) -> None:

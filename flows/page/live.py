@@ -20,6 +20,7 @@ FORCE_S = 0.15  # between looks at the present grasp: seven a second
 NEWS_S = 1.5  # between looks at the lake
 _PING_S = 15.0
 _SHOWN = (EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow)
+_MOST_LOOKS = 5
 _LONGEST_QUEUE = 200  # a page that takes nothing for so long gets everything anew when it comes again
 
 
@@ -43,9 +44,6 @@ class LiveHub:
         queue = watcher.add()
         try:
             yield "retry: 2000\n\n"
-            whole = await asyncio.to_thread(read_live, watcher.path)
-            if whole is not None:
-                yield format_force(whole)
             while True:
                 try:
                     yield await asyncio.wait_for(queue.get(), _PING_S)
@@ -68,11 +66,20 @@ class _Watcher:
         self.path = live_path(lake, campaign_id)
         self._requests = Requests(lake, campaign_id)
         self.queues: set[asyncio.Queue[str]] = set()
+        self._place = ""  # in the present grasp, up to which all followers have it
         self._task: asyncio.Task[None] | None = None
 
     def add(self) -> "asyncio.Queue[str]":
-        """A follower more."""
+        """A follower more, who gets the present grasp whole, up to where the others have it."""
         queue: asyncio.Queue[str] = asyncio.Queue()
+        whole = self._send_new()
+        for _ in range(_MOST_LOOKS):  # a sample may come between two looks
+            whole = read_live(self.path)
+            if whole is None or whole.place == self._place:
+                break
+            self._send_new()
+        if whole is not None:
+            queue.put_nowait(format_force(whole))
         self.queues.add(queue)
         if self._task is None or self._task.done():
             self._task = asyncio.get_running_loop().create_task(self._watch())
@@ -83,19 +90,13 @@ class _Watcher:
         self.queues.discard(queue)
         if not self.queues and self._task is not None:
             self._task.cancel()
-            self._task = None
+            self._task, self._place = None, ""
 
     async def _watch(self) -> None:
-        place, known, next_look_s = "", None, 0.0
+        known, next_look_s = None, 0.0
         clock = asyncio.get_running_loop()
-        first = await asyncio.to_thread(read_live, self.path)
-        place = first.place if first is not None else ""
         while True:
-            # A stat and a short read: no thread is worth it.
-            found = read_live(self.path, place)
-            if found is not None:
-                place = found.place
-                self._send(format_force(found))
+            self._send_new()
             if clock.time() >= next_look_s:
                 pulse = await asyncio.to_thread(self._pulse)
                 if known is not None and pulse is not None and pulse != known:
@@ -111,6 +112,14 @@ class _Watcher:
             return (holder.token if holder is not None else "", self._requests.verb()), read_marks(self._lake)
         except FastError:
             return None
+
+    def _send_new(self) -> LiveGrasp | None:
+        """Send all followers what is new of the present grasp: a stat and a short read, which no thread is worth."""
+        found = read_live(self.path, self._place)
+        if found is not None:
+            self._place = found.place
+            self._send(format_force(found))
+        return found
 
     def _send(self, message: str) -> None:
         for queue in list(self.queues):

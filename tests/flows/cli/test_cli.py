@@ -149,7 +149,11 @@ def test_report_says_where_it_is(fast, measured, tmp_path, monkeypatch):
     """What the report holds is the claim of the tests of reports."""
     monkeypatch.setattr("fast.flows.report.campaign.page.write_report", lambda lake, name, out, others: write_page(out))
     answer = fast("report", "--lake", measured, "--out", tmp_path / "report", "--json")
-    assert answer.json == {"campaign": "demo", "report": str(tmp_path / "report" / "index.html")}
+    assert answer.json == {
+        "campaign": "demo",
+        "report": str(tmp_path / "report" / "index.html"),
+        "insights": None,
+    }
 
 
 def write_page(out):

@@ -71,7 +71,7 @@ def config_of(name: str, size: Size = Size()) -> CampaignConfig:
 def write_files(folder: Path, name: str, size: Size = Size()) -> Path:
     """Config of a campaign, and its world, in which a trace says of what grasp it is; returns the config's path."""
     config, world = config_of(name, size), world_of(name)
-    rows = [f'name = "{name}"', "[schedule]", *_lines(config.schedule.model_dump(exclude_none=True))]
+    rows = [f'name = "{name}"', "[schedule]", *_lines(config.schedule.model_dump(exclude_defaults=True))]
     rows += ["[objects]", f"ids = {list(size.object_ids)}", f"repeats = {size.n_repeats}"]
     rows += ['[bench]\nworld = "world.toml"']
     rows += ["[execution]", "simulation_workers = 1", f"print_poll_s = {size.print_poll_s}"]

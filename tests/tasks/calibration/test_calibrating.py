@@ -261,7 +261,7 @@ def test_nothing_measured_or_simulated_is_one_sentence(tmp_path):
 
 def test_measurements_that_cannot_be_compared_are_one_sentence(tmp_path):
     lake = calibration_lake(tmp_path / "lake", n_points=0)
-    lake.append(measured_rows(6, "other", first=30, tier="screening"), PROVENANCE)
+    lake.append(measured_rows(6, "other", first=30, tier="reference"), PROVENANCE)
     assert "consult simulators that differ in more than theta" in refused(lake)
     assert "consult" not in refused(lake, campaign="other")
     (row, *_) = lake.records(GraspRow, campaign_id="other")

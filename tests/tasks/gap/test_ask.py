@@ -84,7 +84,7 @@ def ask_about(
     monkeypatch.setattr(asking, "list_hypotheses", lambda naming: hypotheses)
     monkeypatch.setattr(asking, "simulate_moved", simulate)
     naming: Any = SimpleNamespace(fit=hypotheses[-1].fit)
-    search: Any = SimpleNamespace()
+    search: Any = SimpleNamespace(answers=None)
     return ask(search, naming, AskSettings(most)), simulated
 
 

@@ -38,8 +38,8 @@ class Decider:
         if not is_alarm:
             return self.answer_none(1.0 - gap), 0.0
         if not self.trials.tried:
-            possible = (UNKNOWN,) if self.trials.refused else ()
-            return self.answer_unknown(gap).model_copy(update={"possible": possible}), 0.0
+            left = (UNKNOWN,) if self.trials.refused else ()
+            return self.answer_unknown(gap).model_copy(update={"possible": left}), 0.0
         name = self.rehearsal.name.judge(self.trials.describe())
         chosen = choose_alike(self.trials, self.rehearsal)
         named = self.answer_unknown(gap * (1.0 - name)) if name < EVEN else self.answer_effects(chosen, gap * name)

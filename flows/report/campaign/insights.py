@@ -80,7 +80,7 @@ def _prepare_effects(found: OutcomeEffects, folder: Folder, is_one_of_several: b
     unit, suffix = unit_of(found.outcome) or "", f"_{found.outcome}" if is_one_of_several else ""
     of = OUTCOMES[found.outcome].about if is_one_of_several else ""
     if found.n_tools < LEAST_TOOLS:
-        return {"of": of, "n_tools": found.n_tools, "least_tools": LEAST_TOOLS}
+        return {"of": of, "n_tools": found.n_tools, "least_tools": LEAST_TOOLS, "is_known": False}
     by_name = {card.name: card for card in _cards_of(found, unit)}
     sure = [effect for effect in found.effects if effect.size.is_sure][:_MOST_DRAWN]
     limits = _limits(sure)
@@ -94,6 +94,7 @@ def _prepare_effects(found: OutcomeEffects, folder: Folder, is_one_of_several: b
     return {
         "of": of,
         "n_tools": found.n_tools,
+        "is_known": True,
         "curves": curves,
         "rest": [by_name[effect.parameter].sentence for effect in found.effects if effect not in sure],
         "shares": folder.draw(f"shares{suffix}", draw_shares(found.effects)),

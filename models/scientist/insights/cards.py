@@ -78,7 +78,7 @@ def gap_card(one: Disagreement, campaign_id: str) -> Card:
             f"Simulator and measurements disagree about the {name}: the same change of it brings {say(one.measured)} N "
             f"on the bench and {say(one.simulated)} N in the simulator."
         ),
-        next_step=f"Look for what the simulator misses: fast gap {campaign_id}",
+        next_step=f"Look for what the simulator misses: fast gap --campaign {campaign_id}",
     )
 
 
@@ -207,4 +207,6 @@ def _ends_with_level(effect: Effect) -> bool:
 
 
 def _hours(hours: float) -> str:
+    if 60.0 * hours < 1.0:
+        return "less than a minute"
     return f"{60 * hours:.0f} min" if hours < 1.0 else f"{hours:.1f} h"

@@ -111,11 +111,16 @@ def _simulator(health: SurrogateHealth, campaign_id: str) -> Card | None:
         return None
     tone: Tone = "green" if gain >= LEAST_GAIN else "yellow" if gain >= 0.0 else "red"
     what = "Simulation is informative" if tone == "green" else "Simulation is not informative"
+    rule = f"; it has to be {LEAST_GAIN:.0%} less at least" if tone == "yellow" else ""
     sentence = (
         f"{what}: with it the error at measured designs is {health.loo_rmse_n:.2f} N, without it "
-        f"{health.measured_only_loo_rmse_n:.2f} N."
+        f"{health.measured_only_loo_rmse_n:.2f} N{rule}."
     )
-    step = "" if tone == "green" else f"Find what the simulator lacks: fast gap {campaign_id}; then calibrate it."
+    step = (
+        ""
+        if tone == "green"
+        else f"Find what the simulator lacks: fast gap --campaign {campaign_id}; then calibrate it."
+    )
     return _card("simulator", tone, sentence, step)
 
 

@@ -174,7 +174,7 @@ def test_a_simulator_that_turns_an_effect_round_is_the_first_thing_said(grid: Gr
     found = find_disagreements(told, find_effects(told, FIN_RAYS, np.full(9, 0.5), grid), grid)
     assert found[0].parameter == "height_mm"
     card = gap_card(found[0], "demo")
-    assert (card.tone, card.next_step) == ("red", "Look for what the simulator misses: fast gap demo")
+    assert (card.tone, card.next_step) == ("red", "Look for what the simulator misses: fast gap --campaign demo")
 
 
 def test_a_simulator_that_is_right_but_for_a_factor_disagrees_about_nothing(grid: Grid) -> None:

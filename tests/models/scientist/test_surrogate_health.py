@@ -43,7 +43,7 @@ def test_a_simulator_of_something_else_is_found_out(seed):
     (card,) = [card for card in surrogate_cards(health, "demo") if card.name == "simulator"]
     assert card.tone in ("yellow", "red")
     assert card.sentence.startswith("Simulation is not informative: with it the error at measured designs is ")
-    assert "fast gap demo" in card.next_step
+    assert "fast gap --campaign demo" in card.next_step
 
 
 def test_a_surrogate_that_is_too_sure_is_found_out():

@@ -96,11 +96,7 @@ def test_too_few_tools_say_how_many_it_takes(tmp_path: Path) -> None:
 
 
 def test_advice_is_kept_once_a_batch_and_shown_in_the_status(tmp_path: Path) -> None:
-    campaign = measured(tmp_path)
-    text = 'name = "small"\nbench = {world = "world.toml"}\n'
-    campaign.lake.append(
-        [CampaignRow(campaign_id="small", name="small", config_toml=text + _toml(campaign))], campaign.provenance()
-    )
+    campaign = store_config(measured(tmp_path))
     assert read_status(campaign.lake, "small")["advice"] is None
     advice = note_advice(campaign)
     assert advice is not None
@@ -114,9 +110,15 @@ def test_advice_is_kept_once_a_batch_and_shown_in_the_status(tmp_path: Path) -> 
     assert any(line.startswith("health     red: ") for line in lines)
 
 
-def _toml(campaign: Campaign) -> str:
+def store_config(campaign: Campaign) -> Campaign:
+    """The campaign, with its config in the lake."""
     schedule = ", ".join(f"{name} = {value}" for name, value in SCHEDULE.items())
-    return f"schedule = {{{schedule}}}\nobjects = {{ids = [4, 7, 30, 31], repeats = 2}}\n"
+    text = (
+        f'name = "small"\nbench = {{world = "world.toml"}}\nschedule = {{{schedule}}}\n'
+        "objects = {ids = [4, 7, 30, 31], repeats = 2}\n"
+    )
+    campaign.lake.append([CampaignRow(campaign_id="small", name="small", config_toml=text)], campaign.provenance())
+    return campaign
 
 
 def test_nobody_who_wants_no_advice_gets_any(tmp_path: Path) -> None:

@@ -114,12 +114,6 @@ def read_todos(lake: Lake) -> list[Todo]:
     return todos
 
 
-def read_todo_of(lake: Lake, campaign_id: str) -> list[Todo]:
-    """What one campaign asks for now."""
-    campaign = at_present(read_campaign(lake, campaign_id))
-    return _of_campaign(campaign, campaign.state())
-
-
 def _of_campaign(campaign: Campaign, state: CampaignState) -> list[Todo]:
     batches = sorted({tool.batch for tool in state.tools if tool.batch not in state.imported})
     if campaign.config.bench.is_folder:

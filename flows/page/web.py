@@ -5,7 +5,6 @@ import hmac
 import json
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, quote, unquote
 
@@ -166,11 +165,3 @@ def refuse(error: FastError) -> Response:
     """An error as its sentence."""
     status = 403 if isinstance(error, NotAllowedError) else 409
     return PlainTextResponse(str(error), status, HEADERS)
-
-
-def asset(name: str) -> bytes:
-    """A file of the page's own."""
-    return (ASSETS / name).read_bytes()
-
-
-ASSETS = Path(__file__).parent / "assets"

@@ -1,11 +1,9 @@
-"""Pictures of slopes: which parameters matter most for the peak of one grasp, and slopes along its trace."""
-
-from collections.abc import Sequence
+"""A picture of slopes: which parameters matter most for the peak of one grasp."""
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fast.flows.report.style import BEST, FIRST, MUTED, SIMULATED, new_figure
+from fast.flows.report.style import FIRST, MUTED, SIMULATED, new_figure
 from fast.models.records import GraspSimulation, Slope, Slopes
 from fast.models.units import spell_name, unit_of
 
@@ -45,31 +43,4 @@ def draw_peak_changes(result: GraspSimulation, title: str) -> Figure:
     axes.margins(x=0.2)
     axes.set_xlabel(f"change of the peak, {result.peak_force_n:.2f} N (N); hollow: finite difference")
     axes.set_title(title, loc="left", fontsize=9)
-    return figure
-
-
-def draw_trace_slopes(result: GraspSimulation, names: Sequence[str], title: str) -> Figure:
-    """The force over the lift, and below it what the usual change of each parameter adds to it; shaded: not trusted."""
-    slopes = result.slopes or Slopes(0.0, {}, {})
-    figure = new_figure(6.8, 4.6)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.5))
-    is_lift = result.trace.is_lift
-    lift_mm = result.trace.lift_mm[is_lift]
-    above.plot(lift_mm, result.trace.force_n[is_lift], color=SIMULATED)
-    colors = (BEST, FIRST, SIMULATED, "#cc79a7", "#e69f00", MUTED)
-    kept = lift_mm <= slopes.trusted_mm
-    for name, color in zip(names, colors, strict=False):
-        slope = slopes.by[name]
-        change_n = slope.usual * slope.force_n[is_lift]
-        below.plot(lift_mm[kept], change_n[kept], color=color, label=describe_change(name, slope))
-    for axes in (above, below):
-        axes.axhline(0.0, color=MUTED, linewidth=0.8)
-        axes.grid(True, axis="y")
-        axes.axvspan(
-            slopes.trusted_mm, max(float(lift_mm[-1]), slopes.trusted_mm), color=MUTED, alpha=0.12, linewidth=0
-        )
-    above.set_ylabel("force (N)")
-    below.set(xlabel="lift (mm)", ylabel="change of the force (N)")
-    below.legend(ncols=2, loc="best")
-    figure.suptitle(title, x=0.01, ha="left", fontsize=10)
     return figure

@@ -84,7 +84,7 @@
       live.lift.push(Math.max(part.lift[i], last));
       live.force.push(part.force[i]);
     }
-    if (part.force.length && $("#live-force")) $("#live-force").textContent = `${part.force[part.force.length - 1].toFixed(1)} N`;
+    if (part.force.length && $("#live-force")) $("#live-force").textContent = `${(Math.round(10 * part.force[part.force.length - 1]) / 10 + 0).toFixed(1)} N`;
     if (place && !isDue) { isDue = true; requestAnimationFrame(() => { isDue = false; draw(place); }); }
   }
   let simulatedOf = "";

@@ -5,9 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from fast.lake.store import Lake
-from fast.lake.tables.campaign import CampaignRow
-from fast.lake.tables.imported import is_imported
 from fast.models.blas import one_blas_thread
 from fast.models.design.reference import REFERENCES, make_reference
 from fast.models.design.space import DesignSpace
@@ -95,12 +92,6 @@ def find_insights(campaign: Campaign) -> Insights:
     """Everything that the measured batches of a campaign have taught; takes seconds of CPU, writes nothing."""
     with one_blas_thread():
         return _Gathering(campaign, campaign.state()).insights()
-
-
-def is_asked_of(lake: Lake, campaign_id: str) -> bool:
-    """Whether insights can be had of a campaign: of imported data there is no config that says what was wanted."""
-    found = lake.records(CampaignRow, campaign_id=campaign_id)
-    return bool(found) and not is_imported(found[-1].config_toml)
 
 
 class _Gathering:

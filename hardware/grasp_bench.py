@@ -43,7 +43,8 @@ class GraspBench(Protocol):
         """Take the tool of a slot, make the planned grasps in order, hang the tool back.
 
         `on_grasp` gets each grasp as soon as it is measured, a failed one with its reason; `should_stop` is asked
-        before each and ends the plan early, with the tool hung back.
+        before each and ends the plan early, with the tool hung back. Take each grasp from `plan` when the one before it
+        is over: what a person leaves out meanwhile is then passed over.
 
         Raises:
             UsageError: the plan cannot be carried out; nothing has moved.

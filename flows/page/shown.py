@@ -128,6 +128,14 @@ def add_start(app: FastAPI, page: LabPage) -> None:
 
         return await page.write(request, Role.MOVE, work)
 
+    async def take_way(request: Request) -> Response:
+        def work(form: dict[str, str], operator: str) -> str:
+            if form.get("campaign", "") not in list_campaigns(lake):
+                raise UsageError("This lake has no such campaign; load the page again.")
+            return start.go_on_after_fault(lake, form, operator)
+
+        return await page.write(request, Role.MOVE, work)
+
     async def job(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
             return start.start_job(lake, form.get("job", ""), form.get("campaign", ""), operator)
@@ -153,6 +161,7 @@ def add_start(app: FastAPI, page: LabPage) -> None:
         "/start/check": check,
         "/start/campaign": begin,
         "/start/continue": go_on,
+        "/start/way": take_way,
         "/start/job": job,
         "/start/simulate": simulate,
     }.items():

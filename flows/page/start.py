@@ -11,15 +11,18 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from fast.flows.page.strip import read_last_start, read_strip
+from fast.flows.campaign.status import read_campaign
+from fast.flows.page.strip import LastStart, read_last_start, read_strip
 from fast.flows.server.access import Api
 from fast.flows.server.child_process import CHECKOUT
 from fast.flows.server.environment import named_server
 from fast.flows.server.server import address_for_others, ask_server, find_server
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError, UsageError
+from fast.tasks.bench.ways_on import choose_way
 from fast.tasks.campaign.config import CampaignConfig, load_config
 from fast.tasks.campaign.orders import StaleOrderError
+from fast.tasks.campaign.simulator_versions import at_present
 
 ON_PAGE = "started on the lab's page"
 JOBS = {
@@ -146,6 +149,14 @@ def continue_campaign(lake: Lake, campaign_id: str, seen_run: str, operator: str
         StaleOrderError: it runs again already, or is complete.
         UsageError: it needs a terminal.
     """
+    start = find_start(lake, campaign_id, seen_run)
+    parameters = {"config": start.config, "auto_print": start.auto_print}
+    _start(lake, "run-campaign/campaign", parameters, operator, key=f"page-continues-{start.run}")
+    return f"campaign {campaign_id} goes on within a minute, at the missing grasp."
+
+
+def find_start(lake: Lake, campaign_id: str, seen_run: str) -> LastStart:
+    """How a campaign that has ended early was started, and can be again; errors as of `continue_campaign`."""
     strip = read_strip(lake, campaign_id, False, False)
     start = read_last_start(lake, campaign_id)
     if not strip.may_continue or start is None:
@@ -167,9 +178,20 @@ def continue_campaign(lake: Lake, campaign_id: str, seen_run: str, operator: str
             f"campaign {campaign_id} was ended by the emergency stop: look at the bench, then "
             f"`fast campaign run {start.config} --acknowledge`."
         )
-    parameters = {"config": start.config, "auto_print": start.auto_print}
-    _start(lake, "run-campaign/campaign", parameters, operator, key=f"page-continues-{start.run}")
-    return f"campaign {campaign_id} goes on within a minute, at the missing grasp."
+    return start
+
+
+def go_on_after_fault(lake: Lake, form: Mapping[str, str], operator: str) -> str:
+    """Take a way on after a fault, and have the worker continue; nothing is changed where it cannot.
+
+    Raises:
+        UsageError: it needs a terminal, or there is no such way.
+    """
+    campaign_id, seen_run = form.get("campaign", ""), form.get("run", "")
+    find_start(lake, campaign_id, seen_run)
+    _require_worker(lake)
+    said = choose_way(at_present(read_campaign(lake, campaign_id)), form.get("way", ""), form.get("reason", ""), operator)
+    return f"{said} {continue_campaign(lake, campaign_id, seen_run, operator)}"
 
 
 def start_job(lake: Lake, job: str, campaign_id: str, operator: str) -> str:
@@ -223,7 +245,6 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     Raises:
         FastError: there is no such tool, or the solver gave up.
     """
-    from fast.flows.campaign.status import read_campaign
     from fast.flows.page.now import thin
     from fast.flows.report.campaign.grasp import draw_instants
     from fast.flows.report.grasp_frames import five_instants
@@ -237,7 +258,6 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     from fast.models.simulation.placement import place
     from fast.models.simulation.version import SimulatorVersion
     from fast.models.traces import peak_force_n
-    from fast.tasks.campaign.simulator_versions import at_present
 
     lake, version = Lake.open(lake_address), SimulatorVersion()
     design: Design = BEST_PUBLISHED
@@ -268,10 +288,15 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     }
 
 
-def _start(lake: Lake, deployment: str, parameters: Mapping[str, Any], operator: str, key: str | None = None) -> None:
+def _require_worker(lake: Lake) -> Api:
     api = find_worker(lake)
     if api is None:
         raise UsageError("No worker stands, so nothing was started: run `fast serve`, and use its page.")
+    return api
+
+
+def _start(lake: Lake, deployment: str, parameters: Mapping[str, Any], operator: str, key: str | None = None) -> None:
+    api = _require_worker(lake)
     try:
         found = ask_server(api, f"/deployments/name/{deployment}")
         body = {

@@ -105,6 +105,18 @@
   }
   document.addEventListener("htmx:afterSettle", () => { if (live.part) mark(live.part); });
 
+  // A place or slot of the map that is clicked is chosen in the form below it.
+  document.addEventListener("click", (event) => {
+    const one = event.target.closest?.(".map .place, .map .slot"), form = $("#leave-out");
+    if (!one || !form) return;
+    const choice = one.dataset.object ? `[data-object="${one.dataset.object}"]` : `[data-slot="${one.dataset.slot}"]`;
+    const option = form.querySelector(`option${choice}`);
+    if (!option) return;
+    form.open = true;
+    option.selected = true;
+    form.querySelector("[name=reason]").focus();
+  });
+
   // uPlot wants one x for all lines, each value once.
   function series(lift, force) {
     const x = [], y = [];

@@ -96,7 +96,7 @@ class ByHand:
         if not 0.0 <= target_mm <= size_mm:
             raise UsageError(f"{axis} {target_mm:.1f} mm is outside the box, 0 to {size_mm:g} mm; nothing was moved.")
         if axis != "z" and self._is_gripping():
-            raise UsageError(f"the gripper is closed and may hold what stands on a mount; {axis} does not move.")
+            raise UsageError(f"the closed gripper may hold what stands on a mount; {axis} does not move.")
         over_mm = self._over_objects_mm
         if axis != "z" and here_mm[2] < over_mm - 0.01 and abs(step.distance_mm) > LOW_STEP_MM:
             raise UsageError(

@@ -52,7 +52,9 @@ def lend_bench(
         _require_same(real, given)
         return _run_campaign(lake, Path(config), real)
 
-    return Lender(lake, file.stem, str(file.resolve()), real is not None, open_bench, run, should_end).lend(first_holder)
+    return Lender(lake, file.stem, str(file.resolve()), real is not None, open_bench, run, should_end).lend(
+        first_holder
+    )
 
 
 def find_bench_file(config: Path) -> Path | None:

@@ -75,9 +75,7 @@ def _count_left_out(campaign: Campaign, state: CampaignState) -> int:
     proposed = {tool.batch for tool in state.tools}
     batches = {batch for stage in range(schedule.n_stages) for batch in schedule.batches_of(stage)} - proposed
     for batch in batches:
-        n_out += schedule.tools_of(batch) * (
-            objects.n_grasps - objects.n_grasps_without(state.left_out.objects(batch))
-        )
+        n_out += schedule.tools_of(batch) * (objects.n_grasps - objects.n_grasps_without(state.left_out.objects(batch)))
     return n_out
 
 

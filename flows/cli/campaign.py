@@ -119,7 +119,7 @@ def leave_out(
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
-    """Leave a tool, an object, one grasp or the rest of a batch out, also while it is measured; what was measured stays.
+    """Leave a tool, an object, a grasp or the rest of a batch out, also while it is measured; what was measured stays.
 
     The grasp in progress is finished. After a fault, `fast campaign run` goes on with the rest.
     """

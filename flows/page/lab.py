@@ -9,6 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
+from fast.flows.page.by_hand import describe_holder
 from fast.flows.page.live import LiveHub, read_marks
 from fast.flows.page.now import Now, NowReader
 from fast.flows.page.proposals import list_open
@@ -19,6 +20,7 @@ from fast.flows.server.access import Role
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import FastError
+from fast.tasks.bench.lend import read_lent
 from fast.tasks.campaign.requests import lease_name
 from fast.tasks.simulation.pool import Worker
 
@@ -118,6 +120,7 @@ class LabPage:
             "todos": self.read_todos(),
             "proposals": list_open(self.lake),
             "lake_name": self.lake.root.name,
+            "bench": describe_holder(self.lake, read_lent(self.lake)),
         }
 
     async def show(self, request: Request, template: str, tab: str, **values: Any) -> Response:

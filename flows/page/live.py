@@ -13,6 +13,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
 from fast.models.errors import FastError
 from fast.models.objects.catalogue import name_object
+from fast.tasks.bench.lend import GANTRY
 from fast.tasks.bench.live import LiveGrasp, live_path, read_live
 from fast.tasks.campaign.requests import Requests, lease_name
 
@@ -109,7 +110,9 @@ class _Watcher:
         """What changes when there is something new to show; None while the lake cannot be read."""
         try:
             holder = holder_of(self._lake.storage, lease_name(self._campaign_id))
-            return (holder.token if holder is not None else "", self._requests.verb()), read_marks(self._lake)
+            gantry = holder_of(self._lake.storage, GANTRY)
+            held = tuple(one.token if one is not None else "" for one in (holder, gantry))
+            return (held, self._requests.verb()), read_marks(self._lake)
         except FastError:
             return None
 

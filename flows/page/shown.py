@@ -5,9 +5,9 @@ from typing import Any
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 
-from fast.flows.page import results, start
+from fast.flows.page import by_hand, results, start
 from fast.flows.page.lab import LabPage
 from fast.flows.page.notes import MOST_PHOTO_BYTES, keep_note, keep_photo
 from fast.flows.page.todo import list_campaigns
@@ -18,6 +18,7 @@ from fast.lake.query.catalogue import catalogue
 from fast.lake.query.sql import csv_bytes, run_sql
 from fast.models.errors import FastError, UsageError
 from fast.models.objects.catalogue import list_known
+from fast.tasks.bench.lend import read_lent
 
 
 def add_results(app: FastAPI, page: LabPage) -> None:
@@ -105,7 +106,8 @@ def add_start(app: FastAPI, page: LabPage) -> None:
             base = base if base in configs else next(iter(configs), "")
             text = start.read_config(lake, base).text if base else ""
             tools = results.list_tools(lake)
-            return {"jobs": start.list_jobs(lake), "configs": configs, "base": base, "text": text, "tools": tools}
+            shown = {"configs": configs, "base": base, "text": text, "tools": tools}
+            return {"jobs": start.list_jobs(lake), "lent": read_lent(lake), **shown}
 
         shown = await run_in_threadpool(read)
         return await page.show(request, "start.html", "start", objects=list_known(), **shown)
@@ -142,6 +144,16 @@ def add_start(app: FastAPI, page: LabPage) -> None:
 
         return await page.write(request, Role.MOVE, work)
 
+    async def show_bench(request: Request) -> Response:
+        lent = await run_in_threadpool(read_lent, lake)
+        return await page.show(request, "by_hand.html", "start", lent=lent)
+
+    async def show_reading(_: Request) -> Response:
+        return JSONResponse(await run_in_threadpool(by_hand.read_bench, lake), headers=HEADERS)
+
+    async def order_bench(request: Request) -> Response:
+        return await page.write(request, Role.MOVE, lambda form, who: by_hand.order_bench(lake, form, who))
+
     async def simulate(request: Request) -> Response:
         require_token(request, page.token)
         form = await read_form(request)
@@ -156,12 +168,14 @@ def add_start(app: FastAPI, page: LabPage) -> None:
         found = await run_in_threadpool(work)
         return page.pages.show(request, "simulated.html", found=found)
 
-    app.add_api_route("/start", show_start, methods=["GET"], include_in_schema=False)
+    for path, handler in {"/start": show_start, "/bench": show_bench, "/bench/reading": show_reading}.items():
+        app.add_api_route(path, handler, methods=["GET"], include_in_schema=False)
     for path, handler in {
         "/start/check": check,
         "/start/campaign": begin,
         "/start/continue": go_on,
         "/start/way": take_way,
+        "/bench/order": order_bench,
         "/start/job": job,
         "/start/simulate": simulate,
     }.items():

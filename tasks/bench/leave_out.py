@@ -45,7 +45,11 @@ def leave_out(campaign: Campaign, part: Part, reason: str, operator: str, *, is_
 
 
 def read_part(
-    campaign: Campaign, tool: str = "", object_id: int | None = None, repeat: int | None = None, batch: int | None = None
+    campaign: Campaign,
+    tool: str = "",
+    object_id: int | None = None,
+    repeat: int | None = None,
+    batch: int | None = None,
 ) -> Part:
     """A part of the plan as people name it; `tool`: such as B01T3. With nothing named, the rest of the batch.
 

@@ -4,7 +4,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from fast.flows.campaign.status import format_status, read_campaign, read_status
+from fast.flows.campaign.status import read_campaign
 from fast.flows.page import start
 from fast.flows.server.access import Role
 from fast.hardware.bench import open_virtual_bench
@@ -78,8 +78,8 @@ def test_a_fault_is_a_choice_on_every_tab_and_in_the_terminal(stopped, monkeypat
     status, words = browser.say("/start/way", form)
     assert (status, "No worker stands, so nothing was started" in words) == (409, True)
     assert lake.rows(EventRow, kind="left_out") == []
-    monkeypatch.setattr(start, "_require_worker", lambda _: None)
-    monkeypatch.setattr(start, "_start", lambda *words, key: begun.append(key))
+    monkeypatch.setattr(start, "require_worker", lambda _: None)
+    monkeypatch.setattr(start, "start_on_worker", lambda *words, key: begun.append(key))
     status, words = Browser(lake, role=Role.SAY).say("/start/way", form)
     assert (status, begun) == (403, [])
     status, words = browser.say("/start/way", form)

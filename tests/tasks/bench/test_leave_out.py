@@ -1,4 +1,4 @@
-"""What people leave out of a running plan: none of it is begun any more, what was measured stays, a kill loses nothing."""
+"""What people leave out of a running plan: none of it is begun any more, what was measured stays."""
 
 import pytest
 

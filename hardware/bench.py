@@ -29,6 +29,7 @@ from fast.hardware.parts.gantry import Gantry
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.pneumatics import Pneumatics
 from fast.hardware.parts.safe_state import StopAskedError, Verb
+from fast.hardware.questions import Ask
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
 from fast.hardware.safety.supervisor import Supervisor
 from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
@@ -148,6 +149,10 @@ class Bench:
     def set_leave(self, leave: Leave) -> None:
         """Have `leave` asked before every motion from now on."""
         self.gantry.require_leave = leave
+
+    def set_ask(self, ask: Ask) -> None:
+        """Have a person asked whether a tool that weighs what it should not is that tool."""
+        self.changer.ask = ask
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread."""

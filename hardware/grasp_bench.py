@@ -10,6 +10,7 @@ from typing import Protocol
 from fast.hardware.cell.cell import Item, MeasuredGrasp
 from fast.hardware.cell.live import GraspInView
 from fast.hardware.parts.safe_state import Verb
+from fast.hardware.questions import Ask
 from fast.models.records import GraspSetup
 
 Leave = Callable[[], None]
@@ -26,6 +27,10 @@ class GraspBench(Protocol):
 
     def set_leave(self, leave: Leave) -> None:
         """Have `leave` asked before every motion from now on."""
+        ...
+
+    def set_ask(self, ask: Ask) -> None:
+        """Have a person asked with `ask(question)` from now on, where the bench cannot decide by itself."""
         ...
 
     def ask(self, verb: Verb) -> None:

@@ -139,6 +139,35 @@ def leave_out(
     show({"campaign": known.campaign_id, "part": part.name, "is_out": not back}, sentence, json)
 
 
+@app.command
+def answer(
+    campaign: CampaignId = None,
+    choice: Annotated[str, Parameter(help="One of the choices; without it, what the bench asks is listed.")] = "",
+    *,
+    value: Annotated[list[str] | None, Parameter(negative="", help="NAME=VALUE of a field; may be repeated.")] = None,
+    operator: Annotated[str, Parameter(help="Who answers.")] = "",
+    lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
+) -> None:
+    """Answer what the bench of a campaign asks; the same can be done on the lab's page."""
+    from fast.models.errors import UsageError
+    from fast.tasks.bench.questions import answer_question, list_open_questions
+
+    found = open_lake(lake)
+    name = resolve_campaign(found, campaign)
+    asked = list_open_questions(found, name)
+    if not choice:
+        rows = [one.question.model_dump(mode="json") for one in asked]
+        text = "\n".join(f"{one.question.sentence} Choices: {'; '.join(one.question.choices)}" for one in asked)
+        show(rows, text or f"the bench of {name} asks nothing", json)
+        return
+    if not operator or not asked:
+        raise UsageError("say who answers with --operator." if asked else f"the bench of {name} asks nothing.")
+    values = dict(entry.partition("=")[::2] for entry in value or [])
+    sentence = answer_question(found, name, asked[0].question_id, choice, values, operator)
+    show({"campaign": name, "choice": choice}, sentence, json)
+
+
 def _order(verb: str, campaign: str | None, lake: Path, as_json: bool) -> None:
     from fast.hardware.parts.safe_state import Verb
     from fast.tasks.campaign.orders import give_order

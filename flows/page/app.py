@@ -38,6 +38,7 @@ from fast.hardware.parts.safe_state import Verb
 from fast.lake.store import Lake
 from fast.models.errors import FastError, UsageError
 from fast.tasks.bench.leave_out import leave_out as leave_part_out
+from fast.tasks.bench.questions import answer_question
 from fast.tasks.campaign.left_out import Part
 from fast.tasks.campaign.orders import give_order
 from fast.tasks.campaign.simulator_versions import at_present
@@ -190,6 +191,14 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
 
         return await page.write(request, Role.SAY, work)
 
+    async def say_to_bench(request: Request) -> Response:
+        def work(form: dict[str, str], operator: str) -> str:
+            values = {name.removeprefix("field-"): text for name, text in form.items() if name.startswith("field-")}
+            name, asked = _campaign_of(page, form), form.get("question", "")
+            return answer_question(page.lake, name, asked, form.get("choice", ""), values, operator)
+
+        return await page.write(request, Role.MOVE, work)
+
     async def decide(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
             text = form.get("config", "").replace("\r\n", "\n")
@@ -238,6 +247,7 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
         "/todo/reading": say_reading,
         "/todo/reading/undo": undo_reading,
         "/todo/proposal": decide,
+        "/todo/question": say_to_bench,
         "/todo/told/look": look_at_file,
         "/todo/told/write": write_file,
         "/todo/told/undo": undo_file,

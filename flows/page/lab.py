@@ -14,7 +14,7 @@ from fast.flows.page.live import LiveHub, read_marks
 from fast.flows.page.now import Now, NowReader
 from fast.flows.page.proposals import list_open
 from fast.flows.page.strip import Strip, read_strip
-from fast.flows.page.todo import Todo, list_campaigns, read_todos
+from fast.flows.page.todo import BenchTodo, Todo, list_campaigns, read_todos
 from fast.flows.page.web import HEADERS, Pages, make_token, read_form, require_write, say
 from fast.flows.server.access import Role
 from fast.lake.leases import holder_of
@@ -103,8 +103,9 @@ class LabPage:
         """The control strip of a campaign."""
         if not campaign_id:
             return None
-        is_waiting = any(todo.campaign_id == campaign_id for todo in self.read_todos())
-        is_bench_busy = now is not None and any(slot.state == "left" for slot in now.slots)
+        own = [todo for todo in self.read_todos() if todo.campaign_id == campaign_id]
+        is_waiting, is_asking = bool(own), any(isinstance(todo, BenchTodo) for todo in own)
+        is_bench_busy = not is_asking and now is not None and any(slot.state == "left" for slot in now.slots)
         return read_strip(self.lake, campaign_id, now is not None and now.is_complete, is_waiting and not is_bench_busy)
 
     def frame(self, request: Request, tab: str) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from fast.hardware.cell.recorder import CONTACT_READINGS
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.grasp_bench import Leave
 from fast.hardware.parts.safe_state import MEANINGS, StopAskedError, Verb
+from fast.hardware.questions import Ask
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
 from fast.models.objects.catalogue import get_object
@@ -52,6 +53,9 @@ class ArmBench:
     def set_leave(self, leave: Leave) -> None:
         """Have `leave` asked before every motion from now on."""
         self._leave = leave
+
+    def set_ask(self, ask: Ask) -> None:
+        """An arm asks nothing: what it cannot decide ends its work."""
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread."""

@@ -18,6 +18,7 @@ from fast.models.traces import initial_force_n, peak_force_n, work_j
 from fast.tasks.bench.again import decide_again, note_due, plan_again
 from fast.tasks.bench.leave_out import OpenPlan
 from fast.tasks.bench.plan import ToolWork, plan_tool, seed_of_order
+from fast.tasks.bench.questions import make_ask, withdraw_questions
 from fast.tasks.bench.reference_tools import add_references, ask_references, plan_reference
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event, note_verbs, require_room
@@ -84,6 +85,7 @@ def measure_batch(
     owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(mounted) as bench:
         bench.set_leave(gantry.require)
+        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, should_stop))
         every = campaign.config.execution.position_check_tools
         for tool in again:
             if should_stop():
@@ -99,6 +101,7 @@ def measure_batch(
             work_on(bench, work)
         check_position(campaign, bench, batch)
     if not should_stop():
+        withdraw_questions(campaign.lake, campaign.campaign_id)
         decide_again(campaign, batch)
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
 

@@ -31,7 +31,7 @@ from fast.hardware.parts.pneumatics import Pneumatics
 from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.hardware.questions import Ask
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
-from fast.hardware.safety.supervisor import Supervisor
+from fast.hardware.safety.supervisor import MayVent, Supervisor
 from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
 from fast.hardware.tools.changer import ToolChanger
 from fast.hardware.tools.journal import Journal
@@ -270,13 +270,14 @@ def open_real_bench(
     settings: BenchSettings,
     tools: Mapping[int, MountedTool],
     clock: Clock | None = None,
-    may_vent: bool = False,
+    may_vent: MayVent = False,
     log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """The bench at these addresses with its drivers connected and homed. The caller has asked for leave to move.
 
     `clock` is the machine's; a virtual bench that runs faster in another process needs a `ScaledClock` as fast.
-    `may_vent`: a person has looked at a gripper that an earlier host left closed, and lets it open before homing.
+    `may_vent`: a person has looked at a gripper that an earlier host left closed, and lets it open before homing; or
+    what asks a person, given what was found.
     `log_folder`: where the wire logs go; None keeps them in memory.
 
     Raises:
@@ -301,7 +302,7 @@ def _open(
     tools: Mapping[int, MountedTool],
     inner: Clock,
     virtual: VirtualBench | None,
-    may_vent: bool = False,
+    may_vent: MayVent = False,
     is_in_memory: bool = False,
     logs: LogFolders = IN_MEMORY,
 ) -> Iterator[Bench]:

@@ -100,7 +100,7 @@ class ByHand:
         over_mm = self._over_objects_mm
         if axis != "z" and here_mm[2] < over_mm - 0.01 and abs(step.distance_mm) > LOW_STEP_MM:
             raise UsageError(
-                f"the head is at z {here_mm[2]:.1f} mm, where long fingers meet objects: raise it to {over_mm:g} mm, or "
+                f"the head is at z {here_mm[2]:.1f} mm, where long fingers meet objects: raise it to {over_mm:g} mm or "
                 f"move {axis} at most {LOW_STEP_MM:g} mm at once. Nothing was moved."
             )
         with self._bench.supervisor.guard():

@@ -17,7 +17,7 @@ class AskedField(Record):
 
 
 class BenchQuestion(Record):
-    """A question to a person. `key`: what it is about; a bench that is opened again and asks the same is heard again."""
+    """A question to a person. `key`: what it is about; a bench that is opened again and asks the same, finds it."""
 
     key: str = Field(min_length=1, max_length=200)
     sentence: str = Field(min_length=1)

@@ -1,5 +1,6 @@
 """The bench by hand, and the real bench that a terminal lends: what the page shows of it, and what people order."""
 
+import contextlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +14,7 @@ from fast.flows.server.child_process import CHECKOUT
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
-from fast.tasks.bench.lend import GANTRY, LEASE, LentBench, Order, give_bench_order, read_lent, reading_path
+from fast.tasks.bench.lend import GANTRY, LentBench, Order, give_bench_order, read_lent, reading_path
 
 
 def describe_holder(lake: Lake, lent: LentBench | None) -> str:
@@ -25,13 +26,20 @@ def describe_holder(lake: Lake, lent: LentBench | None) -> str:
     return f"bench: {lent.name} is lent" if lent is not None else ""
 
 
-def read_bench(lake: Lake) -> dict[str, Any]:
-    """What the bench that is moved by hand reads now; empty where none is."""
-    try:
-        values: dict[str, Any] = json.loads(reading_path(lake).read_text())
-    except (OSError, ValueError):
-        return {}
-    return values if holder_of(lake.storage, LEASE) is not None else {}
+def read_bench(lake: Lake, lent: LentBench | None) -> dict[str, Any]:
+    """What the bench that is moved by hand reads now, what was said of it last, and a mark of who has it."""
+    values: dict[str, Any] = {}
+    if lent is not None and lent.holder:
+        with contextlib.suppress(OSError, ValueError):
+            values = json.loads(reading_path(lake).read_text())
+    return {**values, "mark": mark_lent(lent), "said": lent.said if lent is not None else ""}
+
+
+def mark_lent(lent: LentBench | None) -> str:
+    """Changes when the card of the bench is to be drawn anew: whoever has it, or may have it, is another."""
+    if lent is None:
+        return ""
+    return f"{lent.session} {lent.holder} {lent.wanted_by} {lent.may_take(lent.wanted_by)}"
 
 
 def order_bench(lake: Lake, form: Mapping[str, str], operator: str) -> str:

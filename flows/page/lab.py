@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from fast.flows.page.by_hand import describe_holder
+from fast.flows.page.by_hand import describe_holder, mark_lent
 from fast.flows.page.live import LiveHub, read_marks
 from fast.flows.page.now import Now, NowReader
 from fast.flows.page.proposals import list_open
@@ -20,7 +20,7 @@ from fast.flows.server.access import Role
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import FastError
-from fast.tasks.bench.lend import read_lent
+from fast.tasks.bench.lend import LEASE, LentBench, read_lent
 from fast.tasks.campaign.requests import lease_name
 from fast.tasks.simulation.pool import Worker
 
@@ -69,6 +69,7 @@ class LabPage:
         self.pages = Pages(self.token)
         self._now = Cached(lake, self.now.read)
         self._todos = Cached(lake, lambda _: read_todos(lake))
+        self._lent = Cached(lake, lambda _: read_lent(lake))
 
     def read_now(self, campaign_id: str) -> Now | None:
         """What the tab Now shows of a campaign; None where there is none, or it cannot be read."""
@@ -85,10 +86,18 @@ class LabPage:
         todos: list[Todo] = self._todos.get("")
         return todos
 
+    def read_lent(self) -> LentBench | None:
+        """The bench that is lent, as long as the process that lends it lives."""
+        holder = holder_of(self.lake.storage, LEASE)
+        if holder is None:
+            return None
+        lent: LentBench | None = self._lent.get(holder.token)
+        return lent
+
     def forget(self) -> None:
         """Something was written here."""
-        self._now.forget()
-        self._todos.forget()
+        for read in (self._now, self._todos, self._lent):
+            read.forget()
 
     def choose_campaign(self, request: Request) -> str:
         """The campaign that is asked for; else the one that runs, or the newest; empty where there is none."""
@@ -111,7 +120,7 @@ class LabPage:
     def frame(self, request: Request, tab: str) -> dict[str, Any]:
         """What stands around every tab."""
         campaign_id = self.choose_campaign(request)
-        now = self.read_now(campaign_id)
+        now, lent = self.read_now(campaign_id), self.read_lent()
         return {
             "tab": tab,
             "campaign": campaign_id,
@@ -121,7 +130,9 @@ class LabPage:
             "todos": self.read_todos(),
             "proposals": list_open(self.lake),
             "lake_name": self.lake.root.name,
-            "bench": describe_holder(self.lake, read_lent(self.lake)),
+            "bench": describe_holder(self.lake, lent),
+            "lent": lent,
+            "bench_mark": mark_lent(lent),
         }
 
     async def show(self, request: Request, template: str, tab: str, **values: Any) -> Response:

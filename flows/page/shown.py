@@ -18,7 +18,6 @@ from fast.lake.query.catalogue import catalogue
 from fast.lake.query.sql import csv_bytes, run_sql
 from fast.models.errors import FastError, UsageError
 from fast.models.objects.catalogue import list_known
-from fast.tasks.bench.lend import read_lent
 
 
 def add_results(app: FastAPI, page: LabPage) -> None:
@@ -106,8 +105,7 @@ def add_start(app: FastAPI, page: LabPage) -> None:
             base = base if base in configs else next(iter(configs), "")
             text = start.read_config(lake, base).text if base else ""
             tools = results.list_tools(lake)
-            shown = {"configs": configs, "base": base, "text": text, "tools": tools}
-            return {"jobs": start.list_jobs(lake), "lent": read_lent(lake), **shown}
+            return {"jobs": start.list_jobs(lake), "configs": configs, "base": base, "text": text, "tools": tools}
 
         shown = await run_in_threadpool(read)
         return await page.show(request, "start.html", "start", objects=list_known(), **shown)
@@ -145,11 +143,13 @@ def add_start(app: FastAPI, page: LabPage) -> None:
         return await page.write(request, Role.MOVE, work)
 
     async def show_bench(request: Request) -> Response:
-        lent = await run_in_threadpool(read_lent, lake)
-        return await page.show(request, "by_hand.html", "start", lent=lent)
+        return await page.show(request, "by_hand.html", "start")
 
     async def show_reading(_: Request) -> Response:
-        return JSONResponse(await run_in_threadpool(by_hand.read_bench, lake), headers=HEADERS)
+        def work() -> dict[str, Any]:
+            return by_hand.read_bench(lake, page.read_lent())
+
+        return JSONResponse(await run_in_threadpool(work), headers=HEADERS)
 
     async def order_bench(request: Request) -> Response:
         return await page.write(request, Role.MOVE, lambda form, who: by_hand.order_bench(lake, form, who))

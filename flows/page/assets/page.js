@@ -233,14 +233,18 @@
     }
   });
 
-  // The bench by hand: what it reads, as long as its card is on the screen.
+  // The bench by hand: what it reads, as long as its card is on the screen; drawn anew when another has it.
   async function readBench() {
     const card = $("#by-hand");
     if (!card || document.hidden) return;
-    if (!$("#bench-steps")) { lookAgain(); return; }
     try {
-      const answer = await fetch("/bench/reading"), now = answer.ok ? await answer.json() : {};
-      const isThere = now.z_mm !== undefined;
+      const answer = await fetch("/bench/reading");
+      if (!answer.ok) return;
+      const now = await answer.json(), isThere = now.z_mm !== undefined;
+      if (now.mark !== card.dataset.mark) { tell("bench"); return; }
+      $("#bench-said").textContent = now.said;
+      $("#bench-said").hidden = !now.said;
+      if (!$("#bench-steps")) return;
       $("#bench-place").textContent = isThere ? `x ${now.x_mm.toFixed(1)}, y ${now.y_mm.toFixed(1)}, z ${now.z_mm.toFixed(1)} mm` : "not connected yet";
       $("#bench-force").textContent = isThere ? `${(Math.round(10 * now.force_n) / 10 + 0).toFixed(1)} N` : "";
       $("#bench-grip").textContent = isThere ? `${now.is_gripping ? "closed" : "open"}, ${now.pressure_psi.toFixed(0)} psi; ${now.has_tool ? "a tool" : "no tool"} on the head` : "";
@@ -249,11 +253,11 @@
       $("#bench-fault").hidden = !now.fault;
       $("#bench-recover").hidden = !now.fault;
     } catch { /* the next look tells */ }
-    lookAgain();
   }
-  let looks = 0;
-  function lookAgain() { if (++looks % 5 === 0) tell("bench"); }
-  if ($("#by-hand")) setInterval(readBench, 250);
+  if ($("#by-hand")) {
+    const look = () => { readBench().finally(() => setTimeout(look, $("#bench-steps") ? 250 : 1500)); };
+    look();
+  }
 
   listen();
   drawAll();

@@ -1,7 +1,5 @@
 """A lent bench: one person holds it, who wants it asks, orders are for one process, and a stop is never refused."""
 
-import threading
-from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -11,31 +9,15 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import UsageError
-from fast.tasks.bench.lend import DONE, GANTRY, ORDER, Lender, Order, give_bench_order, read_lent, reading_path
+from fast.tasks.bench.lend import DONE, GANTRY, ORDER, Order, give_bench_order, read_lent, reading_path
 from fast.tasks.campaign.orders import StaleOrderError
 from tests.flows.server.on_server import wait_for
-from tests.hardware.safety.scenario_bench import open_bench
+from tests.tasks.bench.lent_bench import lent
 
 
 @pytest.fixture
 def lake(tmp_path):
     return Lake.open(tmp_path / "lake", create=True)
-
-
-@contextmanager
-def lent(lake, first_holder="", open_it=lambda may_vent: open_bench()):
-    """A bench that another thread lends; `runs` are the campaigns that it was to start."""
-    is_over, runs = threading.Event(), []
-    run = lambda config: runs.append(config) or "ran"  # noqa: E731 - read beside what it fills
-    lender = Lender(lake, "turin", "turin.toml", True, open_it, run, is_over.is_set)
-    thread = threading.Thread(target=lender.lend, args=(first_holder,))
-    thread.start()
-    try:
-        wait_for(lambda: read_lent(lake) is not None, 20.0)
-        yield runs
-    finally:
-        is_over.set()
-        thread.join()
 
 
 def order(lake, verb, operator="ada", **more):

@@ -20,7 +20,8 @@ HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow
 MODELLING = ("torch", "prefect", "pymc", "botorch", "matplotlib", "scipy", "numba", "rerun")
 COMMANDS = [
     "ask", "calibrate", "campaign abort", "campaign answer", "campaign leave-out", "campaign list", "campaign pause",
-    "campaign run", "campaign status", "campaign stop", "challenge grade", "challenge make", "challenge start", "compare", "doctor", "features",
+    "campaign run", "campaign status", "campaign stop", "challenge grade", "challenge make", "challenge start",
+    "compare", "doctor", "features",
     "gantry faults", "gantry grasp", "gantry home", "gantry lend", "gantry log", "gantry park", "gantry plan",
     "gantry replay", "gantry tare", "gantry tool", "gap", "gap answer", "gap next", "gap plan", "init", "lake check",
     "lake compact", "lake export", "lake import", "lake labs", "lake lineage", "lake publish", "lake stats", "mcp",

@@ -70,6 +70,7 @@ class LabPage:
         self._now = Cached(lake, self.now.read)
         self._todos = Cached(lake, lambda _: read_todos(lake))
         self._lent = Cached(lake, lambda _: read_lent(lake))
+        self._frames: dict[str, tuple[Any, float, dict[str, Any]]] = {}
 
     def read_now(self, campaign_id: str) -> Now | None:
         """What the tab Now shows of a campaign; None where there is none, or it cannot be read."""
@@ -98,13 +99,14 @@ class LabPage:
         """Something was written here."""
         for read in (self._now, self._todos, self._lent):
             read.forget()
+        self._frames.clear()
 
     def choose_campaign(self, request: Request) -> str:
         """The campaign that is asked for; else the one that runs, or the newest; empty where there is none."""
-        names = list_campaigns(self.lake)
-        asked = request.query_params.get("campaign", "")
-        if asked in names:
-            return asked
+        names, asked = list_campaigns(self.lake), request.query_params.get("campaign", "")
+        return asked if asked in names else self._choose(names)
+
+    def _choose(self, names: list[str]) -> str:
         running = [name for name in names if holder_of(self.lake.storage, lease_name(name)) is not None]
         return next(iter([*running, *names]), "")
 
@@ -119,21 +121,32 @@ class LabPage:
 
     def frame(self, request: Request, tab: str) -> dict[str, Any]:
         """What stands around every tab."""
-        campaign_id = self.choose_campaign(request)
-        now, lent = self.read_now(campaign_id), self.read_lent()
-        return {
-            "tab": tab,
+        lent = self.read_lent()
+        bench = {"bench": describe_holder(self.lake, lent), "lent": lent, "bench_mark": mark_lent(lent)}
+        return {"tab": tab, **self._read_frame(request.query_params.get("campaign", "")), **bench}
+
+    def _read_frame(self, asked: str) -> dict[str, Any]:
+        """The same for a campaign that is asked for; kept until a row is written, or somebody takes or leaves a lease."""
+        names = list_campaigns(self.lake)
+        owned = [lease_name(asked)] if asked in names else [lease_name(name) for name in names]
+        holders = [holder_of(self.lake.storage, name) for name in owned]
+        seen = read_marks(self.lake), tuple(holder.token if holder is not None else "" for holder in holders)
+        kept = self._frames.get(asked)
+        if kept is not None and kept[0] == seen and time.monotonic() - kept[1] < _STALE_S:
+            return kept[2]
+        campaign_id = asked if asked in names else self._choose(names)
+        now = self.read_now(campaign_id)
+        frame = {
             "campaign": campaign_id,
-            "campaigns": list_campaigns(self.lake),
+            "campaigns": names,
             "now": now,
             "strip": self.read_strip(campaign_id, now),
             "todos": self.read_todos(),
             "proposals": list_open(self.lake),
             "lake_name": self.lake.root.name,
-            "bench": describe_holder(self.lake, lent),
-            "lent": lent,
-            "bench_mark": mark_lent(lent),
         }
+        self._frames[asked] = seen, time.monotonic(), frame
+        return frame
 
     async def show(self, request: Request, template: str, tab: str, **values: Any) -> Response:
         """A tab, or a part of it."""

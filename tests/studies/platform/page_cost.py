@@ -179,7 +179,7 @@ def _open_page(page: PageServer) -> Iterator[None]:
             for line in answer:
                 if line.startswith((b"event: news", b"event: standing")):
                     has_news.set()
-        except (OSError, ValueError):
+        except (OSError, ValueError, AttributeError):  # closed under its hands
             return
 
     def ask() -> None:

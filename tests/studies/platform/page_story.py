@@ -41,8 +41,8 @@ guided_batches = 1
 initial_simulations = 2
 simulations_per_batch = 1
 [objects]
-ids = [0, 14]
-repeats = 2
+ids = [0, 14, 28, 30]
+repeats = 3
 [bench]
 world = "{world}"
 [execution]
@@ -98,7 +98,7 @@ class Story:
         page.fill("#config", _CONFIG.format(world="none.toml"))
         page.wait_for_selector("#checked:has-text('none.toml')")
         page.fill("#config", _CONFIG.format(world=CHECKOUT / "worlds" / "quick.toml"))
-        page.wait_for_selector("#checked:has-text('4 tools in 2 stages, 16 grasps')")
+        page.wait_for_selector("#checked:has-text('4 tools in 2 stages, 48 grasps')")
         page.click("button:has-text('Start the campaign')")
         page.wait_for_selector("#said:has-text('is started')")
         self._wait(lambda: (self._lake / "campaigns").exists(), "the campaign to begin")

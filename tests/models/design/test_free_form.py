@@ -13,7 +13,7 @@ FINGER = FreeForm.model_validate(
 
 
 def test_the_density_spans_the_inside_from_wall_to_wall_and_from_below_the_base_to_the_tip() -> None:
-    """The first and last points of the padded grid, and the middle; the back wall keeps its thickness at right angles."""
+    """The ends of the padded grid, and its middle; the back wall keeps its thickness at right angles."""
     (x_front, bottom), (x_back, top), (x_middle, middle) = FINGER._place(
         np.array([[1.0, 1.0], [41.0, 121.0], [21.0, 61.0]])
     )

@@ -176,7 +176,7 @@ def test_scores_of_the_simulator_take_the_place_of_the_emulators_once(tmp_path, 
     wanted = [simulation_row(design, number, version) for design, version in plan.points for number in OBJECTS]
     lake.append(wanted, PROVENANCE)
     verified = verify(lake, data, row, plan)
-    truth = {tool: force for tool, force in zip(data.measured.design_ids, data.problem.y_real, strict=True)}
+    truth = dict(zip(data.measured.design_ids, data.problem.y_real, strict=True))
     told = dict.fromkeys(version.version_id for _, version in plan.points)
     for version_id in told:
         mine = [one for one in wanted if one.version_id == version_id]

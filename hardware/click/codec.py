@@ -81,7 +81,9 @@ class Block:
         return number if self.contains(number) else None
 
 
-def _block(name: str, last: int, base: int, space: Space, kind: Kind, is_writable: bool = False, first: int = 1) -> Block:
+def _block(
+    name: str, last: int, base: int, space: Space, kind: Kind, is_writable: bool = False, first: int = 1
+) -> Block:
     return Block(name, ((first, last),), base, space, kind, is_writable)
 
 

@@ -57,7 +57,9 @@ def test_every_address_maps_to_the_wire_and_back_without_collision():
 
 
 def test_gaps_and_second_words_have_no_address():
-    assert not [block.name for block in BLOCKS.values() if block.space == "discrete" and block.number_at(8000) is not None]
+    assert not [
+        block.name for block in BLOCKS.values() if block.space == "discrete" and block.number_at(8000) is not None
+    ]
     assert BLOCKS["DF"].number_at(28673) is None, "second word of DF1"
 
 

@@ -8,13 +8,14 @@ from fast.models.simulation.effects.catalogue import CATALOGUE, is_one_curve
 @pytest.mark.parametrize(
     ("first", "second", "is_one"),
     [
-        ("static_kinetic_friction", "static_kinetic_friction", False),  # itself
+        ("pressure_dependent_friction", "shear_adhesion", True),
+        ("pressure_dependent_friction", "pressure_dependent_friction", False),  # itself
         ("load_cell_offset", "tool_weight", False),  # neither has a law along a state
         ("static_kinetic_friction", "tool_weight", False),
         ("static_kinetic_friction", "pressure_dependent_friction", False),  # along slip, along pressure
     ],
 )
-def test_what_is_not_one_curve(first: str, second: str, is_one: bool) -> None:
+def test_two_effects_are_one_curve_or_not(first: str, second: str, is_one: bool) -> None:
     assert is_one_curve(first, second) is is_one
     assert is_one_curve(second, first) is is_one
 

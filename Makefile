@@ -54,7 +54,7 @@ kernels: setup  ## compile the simulator's kernels once, so that no test or work
 campaign: setup ## a small complete campaign on the virtual bench, with report and recording
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print
 
-test: setup     ## the test suite
+test: kernels   ## the test suite
 	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile --no-loadscope-reorder --durations=40 --durations-min=5
 
 studies: setup  ## tests that take minutes; `python -m tests.studies list` names the studies behind the docs

@@ -70,11 +70,18 @@ def load_constraint(name: str) -> Callable[[Design], bool]:
     return is_allowed
 
 
+def look_here() -> None:
+    """Find modules in the present folder, too, after installed ones, so that objects of theirs can be received."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+
+
 def _import(name: str) -> ModuleType:
     here = str(Path.cwd())
     is_new = here not in sys.path
     if is_new:
-        sys.path.insert(0, here)
+        sys.path.append(here)
     try:
         return importlib.import_module(name)
     except Exception as error:

@@ -2,7 +2,7 @@
 
 Numba recompiles a function when its own file changes, but not when a function that it inlines from another file does. A
 cache kept beside the sources could therefore run kernels of an older version after an update. Naming the folder by all
-sources makes every state compile its own.
+sources of the chapters with kernels makes every state of these compile its own, half a minute of each process.
 """
 
 import atexit
@@ -21,6 +21,7 @@ logger = logging.getLogger(__name__)
 VARIABLE = "NUMBA_CACHE_DIR"
 _DISABLE = "NUMBA_DISABLE_JIT"
 _FIGURES = "MPLCONFIGDIR"
+_KERNEL_SOURCES = ("gaussian_process", "objects", "simulation", "traces")
 _SOLVER_SOURCES = ("design", "objects", "records.py", "simulation")
 
 
@@ -106,9 +107,9 @@ def _can_write(folder: Path) -> bool:
 
 
 def source_stamp(package: Path) -> str:
-    """Twelve hex digits that change when any module of the package is added, removed or written."""
+    """Twelve hex digits that change when any module of the chapters with kernels is added, removed or written."""
     digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
+    for path in sorted(path for chapter in _KERNEL_SOURCES for path in (package / chapter).rglob("*.py")):
         status = path.stat()
         digest.update(f"{path.relative_to(package)} {status.st_mtime_ns} {status.st_size}\n".encode())
     return digest.hexdigest()[:12]

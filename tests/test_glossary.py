@@ -83,3 +83,11 @@ def test_identifiers_are_split_as_people_read_them():
 def test_a_retired_word_names_nothing(identifiers: dict[str, list[str]], retired: str):
     found = {name: files for name, files in identifiers.items() if has_part(name, retired)}
     assert found == {}, f"`{retired}` is retired, see docs/glossary.md"
+
+
+def test_a_bank_is_one_of_simulations(identifiers: dict[str, list[str]]):
+    """One word, one thing: a PLC has blocks of addresses, and folders of effects say what the bank simulates."""
+    chapters = {"gap", "challenge", "effects"}
+    found = {name: files for name, files in identifiers.items() if has_part(name, "bank") or has_part(name, "banks")}
+    assert found
+    assert {file for files in found.values() for file in files if not chapters & set(Path(file).parts)} == set()

@@ -12,6 +12,8 @@ from setuptools import find_namespace_packages
 import fast
 
 ROOT = Path(__file__).parents[1]
+MOST_NAMES = 30
+LAB_PAGES = [page for folder in ("how-to", "tutorial") for page in sorted((ROOT / "docs" / folder).glob("*.*"))]
 
 
 @pytest.mark.parametrize("name", fast.__all__)
@@ -20,9 +22,22 @@ def test_every_public_name_is_there_and_explained(name: str) -> None:
     assert name in dir(fast)
 
 
+def test_the_public_face_is_small() -> None:
+    assert len(fast.__all__) <= MOST_NAMES
+    assert list(fast.__all__) == list(fast._HOMES)
+
+
+def test_pages_for_labs_import_from_the_public_face_alone() -> None:
+    below = {
+        page.name: found
+        for page in [ROOT / "README.md", *LAB_PAGES]
+        if (found := re.findall(r"^\W*(?:from|import) fast\..*", page.read_text(encoding="utf-8"), flags=re.M))
+    }
+    assert below == {}, "a lab's program may import from `fast` alone: give it the name there, or show another way"
+
+
 def test_pages_use_the_public_names_and_show_each_of_them() -> None:
-    pages = [page for folder in ("how-to", "tutorial") for page in (ROOT / "docs" / folder).glob("*.md")]
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    text = "\n".join(page.read_text(encoding="utf-8") for page in LAB_PAGES if page.suffix == ".md")
     used = set(re.findall(r"\bfast\.(\w+)(?:\(|`|\.open|,)", text))
     for names in re.findall(r"^from fast import (.*)$", text, flags=re.M):
         used |= set(names.split(", "))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from fast.flows.challenge.manifest import Manifest, check_effect, read_families
+from fast.flows.challenge.manifest import Manifest, check_effect, read_families, read_table
 from fast.flows.challenge.world_folder import ASKED
 from fast.models.errors import UsageError
 from fast.models.records import Record
@@ -115,8 +115,7 @@ def read_forces(path: Path, folder: Path) -> dict[str, dict[str, np.ndarray]]:
 
 def list_asked(world: Path) -> list[str]:
     """Grasps of a world whose forces are asked for."""
-    with (world / ASKED).open(encoding="utf-8", newline="") as file:
-        return [row["grasp_id"] for row in csv.DictReader(file)]
+    return [row["grasp_id"] for row in read_table(world / ASKED)]
 
 
 def _read_point(path: Path, number: int, row: Mapping[str, str]) -> tuple[float, float]:

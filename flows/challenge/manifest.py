@@ -62,8 +62,20 @@ class Manifest(Record):
 
 def read_families(folder: Path) -> dict[str, str]:
     """Family of each listed effect, in words."""
-    with (folder / EFFECTS).open(encoding="utf-8", newline="") as file:
-        return {row["effect"]: row["family"] for row in csv.DictReader(file)}
+    return {row["effect"]: row["family"] for row in read_table(folder / EFFECTS)}
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file of a challenge's folder, which nobody edits.
+
+    Raises:
+        UsageError: it cannot be read.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read ({error.strerror}); copy the challenge's folder again.") from error
 
 
 def check_effect(name: str, families: dict[str, str]) -> str:

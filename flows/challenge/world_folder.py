@@ -4,7 +4,6 @@
 Nothing here knows what is hidden.
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -16,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fast.flows.challenge.bank_table import read_bank
-from fast.flows.challenge.manifest import BANK, TOOLS_PER_BATCH, Manifest
+from fast.flows.challenge.manifest import BANK, TOOLS_PER_BATCH, Manifest, read_table
 from fast.lake.handoff.export_folder import write_csv
 from fast.lake.handoff.format import DESIGN_COLUMNS, GRASP_COLUMNS, TELLING_COLUMNS, TRACE_COLUMNS
 from fast.models.design.fin_ray import FinRay
@@ -90,9 +89,9 @@ def read_world(challenge: Path, name: str) -> GivenWorld:
     folder, manifest = challenge / name, Manifest.read(challenge)
     if name not in manifest.worlds:
         raise UsageError(f"{challenge} has no world `{name}`; its worlds are {manifest.name_worlds()}.")
-    with (folder / "designs.csv").open(encoding="utf-8") as file:
-        designs = {row.pop("design_id"): FinRay.model_validate(row) for row in csv.DictReader(file) if row["design_id"]}
-    told = [*_read_rows(folder / "grasps.csv"), *_read_rows(folder / ASKED)]
+    rows = read_table(folder / "designs.csv")
+    designs = {row.pop("design_id"): FinRay.model_validate(row) for row in rows if row["design_id"]}
+    told = [*read_table(folder / "grasps.csv"), *read_table(folder / ASKED)]
     told.sort(key=lambda row: int(row["order"]))
     contexts = _list_contexts(told)
     objects = sorted({int(row["object_id"]) for row in told})
@@ -154,14 +153,6 @@ def _describe(one: Made, place: int, design_ids: Sequence[str], objects: Sequenc
         "status": "ok" if one.trace is not None else "failed",
         "reason": "" if one.trace is not None else "the trace got lost",
     }
-
-
-def _read_rows(path: Path) -> list[dict[str, str]]:
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            return list(csv.DictReader(file))
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read ({error.strerror}); copy the challenge's folder again.") from error
 
 
 def _list_contexts(told: Sequence[Mapping[str, str]]) -> list[GraspContext]:

@@ -1,4 +1,4 @@
-"""CLICK addresses and values on the Modbus wire: one table of banks, formulas both ways, no I/O.
+"""CLICK addresses and values on the Modbus wire: one table of blocks, formulas both ways, no I/O.
 
 Documented addresses count from 1 (Y001 is 8193), the wire counts from 0 (8192). 32-bit values travel low word first,
 each word big-endian: the opposite of the Laumas transmitter.
@@ -26,8 +26,8 @@ _WRITABLE_SYSTEM_BITS = frozenset({53, 55, 60, 61, 65, 66, 67, 75, 76, 120, 121}
 
 
 @dataclass(frozen=True)
-class Bank:
-    """One CLICK memory bank: its native numbers, where it starts on the wire, and what it holds."""
+class Block:
+    """One CLICK memory block: its native numbers, where it starts on the wire, and what it holds."""
 
     name: str
     ranges: tuple[tuple[int, int], ...]
@@ -53,7 +53,7 @@ class Bank:
         return len(self.ranges) > 1
 
     def contains(self, number: int) -> bool:
-        """Whether this bank has that native number."""
+        """Whether this block has that native number."""
         return any(first <= number <= last and (number - first) % self.step == 0 for first, last in self.ranges)
 
     def can_write(self, number: int) -> bool:
@@ -81,29 +81,31 @@ class Bank:
         return number if self.contains(number) else None
 
 
-def _bank(name: str, last: int, base: int, space: Space, kind: Kind, is_writable: bool = False, first: int = 1) -> Bank:
-    return Bank(name, ((first, last),), base, space, kind, is_writable)
+def _block(
+    name: str, last: int, base: int, space: Space, kind: Kind, is_writable: bool = False, first: int = 1
+) -> Block:
+    return Block(name, ((first, last),), base, space, kind, is_writable)
 
 
-_BANKS = (
-    Bank("X", _SPARSE_RANGES, 0x0000, "discrete", "bit", False),
-    Bank("Y", _SPARSE_RANGES, 0x2000, "coil", "bit", True),
-    _bank("C", 2000, 0x4000, "coil", "bit", True),
-    _bank("T", 500, 0xB000, "discrete", "bit"),
-    _bank("CT", 250, 0xC000, "discrete", "bit"),
-    Bank("SC", ((1, 1000),), 0xF000, "discrete", "bit", False, _WRITABLE_SYSTEM_BITS),
-    _bank("DS", 4500, 0x0000, "holding", "int16", True),
-    _bank("DD", 1000, 0x4000, "holding", "int32", True),
-    _bank("DH", 500, 0x6000, "holding", "uint16", True),
-    _bank("DF", 500, 0x7000, "holding", "float32", True),
-    _bank("TXT", 1000, 0x9000, "holding", "text", True),
-    _bank("TD", 500, 0xB000, "holding", "int16", True),
-    _bank("CTD", 250, 0xC000, "holding", "int32", True),
-    _bank("XD", 8, 0xE000, "input", "uint16", first=0),
-    _bank("YD", 8, 0xE200, "holding", "uint16", True, first=0),
-    _bank("SD", 1000, 0xF000, "input", "int16"),
+_BLOCKS = (
+    Block("X", _SPARSE_RANGES, 0x0000, "discrete", "bit", False),
+    Block("Y", _SPARSE_RANGES, 0x2000, "coil", "bit", True),
+    _block("C", 2000, 0x4000, "coil", "bit", True),
+    _block("T", 500, 0xB000, "discrete", "bit"),
+    _block("CT", 250, 0xC000, "discrete", "bit"),
+    Block("SC", ((1, 1000),), 0xF000, "discrete", "bit", False, _WRITABLE_SYSTEM_BITS),
+    _block("DS", 4500, 0x0000, "holding", "int16", True),
+    _block("DD", 1000, 0x4000, "holding", "int32", True),
+    _block("DH", 500, 0x6000, "holding", "uint16", True),
+    _block("DF", 500, 0x7000, "holding", "float32", True),
+    _block("TXT", 1000, 0x9000, "holding", "text", True),
+    _block("TD", 500, 0xB000, "holding", "int16", True),
+    _block("CTD", 250, 0xC000, "holding", "int32", True),
+    _block("XD", 8, 0xE000, "input", "uint16", first=0),
+    _block("YD", 8, 0xE200, "holding", "uint16", True, first=0),
+    _block("SD", 1000, 0xF000, "input", "int16"),
 )
-BANKS: dict[str, Bank] = {bank.name: bank for bank in _BANKS}
+BLOCKS: dict[str, Block] = {block.name: block for block in _BLOCKS}
 
 _NAME = re.compile(r"([A-Z]+)(\d+)")
 _FORMATS: dict[str, str] = {"int16": "<h", "uint16": "<H", "int32": "<i", "float32": "<f"}
@@ -111,18 +113,18 @@ _FORMATS: dict[str, str] = {"int16": "<h", "uint16": "<H", "int32": "<i", "float
 
 @dataclass(frozen=True)
 class Address:
-    """A native address (`Y101`) resolved to its bank and its place on the wire."""
+    """A native address (`Y101`) resolved to its block and its place on the wire."""
 
-    bank: Bank
+    block: Block
     number: int
 
     @cached_property
     def wire(self) -> int:
         """0-based wire address."""
-        return self.bank.wire_of(self.number)
+        return self.block.wire_of(self.number)
 
     def __str__(self) -> str:
-        return f"{self.bank.name}{self.number}"
+        return f"{self.block.name}{self.number}"
 
 
 @cache
@@ -130,21 +132,21 @@ def parse_address(name: str) -> Address:
     """Resolve a native address such as `X1`, `Y101`, `DF3` (leading zeros and lower case are fine).
 
     Raises:
-        UsageError: no such bank or number on a CLICK.
+        UsageError: no such block or number on a CLICK.
     """
     match = _NAME.fullmatch(name.upper())
     if match is None:
-        raise UsageError(f"`{name}` is not a CLICK address; write a bank and a number, such as `X1` or `DS100`.")
-    bank = BANKS.get(match[1])
-    if bank is None:
-        raise UsageError(f"CLICK has no memory bank `{match[1]}`; {closest(match[1], list(BANKS))}")
+        raise UsageError(f"`{name}` is not a CLICK address; write a block and a number, such as `X1` or `DS100`.")
+    block = BLOCKS.get(match[1])
+    if block is None:
+        raise UsageError(f"CLICK has no memory block `{match[1]}`; {closest(match[1], list(BLOCKS))}")
     number = int(match[2])
-    if bank.step > 1 and bank.contains(number - 1):
-        raise UsageError(f"{name} is the second character in the register of {bank.name}{number - 1}; read that.")
-    if not bank.contains(number):
-        spans = ", ".join(f"{first}-{last}" for first, last in bank.ranges)
-        raise UsageError(f"CLICK address {bank.name}{number} does not exist; {bank.name} has {spans}.")
-    return Address(bank, number)
+    if block.step > 1 and block.contains(number - 1):
+        raise UsageError(f"{name} is the second character in the register of {block.name}{number - 1}; read that.")
+    if not block.contains(number):
+        spans = ", ".join(f"{first}-{last}" for first, last in block.ranges)
+        raise UsageError(f"CLICK address {block.name}{number} does not exist; {block.name} has {spans}.")
+    return Address(block, number)
 
 
 def pack_value(kind: Kind, value: Value) -> list[int]:

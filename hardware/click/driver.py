@@ -80,21 +80,21 @@ class ClickPlc:
         self._link.close()
 
     def read_many(self, first: str, count: int) -> list[Value]:
-        """`count` values of consecutive native addresses of a bank, chunked at 124 registers."""
+        """`count` values of consecutive native addresses of a block, chunked at 124 registers."""
         address = parse_address(first)
         _check_span(address, count)
-        if address.bank.kind == "bit":
+        if address.block.kind == "bit":
             return list(self._read_bits(address, count))
-        width = address.bank.width
+        width = address.block.width
         registers: list[int] = []
         while len(registers) < count * width:
             chunk = min(count * width - len(registers), MAX_REGISTERS_PER_READ)
-            function = _READ_FUNCTION[address.bank.space]
+            function = _READ_FUNCTION[address.block.space]
             registers += self._link.read_registers(function, address.wire + len(registers), chunk)
-        return [unpack_value(address.bank.kind, registers[i : i + width]) for i in range(0, len(registers), width)]
+        return [unpack_value(address.block.kind, registers[i : i + width]) for i in range(0, len(registers), width)]
 
     def read_bits(self, first: str, count: int) -> list[bool]:
-        """Like `read_many`, for banks of bits."""
+        """Like `read_many`, for blocks of bits."""
         return [bool(value) for value in self.read_many(first, count)]
 
     def read_bit(self, name: str) -> bool:
@@ -141,10 +141,10 @@ class ClickPlc:
         """
         address = _writable(first)
         _check_span(address, len(values))
-        registers = [word for value in values for word in pack_value(address.bank.kind, value)]
+        registers = [word for value in values for word in pack_value(address.block.kind, value)]
         if len(registers) > MAX_REGISTERS_PER_READ - 1:
             raise UsageError(f"{len(registers)} registers exceed one Modbus write of 123; write them in parts.")
-        function = _READ_FUNCTION[address.bank.space]
+        function = _READ_FUNCTION[address.block.space]
         self._write_proven(
             lambda: self._link.write_registers(address.wire, registers),
             lambda: self._link.read_registers(function, address.wire, len(registers)) == registers,
@@ -292,7 +292,7 @@ class ClickPlc:
         bits: list[bool] = []
         while len(bits) < count:
             chunk = min(count - len(bits), MAX_BITS_PER_READ)
-            bits += self._link.read_bits(_READ_FUNCTION[address.bank.space], address.wire + len(bits), chunk)
+            bits += self._link.read_bits(_READ_FUNCTION[address.block.space], address.wire + len(bits), chunk)
         return bits
 
 
@@ -302,14 +302,14 @@ def _next_count(count: int) -> int:
 
 
 def _check_span(address: Address, count: int) -> None:
-    last = address.number + address.bank.step * (count - 1)
-    spans = address.bank.ranges
+    last = address.number + address.block.step * (count - 1)
+    spans = address.block.ranges
     if count < 1 or not any(low <= address.number and last <= high for low, high in spans):
-        raise UsageError(f"{count} values from {address} leave one range of bank {address.bank.name}; read fewer.")
+        raise UsageError(f"{count} values from {address} leave one range of block {address.block.name}; read fewer.")
 
 
 def _writable(name: str) -> Address:
     address = parse_address(name)
-    if not address.bank.can_write(address.number):
+    if not address.block.can_write(address.number):
         raise UsageError(f"CLICK address {address} cannot be written over Modbus; write a C or DS address.")
     return address

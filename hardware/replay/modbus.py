@@ -12,7 +12,7 @@ from pymodbus import FramerType
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ConnectionException
 
-from fast.hardware.click.codec import BANKS, Space, pack_value, parse_address, unpack_value
+from fast.hardware.click.codec import BLOCKS, Space, pack_value, parse_address, unpack_value
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.codec import FIRST_MEASURED_REGISTER, IDENTITY_REGISTER, N_IDENTITY, N_MEASURED
@@ -178,15 +178,15 @@ def _plc_action(plc: ClickPlc, link: ModbusLink, request: Request) -> Callable[[
     """The request by the PLC's native names, so that the address formulas are gone through."""
     if request.function_code == _WRITE_COIL:
         return _plain_action(link, request)
-    for bank in BANKS.values():
-        number = bank.number_at(request.address)
-        if bank.space != _SPACES[request.function_code] or number is None or request.count % bank.width:
+    for block in BLOCKS.values():
+        number = block.number_at(request.address)
+        if block.space != _SPACES[request.function_code] or number is None or request.count % block.width:
             continue
-        name, width = f"{bank.name}{number}", bank.width
+        name, width = f"{block.name}{number}", block.width
         if request.function_code in _READS:
             return lambda: plc.read_many(name, request.count // width)
-        values = [unpack_value(bank.kind, list(request.words[i : i + width])) for i in range(0, request.count, width)]
-        words = [word for value in values for word in pack_value(bank.kind, value)]
+        values = [unpack_value(block.kind, list(request.words[i : i + width])) for i in range(0, request.count, width)]
+        words = [word for value in values for word in pack_value(block.kind, value)]
         return lambda: link.write_registers(parse_address(name).wire, words)
     return _plain_action(link, request)
 

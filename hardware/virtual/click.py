@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 
 from fast.hardware.click import tags
-from fast.hardware.click.codec import BANKS, Space, Value, pack_value, parse_address, unpack_value
+from fast.hardware.click.codec import BLOCKS, Space, Value, pack_value, parse_address, unpack_value
 from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS
 from fast.hardware.virtual.modbus_server import ModbusServerThread
 from fast.hardware.virtual.world.state import WorldState, slots_full
@@ -44,13 +44,13 @@ _SCAN_COUNTER: tuple[Space, int] = ("holding", parse_address(tags.SCAN_COUNTER_R
 
 def _wires(space: Space, only_writable: bool = False) -> frozenset[int]:
     return frozenset(
-        bank.wire_of(number) + word
-        for bank in BANKS.values()
-        if bank.space == space
-        for first, last in bank.ranges
-        for number in range(first, last + 1, bank.step)
-        if bank.can_write(number) or not only_writable
-        for word in range(bank.width)
+        block.wire_of(number) + word
+        for block in BLOCKS.values()
+        if block.space == space
+        for first, last in block.ranges
+        for number in range(first, last + 1, block.step)
+        if block.can_write(number) or not only_writable
+        for word in range(block.width)
     )
 
 
@@ -305,16 +305,16 @@ class VirtualClick:
 
     def _get(self, name: str) -> Value:
         address = parse_address(name)
-        space, kind, wire = address.bank.space, address.bank.kind, address.wire
+        space, kind, wire = address.block.space, address.block.kind, address.wire
         if kind == "bit":
             return bool(self._memory.get((space, wire), 0))
-        return unpack_value(kind, [self._memory.get((space, wire + i), 0) for i in range(address.bank.width)])
+        return unpack_value(kind, [self._memory.get((space, wire + i), 0) for i in range(address.block.width)])
 
     def _set(self, name: str, value: Value) -> None:
         address = parse_address(name)
-        words = [int(value)] if address.bank.kind == "bit" else pack_value(address.bank.kind, value)
+        words = [int(value)] if address.block.kind == "bit" else pack_value(address.block.kind, value)
         for i, word in enumerate(words):
-            self._memory[address.bank.space, address.wire + i] = word
+            self._memory[address.block.space, address.wire + i] = word
 
 
 def recipe_values(setup: GraspSetup) -> list[float]:

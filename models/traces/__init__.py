@@ -1,8 +1,29 @@
 """What a measured or simulated grasp's trace says in numbers: docs/explanation/trace-features.md.
 
-The scalars of one trace are here; the features of many traces at once, compiled, in `models.traces.batch`.
+Peak, work and initial force of one trace are here (Figs. 2c and 5 of the paper); the features of many traces at once,
+compiled, in `models.traces.batch`.
 """
 
-from fast.models.traces.scalars import initial_force_n, peak_force_n, work_j
+import numpy as np
 
-__all__ = ["initial_force_n", "peak_force_n", "work_j"]
+from fast.models.records import Trace
+from fast.models.units import work_j_from_n_mm
+
+
+def peak_force_n(trace: Trace) -> float:
+    """Peak pull-off force: the largest force during the lift, in N (the paper's objective)."""
+    force_n = trace.force_n[trace.is_lift]
+    return float(force_n.max()) if force_n.size else 0.0
+
+
+def work_j(trace: Trace) -> float:
+    """Work to break the grasp: area under force over lift displacement, in J (Fig. 2c)."""
+    lift = trace.is_lift
+    return work_j_from_n_mm(float(np.trapezoid(trace.force_n[lift], trace.lift_mm[lift])))
+
+
+def initial_force_n(trace: Trace) -> float:
+    """Force just before the lift starts, in N; negative when the fingers push the object down."""
+    before = np.flatnonzero(~trace.is_lift)
+    index = before[-1] if before.size else 0
+    return float(trace.force_n[index]) if len(trace.force_n) else 0.0

@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import ParamSpec, Protocol, TypeVar
 
+from fast.models.own_code import look_here
+
 logger = logging.getLogger(__name__)
 
 P = ParamSpec("P")
@@ -114,6 +116,7 @@ def _new_executor() -> ProcessPoolExecutor:
 def _start_worker(parent_pid: int) -> None:
     # Ctrl-C reaches every process of a terminal; the parent decides what still has to be finished.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    look_here()  # designs of a family of the user's own
     follow_parent(parent_pid)
 
 

@@ -1,27 +1,46 @@
 """The cache of compiled kernels follows the sources."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
 
-from fast.models.solver_code import VARIABLE, cache_folder, source_stamp, use_cache_of
+from fast.models.solver_code import _KERNEL_SOURCES, VARIABLE, cache_folder, source_stamp, use_cache_of
+
+MODELS = Path(__file__).parents[2] / "models"
 
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """A package of two modules."""
-    (tmp_path / "a.py").write_text("x = 1\n")
-    (tmp_path / "inner").mkdir()
-    (tmp_path / "inner" / "b.py").write_text("y = 1\n")
+    """A package of two chapters with kernels and one without."""
+    for name in ("objects/a.py", "simulation/inner/b.py", "gap/c.py"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text("x = 1\n")
     return tmp_path
 
 
-def test_stamp_changes_with_any_module(package: Path) -> None:
+@pytest.mark.parametrize(
+    ("changed", "is_kernel"), [("objects/a.py", True), ("simulation/inner/b.py", True), ("gap/c.py", False)]
+)
+def test_stamp_changes_with_any_module_of_the_chapters_with_kernels(
+    package: Path, changed: str, is_kernel: bool
+) -> None:
     before = source_stamp(package)
     assert source_stamp(package) == before
-    (package / "inner" / "b.py").write_text("y = 12\n")
-    assert source_stamp(package) != before
+    (package / changed).write_text("x = 12\n")
+    assert (source_stamp(package) != before) is is_kernel
+
+
+def test_kernels_and_what_they_inline_lie_in_the_chapters_of_the_stamp() -> None:
+    """Where they do not, a cached kernel would be of an older version. Errors are raised outside of kernels."""
+    for path in sorted(MODELS.rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if not re.search(r"^(import|from) numba", text, flags=re.M):
+            continue
+        used = set(re.findall(r"^from fast\.(\w+\.\w+)", text, flags=re.M)) - {"models.errors"}
+        chapters = {path.relative_to(MODELS).parts[0], *(name.removeprefix("models.") for name in used)}
+        assert chapters <= set(_KERNEL_SOURCES), path
 
 
 def test_a_chosen_cache_is_respected(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,9 +4,10 @@ import csv
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from fast.flows.report.campaign.content import Content
-from fast.flows.report.campaign.objectives import prepare_objectives
+from fast.flows.report.campaign.objectives import _name_points, prepare_objectives
 from fast.flows.report.folder import Folder
 from fast.flows.report.style import figure_style
 from fast.lake.tables.campaign import CampaignRow
@@ -79,3 +80,14 @@ def test_a_limit_that_nothing_keeps_is_said(campaign: Campaign, tmp_path: Path) 
     text = section_of(campaign, tmp_path / "r", "at_least = {worst_peak_n = 99}")
     assert "0 of 4 measured tools keep the limits" in text
     assert "No measured tool keeps all limits yet." in text
+
+
+def test_a_name_on_another_one_is_left_out() -> None:
+    """9 % of the width and 4 % of the height of the axes, wherever these begin."""
+    axes = Figure().subplots()
+    axes.set_xlim(100.0, 200.0)
+    axes.set_ylim(-1.0, 1.0)
+    places = {"first": (110.0, 0.0), "on it": (118.0, 0.07), "beside": (119.5, 0.07), "above": (110.0, 0.09)}
+    _name_points(axes, [(name, *place) for name, place in places.items()])
+    assert [text.get_text() for text in axes.texts] == ["first", "beside", "above"]
+    assert axes.texts[1].xy == (119.5, 0.07)

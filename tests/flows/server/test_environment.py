@@ -1,5 +1,6 @@
 """Settings for another Prefect, proxies and files of the working folder do not reach what FAST starts."""
 
+import httpx
 import pytest
 
 from fast.flows.server.access import Api
@@ -47,6 +48,12 @@ def test_this_machine_is_asked_without_a_proxy_and_others_as_before():
     spare_loopback(environment)
     assert environment["NO_PROXY"] == "lab.example,localhost,127.0.0.1,::1"
     assert environment["no_proxy"] == "127.0.0.1,localhost,::1"
+
+
+def test_a_client_of_this_machine_is_made_where_a_proxy_of_socks_is_set(monkeypatch):
+    monkeypatch.setenv("ALL_PROXY", "socks5://127.0.0.1:9")
+    with httpx.Client() as client:
+        assert client.trust_env
 
 
 @pytest.mark.slow

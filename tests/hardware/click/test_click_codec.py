@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fast.hardware.click.codec import BANKS, pack_value, parse_address, unpack_value
+from fast.hardware.click.codec import BLOCKS, pack_value, parse_address, unpack_value
 from fast.models.errors import UsageError
 
 
@@ -47,18 +47,20 @@ def test_wire_addresses_are_the_documented_ones_minus_one(name, wire):
 
 def test_every_address_maps_to_the_wire_and_back_without_collision():
     seen: set[tuple[str, int]] = set()
-    for bank in BANKS.values():
-        for first, last in bank.ranges:
-            for number in range(first, last + 1, bank.step):
-                wire = bank.wire_of(number)
-                assert (bank.space, wire) not in seen, f"{bank.name}{number} shares its wire address"
-                seen.update((bank.space, wire + word) for word in range(bank.width))
-                assert bank.number_at(wire) == number
+    for block in BLOCKS.values():
+        for first, last in block.ranges:
+            for number in range(first, last + 1, block.step):
+                wire = block.wire_of(number)
+                assert (block.space, wire) not in seen, f"{block.name}{number} shares its wire address"
+                seen.update((block.space, wire + word) for word in range(block.width))
+                assert block.number_at(wire) == number
 
 
 def test_gaps_and_second_words_have_no_address():
-    assert not [bank.name for bank in BANKS.values() if bank.space == "discrete" and bank.number_at(8000) is not None]
-    assert BANKS["DF"].number_at(28673) is None, "second word of DF1"
+    assert not [
+        block.name for block in BLOCKS.values() if block.space == "discrete" and block.number_at(8000) is not None
+    ]
+    assert BLOCKS["DF"].number_at(28673) is None, "second word of DF1"
 
 
 @pytest.mark.parametrize("name", ["X17", "X20", "X37", "X117", "C0", "C2001", "DF501", "DF0"])

@@ -31,11 +31,11 @@ class PyModbusTcpPeer:
     """pyModbusTCP's server."""
 
     def __init__(self):
-        self.bank = DataBank(d_inputs_size=N_ADDRESSES)
+        self.block = DataBank(d_inputs_size=N_ADDRESSES)
         self.port = 0
 
     def start(self):
-        self.server = ModbusServer(host=HOST, port=self.port, no_block=True, data_bank=self.bank)
+        self.server = ModbusServer(host=HOST, port=self.port, no_block=True, data_bank=self.block)
         self.server.start()
         self.port = self.server._service.server_address[1]
 
@@ -43,13 +43,13 @@ class PyModbusTcpPeer:
         self.server.stop()
 
     def poke(self, address, words):
-        self.bank.set_holding_registers(address, words)
+        self.block.set_holding_registers(address, words)
 
     def peek(self, address, count):
-        return self.bank.get_holding_registers(address, count)
+        return self.block.get_holding_registers(address, count)
 
     def poke_input(self, address, value):
-        self.bank.set_discrete_inputs(address, [value])
+        self.block.set_discrete_inputs(address, [value])
 
 
 class PymodbusPeer:

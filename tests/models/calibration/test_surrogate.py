@@ -6,10 +6,11 @@ import pytest
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means import psi_density
 from fast.models.calibration.means.emulator import Emulator, factorise
-from fast.models.calibration.means.parameters import Parameters
-from fast.models.calibration.means.problem import Standardised
+from fast.models.calibration.means.parameters import Parameters, Phi
+from fast.models.calibration.means.problem import Standardised, unit_theta
 from fast.models.calibration.means.psi_density import Measurements
 from fast.models.calibration.means.theta_surrogate import MAX_ERROR, Box, ThetaSurrogate, build_surrogate
+from fast.models.gaussian_process.matern import matern52
 from tests.synthetic.calibration import make_up_problem
 
 
@@ -75,3 +76,20 @@ def test_a_box_grows_only_where_it_was_touched() -> None:
     grown = box.grown(sides > 0)
     np.testing.assert_allclose(grown.lower, [0.0, 0.0])
     np.testing.assert_allclose(grown.upper, [1.5, 1.0])
+
+
+@pytest.mark.parametrize("scales", [False, True])
+def test_the_force_of_the_simulator_is_the_conditional_normal_of_its_simulations(scales: bool) -> None:
+    """Mean and variance of Eq. 4 with every matrix written out, in N."""
+    data = Standardised.of(make_up_problem(25, 6, 1, scales_with_modulus=scales))
+    phi = Phi(np.full(data.n_inputs, 0.8), 0.7, 0.1)
+    x, theta = np.random.default_rng(2).random((4, 9)), np.array([15.0, 0.4, 0.4])
+    mean_n, variance_n2 = Emulator.condition(data, phi).simulated(x, theta)
+    at = np.column_stack([x, unit_theta(np.broadcast_to(theta, (4, 3)), scales)])
+    across = matern52(at, data.z_sim, phi.lengthscales, phi.sd)
+    own = matern52(data.z_sim, data.z_sim, phi.lengthscales, phi.sd) + np.diag(data.variance_sim + phi.nugget**2)
+    weights = np.linalg.solve(own, across.T)
+    rest = phi.sd**2 - np.einsum("mn,nm->m", across, weights) + phi.nugget**2
+    unit_n = data.force_scale_n * data.amplitude(theta, 1.0) * data.trend.of_designs(x)
+    assert mean_n == pytest.approx(data.center_n + unit_n * (data.mean + weights.T @ data.y_sim))
+    assert variance_n2 == pytest.approx(unit_n**2 * rest)

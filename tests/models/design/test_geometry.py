@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from fast.models.design.fin_ray import BASE_HEIGHT_MM, MIN_CAVITY_AREA_MM2, MIN_EDGE_MM, planar_profile
 from fast.models.design.finger import MARK_DEPTH_MM, MARK_MARGIN_MM, finger_bodies
-from fast.models.design.glyphs import text_outline
+from fast.models.design.glyphs import _GLYPH_HEIGHT, _STROKE_WIDTH, text_outline
 from fast.models.design.space import BEST_PUBLISHED, LOWER, PARAMETERS, UPPER, from_unit
 from fast.models.errors import UsageError
 
@@ -104,3 +104,12 @@ def test_a_long_mark_keeps_clear_of_the_sides_of_the_narrowest_base():
 def test_unknown_glyph_is_refused_with_the_ones_there_are():
     with pytest.raises(UsageError, match="no glyph for `x`"):
         finger_bodies(BEST_PUBLISHED, "x1")
+
+
+@pytest.mark.parametrize("text", ["8", "B07T8", "B0-T8888"])
+def test_marks_are_centred_whatever_their_length(text: str) -> None:
+    left, bottom, right, top = text_outline(text, 6.0).bounds
+    stroke_mm = 6.0 * _STROKE_WIDTH / _GLYPH_HEIGHT
+    assert top - bottom == pytest.approx(6.0 + stroke_mm, abs=0.05)
+    assert top == pytest.approx(-bottom, abs=0.05)
+    assert right == pytest.approx(-left, abs=0.05)

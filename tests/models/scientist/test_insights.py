@@ -267,3 +267,10 @@ def test_effects_differ_by_class_of_object(effects: list[Effect], grid: Grid, su
     assert by_class["sphere"].sizes["rib_count"].middle == pytest.approx(4.0, abs=0.5)
     assert by_class["cone"].sizes["height_mm"].middle == pytest.approx(2.0, abs=0.3)
     assert abs(by_class["cone"].sizes["rib_count"].middle) < 0.5
+
+
+def test_levels_are_told_in_the_unit_of_their_parameter(grid: Grid) -> None:
+    ribs, height = grid.values(RIBS), grid.values(HEIGHT)
+    assert ribs == tuple(float(n) for n in range(1, 11))
+    assert (height[0], height[-1]) == (90.0, 120.0)
+    assert height[1] == pytest.approx(90.0 + 30.0 * grid.levels[HEIGHT][1], abs=1e-4)

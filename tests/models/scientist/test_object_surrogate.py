@@ -7,6 +7,7 @@ from fast.models.errors import UsageError
 from fast.models.scientist.object_surrogate import N_COMPONENTS, fit_objects
 from fast.models.scientist.objectives import OUTCOMES
 from fast.models.scientist.surrogate.fit import fit_surrogate
+from fast.models.scientist.surrogate.imputation import fill_objects
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObjectValues, ObservationSet
 
 WORST = OUTCOMES["worst_peak_n"]
@@ -83,3 +84,16 @@ def test_too_few_designs_are_refused() -> None:
     x, values = worlds(2, 9)
     with pytest.raises(UsageError, match="needs at least 3"):
         fit_objects(ObjectValues(x, np.full(2, REAL), values), WORST.of_all)
+
+
+def test_what_is_filled_makes_the_scores_uncertain_by_its_slope() -> None:
+    """The variance of a filled force (N^2), through ln(1 + force) and the loadings by finite differences."""
+    x, values = worlds(12, 5)
+    values[3, 1] = np.nan
+    objects = fit_objects(ObjectValues(x, np.full(12, REAL), values), WORST.of_all)
+    filled = fill_objects(values)
+    step = 1e-6 * np.eye(4)[1]
+    slopes = objects.loadings @ (np.log1p(filled.values[3] + step) - np.log1p(filled.values[3] - step)) / 2e-6
+    noise = np.array([part.data.noise_variance for part in objects.parts])
+    assert noise[:, 3] == pytest.approx(slopes**2 * filled.variance[3, 1], rel=1e-6)
+    assert (np.delete(noise, 3, axis=1) == 0.0).all()

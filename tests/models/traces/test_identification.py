@@ -120,3 +120,11 @@ def test_learning_from_fewer_tools_keeps_all_their_grasps_and_none_of_the_tested
     assert beliefs.objects[:, 3].tolist() == [1.0] * 24  # no tool was told by itself
     with pytest.raises(UsageError, match="6 tools to learn from were asked for, and 5 are there"):
         beliefs_from_tools(tool[:, None].astype(float), object_id, tool, 6, fit)
+
+
+def test_two_objects_are_enough_to_learn_and_one_is_not() -> None:
+    inputs = np.repeat([[0.0], [1.0]], 3, axis=0) * np.ones(len(INPUTS))
+    beliefs = train(inputs, np.repeat([4, 7], 3)).beliefs(inputs)
+    assert beliefs.objects[:, [4, 7]] == pytest.approx(np.repeat(np.eye(2), 3, axis=0))
+    with pytest.raises(UsageError, match="grasps of 1 object were given, and telling objects apart needs 2"):
+        train(inputs, np.full(6, 4))

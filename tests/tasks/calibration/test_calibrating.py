@@ -23,8 +23,9 @@ from fast.models.records import EffectValue, GraspSetup
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.calibrate import calibrate_once, infer
 from fast.tasks.calibration.mean_data import find_base_version, make_problem, read_measured_tools, read_simulated_points
-from fast.tasks.calibration.means import gather, regather
+from fast.tasks.calibration.means import gather, plan_verification, regather, verify
 from fast.tasks.gap.bank import plan_theta_grid
+from fast.tasks.gap.trace_rows import find_base_setup
 from tests.tasks.calibration.calibration_lake import (
     OBJECTS,
     PROVENANCE,
@@ -165,6 +166,32 @@ def test_theta_found_predicts_held_out_designs_better(tmp_path, calibrate):
     assert problem.n_real == 12  # the held-out designs were never seen
 
 
+def test_scores_of_the_simulator_take_the_place_of_the_emulators_once(tmp_path, calibrate):
+    lake = calibration_lake(tmp_path / "lake")
+    data = gather(lake, None, None, SETTINGS.seed)
+    row, _ = infer(lake, data, SETTINGS)
+    plan = plan_verification(lake, data, row)
+    assert len(plan.points) == 2 * row.n_held_out
+    assert verify(lake, data, row, plan) == row  # nothing is simulated yet
+    wanted = [simulation_row(design, number, version) for design, version in plan.points for number in OBJECTS]
+    lake.append(wanted, PROVENANCE)
+    verified = verify(lake, data, row, plan)
+    truth = dict(zip(data.measured.design_ids, data.problem.y_real, strict=True))
+    told = dict.fromkeys(version.version_id for _, version in plan.points)
+    for version_id in told:
+        mine = [one for one in wanted if one.version_id == version_id]
+        means = {
+            one.design_id: np.mean([two.peak_force_n for two in mine if two.design_id == one.design_id]) for one in mine
+        }
+        told[version_id] = np.sqrt(np.mean([(mean - truth[design_id]) ** 2 for design_id, mean in means.items()]))
+    assert [verified.rmse_before_n, verified.rmse_after_n] == pytest.approx(list(told.values()))
+    assert (verified.held_out_by, row.held_out_by) == ("simulator", "emulator")
+    assert lake.records(CalibrationRow) == [verified]
+    files = len(list((lake.root / "calibrations").rglob("*.parquet")))
+    assert verify(lake, data, verified, plan) == verified
+    assert len(list((lake.root / "calibrations").rglob("*.parquet"))) == files == 2
+
+
 def infer_new(lake, settings=SETTINGS):
     return infer(lake, gather(lake, None, None, settings.seed), settings)
 
@@ -274,6 +301,19 @@ def test_measurements_that_cannot_be_compared_are_one_sentence(tmp_path):
     lake.append([row.model_copy(update={"design_id": "Dlost"})], PROVENANCE)
     assert "(Dlost) are not in the table of designs" in refused(lake, campaign="other")
     assert "simulator version `V0` is not in" in refused(lake, campaign="small", version="V0")
+
+
+def test_the_base_setup_is_that_of_most_ordinary_grasps():
+    """Neither grasps that somebody asked for nor those with the object elsewhere have a say, if there are others."""
+    asked, moved = {"request_id": "Q1"}, {"offset_x_mm": 2.0}
+    rows = [
+        row.model_copy(update=setup_columns(GraspSetup(dwell_s=dwell_s)) | more)
+        for row in [next(row for row in measured_rows(1) if isinstance(row, GraspRow))]
+        for dwell_s, n, more in [(1.0, 2, {}), (2.0, 3, asked), (3.0, 4, moved), (4.0, 1, {})]
+        for _ in range(n)
+    ]
+    assert find_base_setup(rows).dwell_s == 1.0
+    assert find_base_setup(rows[2:9]).dwell_s == 3.0
 
 
 def test_means_are_compared_at_the_base_setup_and_what_is_left_out_is_said(tmp_path):

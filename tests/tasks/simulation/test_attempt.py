@@ -2,11 +2,14 @@
 
 import dataclasses
 import resource
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fast.models.design.families import read_design
 from fast.models.design.space import BEST_PUBLISHED, random_designs
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
@@ -109,3 +112,19 @@ def test_arithmetic_that_breaks_down_is_a_failure_with_its_reason(monkeypatch):
     attempt = attempt_grasp(job(BEST_PUBLISHED, HALF))
     assert (attempt.result, attempt.reason) == (None, "arithmetic")
     assert attempt.message == "ZeroDivisionError: division by zero"
+
+
+def test_a_worker_takes_designs_of_a_family_in_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bar_family.py").write_text(
+        "from fast import Design\n\n\nclass Bar(Design):\n    family = 'bar_family:Bar'\n", encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    design = read_design("bar_family:Bar", {"length_mm": 20.0, "width_mm": 30.0, "height_mm": 95.0})
+    pool = WorkerPool(1)
+    try:
+        assert pool.call(getattr, design, "height_mm") == 95.0
+    finally:
+        pool.close()
+        del sys.modules["bar_family"]

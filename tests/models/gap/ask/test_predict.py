@@ -10,9 +10,10 @@ from fast.models.gap.ask.choose import Costs, choose_experiments
 from fast.models.gap.ask.forecast import compute_nats
 from fast.models.gap.ask.hypotheses import Hypothesis
 from fast.models.gap.ask.outcomes import describe_pairs, join_outcomes
-from fast.models.gap.ask.predict import Pair, forecast_pairs
+from fast.models.gap.ask.predict import Pair, _hats, forecast_pairs
 from fast.models.gap.ask.settings import Setting, list_settings
 from fast.models.gap.data import GapData
+from fast.models.gap.evidence.reading import KNOTS_MM
 from fast.models.gap.fit.recalibrate import Fitter, recalibrate
 from fast.models.records import EffectValue, GraspSetup
 from tests.synthetic.gap import GapTruth, made_up_answers, made_up_gap
@@ -136,3 +137,9 @@ def test_every_setting_turns_one_knob_and_says_so() -> None:
         assert len(turned) == 1, one
         assert one.words
         assert one.is_timing == Setting.of(base, one.setup, one.placement).is_timing
+
+
+def test_hats_are_one_at_their_knot_and_straight_between() -> None:
+    """What is linear in the lift is the sum of its values at the knots, up to the last."""
+    lift_mm = np.clip(0.25 + 0.5 * np.arange(120), KNOTS_MM[0], KNOTS_MM[-1])
+    assert np.array(KNOTS_MM) @ _hats() == pytest.approx(lift_mm)

@@ -3,7 +3,7 @@ import pytest
 
 from fast.models.errors import UsageError
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
-from fast.models.gap.evaluation.held_out import HeldOut, Prediction, add_scatter, compute_metrics
+from fast.models.gap.evaluation.held_out import HeldOut, Prediction, _intervals, add_scatter, compute_metrics
 from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.where.residuals import Residuals
 from fast.models.records import EffectValue
@@ -115,3 +115,14 @@ def test_intervals_that_know_the_scatter_cover_nine_in_ten(
 def test_nothing_held_out_is_said() -> None:
     with pytest.raises(UsageError, match="no grasp is held out"):
         HeldOut.of(made_up_gap(5, 4, 0), GapTruth().theta)
+
+
+def test_intervals_are_judged_where_there_is_force() -> None:
+    """More than 5 % of the largest force of the grasp, of either sign."""
+    predicted = np.array([[10.0, 0.5, 0.6, -3.0], [1.0, 0.04, -0.06, 0.0]])
+    off = np.array([[0.0, 99.0, 1.6, 1.7], [0.0, 99.0, 0.0, 99.0]])
+    sd = np.array([[1.0, 50.0, 1.0, 1.0], [2.0, 50.0, 5.0, 50.0]])
+    share, width_n = _intervals(predicted + off, predicted, sd)
+    assert share == pytest.approx(4 / 5)
+    assert width_n == pytest.approx(2 * 1.6449 * 2.0, rel=1e-4)
+    assert _intervals(predicted, predicted, None) == (None, None)

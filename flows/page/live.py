@@ -5,12 +5,13 @@ One watcher looks for all pages that show a campaign, and none looks where no pa
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from typing import Any
 
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
+from fast.lake.tables.row import Row
 from fast.models.errors import FastError
 from fast.models.objects.catalogue import name_object
 from fast.tasks.bench.lend import GANTRY
@@ -21,14 +22,14 @@ FORCE_S = 0.15  # between looks at the present grasp: seven a second
 NEWS_S = 1.5  # between looks at the lake
 _PING_S = 15.0
 SIMULATED_S = 15.0  # between news that are of simulations alone, of which there is one every second
-_SHOWN = (EventRow, FlowRunRow, GraspRow, ProposalRow, ToolRow, SimulationRow)  # the one of which news can wait last
+_SELDOM = (EventRow, FlowRunRow, GraspRow, ProposalRow, ToolRow)  # written seldom, and news to a person
 _MOST_LOOKS = 5
 _LONGEST_QUEUE = 200  # a page that takes nothing for so long gets everything anew when it comes again
 
 
-def read_marks(lake: Lake) -> tuple[Any, ...]:
+def read_marks(lake: Lake, tables: Iterable[type[Row]] = (*_SELDOM, SimulationRow)) -> tuple[Any, ...]:
     """How far the tables that the page shows go."""
-    return tuple(lake.mark(table) for table in _SHOWN)
+    return tuple(lake.mark(table) for table in tables)
 
 
 class LiveHub:
@@ -95,31 +96,28 @@ class _Watcher:
             self._task, self._place = None, ""
 
     async def _watch(self) -> None:
-        known, next_look_s, next_simulated_s = None, 0.0, 0.0
+        known, next_look_s, simulated, next_simulated_s = None, 0.0, None, 0.0
         clock = asyncio.get_running_loop()
         while True:
             self._send_new()
             if clock.time() >= next_look_s:
-                pulse = await asyncio.to_thread(self._pulse)
-                if known is None or pulse is None or pulse == known:
-                    known = known or pulse
-                elif pulse[0] != known[0]:
-                    self._send("event: standing\ndata: {}\n\n")
-                    known = pulse
-                elif pulse[1] != known[1] or clock.time() >= next_simulated_s:
-                    self._send("event: news\ndata: {}\n\n")
-                    known, next_simulated_s = pulse, clock.time() + SIMULATED_S
+                if clock.time() >= next_simulated_s:  # new files are opened for this, one every second
+                    simulated = await asyncio.to_thread(self._lake.mark, SimulationRow)
+                    next_simulated_s = clock.time() + SIMULATED_S
+                pulse = await asyncio.to_thread(self._pulse, simulated)
+                if known is not None and pulse is not None and pulse != known:
+                    self._send(f"event: {'standing' if pulse[0] != known[0] else 'news'}\ndata: {{}}\n\n")
+                known = pulse or known
                 next_look_s = clock.time() + NEWS_S
             await asyncio.sleep(FORCE_S)
 
-    def _pulse(self) -> tuple[Any, ...] | None:
+    def _pulse(self, simulated: Any) -> tuple[Any, ...] | None:
         """What changes when there is something new to show; None while the lake cannot be read."""
         try:
             holder = holder_of(self._lake.storage, lease_name(self._campaign_id))
             gantry = holder_of(self._lake.storage, GANTRY)
             held = tuple(one.token if one is not None else "" for one in (holder, gantry))
-            *marks, simulated = read_marks(self._lake)
-            return (held, self._requests.verb()), marks, simulated
+            return (held, self._requests.verb()), read_marks(self._lake, _SELDOM), simulated
         except FastError:
             return None
 

@@ -244,9 +244,8 @@ class NowReader:
         }
         found = self._lake.query(_GAPS, {"campaign": name, "version": campaign.version.version_id}).to_pylist()
         gaps = {(row["tool_id"], row["object_id"]): row for row in found}
-        sds = [statistics.pvariance(row["peaks"]) * len(row["peaks"]) / (len(row["peaks"]) - 1)
-               for row in repeats.values() if len(row["peaks"]) > 1]  # fmt: skip
-        sd_n = math.sqrt(statistics.fmean(sds)) if sds else None
+        variances = [float(np.var(row["peaks"], ddof=1)) for row in repeats.values() if len(row["peaks"]) > 1]
+        sd_n = math.sqrt(statistics.fmean(variances)) if variances else None
         return [self._tile(row, repeats, gaps, sd_n) for row in last]
 
     def _tile(

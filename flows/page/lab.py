@@ -35,6 +35,8 @@ class Cached:
         self._lake, self._read = lake, read
         self._lock = threading.Lock()
         self._known: dict[str, tuple[Any, float, float, Any]] = {}
+        self.cost_s = 0.0
+        """CPU of the last reading."""
 
     def get(self, name: str) -> Any:
         """As it is now, or was a moment ago."""
@@ -46,7 +48,7 @@ class Cached:
                     return value
             before_s = time.thread_time()
             value = self._read(name)
-            cost_s = time.thread_time() - before_s
+            self.cost_s = cost_s = time.thread_time() - before_s
             # What was said on this page itself is seen at once.
             self._known[name] = (marks, now_s, cost_s, value)
             return value
@@ -64,7 +66,7 @@ class LabPage:
         self.lake, self.login = lake, login
         self.token = make_token(login)
         self.now = NowReader(lake)
-        self.hub = LiveHub(lake)
+        self.hub = LiveHub(lake, lambda: self._now.cost_s + self._todos.cost_s)
         self.worker = Worker()  # for what computes for seconds, so that others see on
         self.pages = Pages(self.token)
         self._now = Cached(lake, self.now.read)

@@ -5,7 +5,7 @@ One watcher looks for all pages that show a campaign, and none looks where no pa
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from typing import Any
 
 from fast.lake.leases import holder_of
@@ -21,7 +21,8 @@ from fast.tasks.campaign.requests import Requests, lease_name
 FORCE_S = 0.15  # between looks at the present grasp: seven a second
 NEWS_S = 1.5  # between looks at the lake
 _PING_S = 15.0
-SIMULATED_S = 15.0  # between news that are of simulations alone, of which there is one every second
+SIMULATED_S = 3.0  # at least, between news that are of simulations alone, of which there is one every second
+_SIMULATED_CPU = 0.01  # of a core, that they may cost to show
 _SELDOM = (EventRow, FlowRunRow, GraspRow, ProposalRow, ToolRow)  # written seldom, and news to a person
 _MOST_LOOKS = 5
 _LONGEST_QUEUE = 200  # a page that takes nothing for so long gets everything anew when it comes again
@@ -35,15 +36,16 @@ def read_marks(lake: Lake, tables: Iterable[type[Row]] = (*_SELDOM, SimulationRo
 class LiveHub:
     """Followers of campaigns, by campaign."""
 
-    def __init__(self, lake: Lake) -> None:
-        self._lake = lake
+    def __init__(self, lake: Lake, cost_s: Callable[[], float] = lambda: 0.0) -> None:
+        """`cost_s`: CPU that the news cost to show, the last time."""
+        self._lake, self._cost_s = lake, cost_s
         self._watchers: dict[str, _Watcher] = {}
 
     async def follow(self, campaign_id: str) -> AsyncIterator[str]:
         """Events for one page, until it is closed: the present grasp whole, then what comes."""
         watcher = self._watchers.get(campaign_id)
         if watcher is None:
-            watcher = self._watchers[campaign_id] = _Watcher(self._lake, campaign_id)
+            watcher = self._watchers[campaign_id] = _Watcher(self._lake, campaign_id, self._cost_s)
         queue = watcher.add()
         try:
             yield "retry: 2000\n\n"
@@ -64,8 +66,8 @@ class LiveHub:
 class _Watcher:
     """Looks at one campaign as long as somebody follows it."""
 
-    def __init__(self, lake: Lake, campaign_id: str) -> None:
-        self._lake, self._campaign_id = lake, campaign_id
+    def __init__(self, lake: Lake, campaign_id: str, cost_s: Callable[[], float]) -> None:
+        self._lake, self._campaign_id, self._cost_s = lake, campaign_id, cost_s
         self.path = live_path(lake, campaign_id)
         self._requests = Requests(lake, campaign_id)
         self.queues: set[asyncio.Queue[str]] = set()
@@ -103,7 +105,7 @@ class _Watcher:
             if clock.time() >= next_look_s:
                 if clock.time() >= next_simulated_s:  # new files are opened for this, one every second
                     simulated = await asyncio.to_thread(self._lake.mark, SimulationRow)
-                    next_simulated_s = clock.time() + SIMULATED_S
+                    next_simulated_s = clock.time() + max(SIMULATED_S, self._cost_s() / _SIMULATED_CPU)
                 pulse = await asyncio.to_thread(self._pulse, simulated)
                 if known is not None and pulse is not None and pulse != known:
                     self._send(f"event: {'standing' if pulse[0] != known[0] else 'news'}\ndata: {{}}\n\n")

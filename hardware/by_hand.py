@@ -29,16 +29,24 @@ class HandStep(Record):
 
 @dataclass(frozen=True)
 class BenchReading:
-    """What the bench shows now. `fault`: why it stands in its safe state; empty: it may move."""
+    """What the bench shows now."""
 
     x_mm: float
+    """Of the head in the box, from the left."""
     y_mm: float
+    """From the front."""
     z_mm: float
+    """Up."""
     force_n: float
+    """Net force of the load cell."""
     pressure_psi: float
+    """Of the gripper."""
     is_gripping: bool
+    """The gripper valve is on."""
     has_tool: bool
+    """A tool hangs on the head."""
     fault: str
+    """Why it stands in its safe state; empty: it may move."""
 
 
 class ByHand:

@@ -63,15 +63,22 @@ class Order(Record):
 
 @dataclass(frozen=True)
 class LentBench:
-    """A lent bench as the lake tells. `holder`: who moves it by hand; `wanted_by`: who asks for it, since when."""
+    """A lent bench as the lake tells."""
 
     session: str
+    """The process that lends it; orders name it."""
     name: str
+    """Of the bench: its file without the ending."""
     is_real: bool
+    """Whether a machine moves."""
     file: str
+    """Bench file, or world of a virtual bench."""
     holder: str = ""
+    """Who moves it by hand; empty: nobody."""
     wanted_by: str = ""
+    """Who asks the holder for it."""
     wanted_at: datetime | None = None
+    """Since when."""
     said: str = ""
     """What the last order came to."""
 

@@ -120,3 +120,12 @@ def close_gap(
     order = GapOrder(campaign, seed, rounds, budget_minutes).with_workers(workers)
     reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
     return ended(lambda: watch_gap(Lake.open(lake), order, str(flow_run.get_id()), reporter))
+
+
+@flow(name="lend", flow_run_name="{holder} moves a virtual bench by hand")
+def lend(holder: str, world: str = "worlds/quick.toml", lake: str = "lake-data") -> State[Any]:
+    """Lend a virtual bench to the lab's page, where a person moves it by hand, until that is over."""
+    from fast.flows.campaign.lend import lend_bench
+    from fast.lake.store import Lake
+
+    return ended(lambda: lend_bench(Lake.open(lake), Path(world), None, lambda: False, holder))

@@ -29,8 +29,9 @@ from fast.hardware.parts.gantry import Gantry
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.pneumatics import Pneumatics
 from fast.hardware.parts.safe_state import StopAskedError, Verb
+from fast.hardware.questions import Ask
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
-from fast.hardware.safety.supervisor import Supervisor
+from fast.hardware.safety.supervisor import MayVent, Supervisor
 from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
 from fast.hardware.tools.changer import ToolChanger
 from fast.hardware.tools.journal import Journal
@@ -149,6 +150,10 @@ class Bench:
         """Have `leave` asked before every motion from now on."""
         self.gantry.require_leave = leave
 
+    def set_ask(self, ask: Ask) -> None:
+        """Have a person asked whether a tool that weighs what it should not is that tool."""
+        self.changer.ask = ask
+
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread."""
         self.supervisor.ask(verb)
@@ -265,13 +270,14 @@ def open_real_bench(
     settings: BenchSettings,
     tools: Mapping[int, MountedTool],
     clock: Clock | None = None,
-    may_vent: bool = False,
+    may_vent: MayVent = False,
     log_folder: Path | None = None,
 ) -> Iterator[Bench]:
     """The bench at these addresses with its drivers connected and homed. The caller has asked for leave to move.
 
     `clock` is the machine's; a virtual bench that runs faster in another process needs a `ScaledClock` as fast.
-    `may_vent`: a person has looked at a gripper that an earlier host left closed, and lets it open before homing.
+    `may_vent`: a person has looked at a gripper that an earlier host left closed, and lets it open before homing; or
+    what asks a person, given what was found.
     `log_folder`: where the wire logs go; None keeps them in memory.
 
     Raises:
@@ -296,7 +302,7 @@ def _open(
     tools: Mapping[int, MountedTool],
     inner: Clock,
     virtual: VirtualBench | None,
-    may_vent: bool = False,
+    may_vent: MayVent = False,
     is_in_memory: bool = False,
     logs: LogFolders = IN_MEMORY,
 ) -> Iterator[Bench]:

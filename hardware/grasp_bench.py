@@ -10,6 +10,7 @@ from typing import Protocol
 from fast.hardware.cell.cell import Item, MeasuredGrasp
 from fast.hardware.cell.live import GraspInView
 from fast.hardware.parts.safe_state import Verb
+from fast.hardware.questions import Ask
 from fast.models.records import GraspSetup
 
 Leave = Callable[[], None]
@@ -28,6 +29,10 @@ class GraspBench(Protocol):
         """Have `leave` asked before every motion from now on."""
         ...
 
+    def set_ask(self, ask: Ask) -> None:
+        """Have a person asked with `ask(question)` from now on, where the bench cannot decide by itself."""
+        ...
+
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread: what is under way ends in the safe state with `StopAskedError`."""
         ...
@@ -43,7 +48,8 @@ class GraspBench(Protocol):
         """Take the tool of a slot, make the planned grasps in order, hang the tool back.
 
         `on_grasp` gets each grasp as soon as it is measured, a failed one with its reason; `should_stop` is asked
-        before each and ends the plan early, with the tool hung back.
+        before each and ends the plan early, with the tool hung back. Take each grasp from `plan` when the one before it
+        is over: what a person leaves out meanwhile is then passed over.
 
         Raises:
             UsageError: the plan cannot be carried out; nothing has moved.

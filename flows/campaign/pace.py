@@ -39,7 +39,8 @@ def count_left(campaign: Campaign, state: CampaignState) -> list[StageLeft]:
     for stage in range(present + 1, schedule.n_stages):
         n_tools = sum(schedule.tools_of(batch) for batch in schedule.batches_of(stage))
         n_designs = schedule.simulations_of(stage) + (n_tools if campaign.config.simulator.simulate_tools else 0)
-        left.append(StageLeft(n_tools * campaign.config.objects.n_grasps, n_designs * n_objects, True))
+        n_each = campaign.config.objects.n_grasps_without(state.left_out.objects(schedule.batches_of(stage)[0]))
+        left.append(StageLeft(n_tools * n_each, n_designs * n_objects, True))
     return left
 
 
@@ -60,8 +61,9 @@ def count_printed_left(campaign: Campaign, state: CampaignState, stage: int) -> 
 
 def _count_unprinted_left(campaign: Campaign, state: CampaignState, stage: int) -> int:
     """Grasps of a stage with tools that are not printed yet."""
+    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
     tools = [tool for batch in campaign.config.schedule.batches_of(stage) for tool in state.tools_of(batch)]
-    return sum(tool.tool_id not in state.confirmed for tool in tools) * campaign.config.objects.n_grasps
+    return sum(len(state.owed_grasps(tool, plan, limit)) for tool in tools if tool.tool_id not in state.confirmed)
 
 
 def count_simulated_left(campaign: Campaign, state: CampaignState, stage: int) -> int:

@@ -4,7 +4,7 @@ import contextlib
 import functools
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,6 +30,7 @@ from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.safe_state import Verb
+from fast.hardware.questions import BenchQuestion
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
@@ -38,6 +39,7 @@ from fast.models.errors import ConfigError, FastError
 from fast.models.objects.catalogue import get_object, name_object
 from fast.models.records import GraspSimulation
 from fast.models.traces import peak_force_n
+from fast.tasks.bench.questions import make_ask
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.requests import BENCH_OPENED, append_event, bench_log_folder
@@ -49,6 +51,7 @@ from fast.tasks.simulation.pool import Worker, WorkerPool
 if TYPE_CHECKING:
     from fast.flows.report.campaign.reference import TimesReference
 
+OPEN_IT, LEAVE_IT = "I hold what hangs in it: open", "leave it closed"
 _INTERRUPTS = (
     (Verb.PAUSE, "Finishing the current grasp and the simulations that run; the same command continues later."),
     (Verb.STOP, "Stopping: the bench goes to its safe state at once; the data is kept."),
@@ -100,7 +103,7 @@ def run_in_process(
     run = CampaignRun(
         campaign=campaign,
         pool=simulations,
-        open_bench=functools.partial(open_campaign_bench, campaign, setup, truth),
+        open_bench=lambda tools: open_campaign_bench(campaign, setup, truth, tools, run.should_stop),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
@@ -167,8 +170,12 @@ def open_campaign_bench(
     setup: World | BenchSettings | ArmSettings | None,
     physics: PhysicsCache,
     tools: Sequence[ProposedTool],
+    should_stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[GraspBench]:
-    """The campaign's bench with these tools in its rack, connected and homed."""
+    """The campaign's bench with these tools in its rack, connected and homed.
+
+    A person is asked whether a gripper that an earlier session left closed may open, until `should_stop`.
+    """
     if setup is None:
         raise ConfigError(f'campaign {campaign.campaign_id} has no gantry: its bench.kind is "folder".')
     mounted = {tool.rack_slot: MountedTool(tool_id=tool.tool_id, design=tool.design) for tool in tools}
@@ -189,7 +196,12 @@ def open_campaign_bench(
             yield arm
         return
     there = setup.model_copy(update={"layout": objects.stand_on(setup.layout)})
-    with open_real_bench(there, mounted, log_folder=logs) as bench:
+    ask = make_ask(campaign.lake, campaign.campaign_id, should_stop)
+
+    def may_vent(found: str) -> bool:
+        return ask(BenchQuestion(key="closed gripper", sentence=found, choices=(OPEN_IT, LEAVE_IT))).choice == OPEN_IT
+
+    with open_real_bench(there, mounted, may_vent=may_vent, log_folder=logs) as bench:
         told = f"bench connected and homed; wire logs {bench.wire_session} in {logs}"
         append_event(campaign.lake, campaign.campaign_id, BENCH_OPENED, told, wire_log=bench.wire_session)
         yield bench

@@ -34,7 +34,10 @@ class Workload:
 
 
 def count_work(campaign: Campaign, state: CampaignState) -> Workload:
-    """Count what is done and what the schedule asks for; rejected tools and given-up grasps are not owed."""
+    """Count what is done and what the schedule asks for.
+
+    Rejected tools, given-up grasps and what a person left out are not owed.
+    """
     config = campaign.config
     schedule, per_tool = config.schedule, config.objects.n_grasps
     rejected = sum(status == "rejected" for status in state.confirmed.values())
@@ -49,10 +52,31 @@ def count_work(campaign: Campaign, state: CampaignState) -> Workload:
     simulated = (len(wanted & state.ever_simulated(design_id)) for design_id in designs)
     return Workload(
         grasps_done=sum(len(cells) for cells in state.measured.values()),
-        grasps_total=n_tools * per_tool - given_up,
+        grasps_total=n_tools * per_tool - given_up - _count_left_out(campaign, state),
         simulated_done=sum(simulated),
         simulated_total=n_designs * len(wanted),
     )
+
+
+def _count_left_out(campaign: Campaign, state: CampaignState) -> int:
+    """Grasps that nobody makes since a person left them out: of proposed tools, and of those to come."""
+    if not state.left_out.words:
+        return 0
+    objects, schedule, limit = campaign.config.objects, campaign.config.schedule, campaign.config.max_grasp_attempts
+    cells, n_out = objects.cells(0), 0
+    for tool in state.tools:
+        if state.confirmed.get(tool.tool_id) != "rejected":
+            is_done, failed = state.measured.get(tool.tool_id, set()), state.failures
+            n_out += sum(
+                state.left_out.covers(tool.batch, tool.slot, cell)
+                for cell in cells
+                if cell not in is_done and failed.get((tool.tool_id, cell), 0) < limit
+            )
+    proposed = {tool.batch for tool in state.tools}
+    batches = {batch for stage in range(schedule.n_stages) for batch in schedule.batches_of(stage)} - proposed
+    for batch in batches:
+        n_out += schedule.tools_of(batch) * (objects.n_grasps - objects.n_grasps_without(state.left_out.objects(batch)))
+    return n_out
 
 
 class CampaignProgress:

@@ -9,12 +9,14 @@ from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
 from fast.lake.tables.imported import IMPORTED, importing_campaign, is_imported
+from fast.models.ids import tool_label
 from fast.tasks.bench.folder import is_told
+from fast.tasks.bench.ways_on import WayOnward, list_ways, read_fault
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.requests import GAP_LEASE, lease_name, requested_verb
 from fast.tasks.campaign.simulator_versions import at_present
-from fast.tasks.campaign.state import rank_tools
+from fast.tasks.campaign.state import CampaignState, rank_tools
 from fast.tasks.scientist.insights.advice import ADVICE, has_stopped, read_advice
 
 _ENDED_BY = {
@@ -66,8 +68,32 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "best_n": tools[0]["tool_quality_n"] if tools else None,
         "advice": advice[0].model_dump() if advice else None,
         "last_event": events[0] if events else None,
+        **_read_fault(campaign, state, is_complete),
         "output": str(campaign.output),
     }
+
+
+def _read_fault(campaign: Campaign, state: CampaignState, is_complete: bool) -> dict[str, Any]:
+    """The fault at which a campaign stands, and the ways on."""
+    name = campaign.campaign_id
+    is_stopped = describe_state(campaign.lake, name, is_complete) == "interrupted"
+    fault = read_fault(campaign.lake, name) if is_stopped else ""
+    ways = list_ways(campaign, state) if fault else []
+    return {
+        "fault": fault or None,
+        "ways_on": [{"way": way.label, "moves": way.moves, "command": _write_command(name, way)} for way in ways],
+    }
+
+
+def _write_command(campaign_id: str, way: WayOnward) -> str:
+    """What takes a way on in a terminal; `fast campaign run` then goes on."""
+    part = way.part
+    if part is None:
+        return "fast campaign run CONFIG"
+    words = [f"--tool {tool_label(part.batch, part.slot)}"] if part.slot is not None else []
+    words += [f"--object {part.object_id}"] if part.object_id is not None else []
+    words += [f"--repeat {part.repeat}"] if part.repeat is not None else []
+    return f"fast campaign leave-out {campaign_id} {' '.join(words or [f'--batch {part.batch}'])}"
 
 
 def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
@@ -88,6 +114,8 @@ def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "best_n": tools[0]["tool_quality_n"] if tools else None,
         "advice": None,
         "last_event": None,
+        "fault": None,
+        "ways_on": [],
         "output": str(lake.root / "outputs" / campaign_id),
     }
 
@@ -99,6 +127,9 @@ def format_status(status: dict[str, Any]) -> str:
         f"grasps     {status['grasps']}",
         f"simulated  {status['simulated']}",
     ]
+    if status["fault"]:
+        lines.append(f"fault      {status['fault']}")
+        lines += [f"way on     {way['command']}: {way['moves']}" for way in status["ways_on"]]
     if status["best_tool"]:
         lines.append(f"best tool  {status['best_tool']}  {status['best_n']:.2f} N")
     if status["advice"]:

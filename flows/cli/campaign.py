@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, CampaignId, LakePath, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, CampaignId, LakePath, show, table_text
 from fast.flows.cli.real import YesMove
 
 if TYPE_CHECKING:
@@ -103,6 +103,69 @@ def stop(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: As
 def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """As stop, and the campaign counts as failed (exit status 1); `fast campaign run` can still continue it."""
     _order("abort", campaign, lake, json)
+
+
+@app.command(name="leave-out")
+def leave_out(
+    campaign: CampaignId = None,
+    *,
+    tool: Annotated[str, Parameter(help="Tool, e.g. B01T3: no grasp is begun with it any more.")] = "",
+    object: Annotated[str, Parameter(help=f"{OBJECT_HELP} From this batch on; with --tool, of that tool alone.")] = "",
+    repeat: Annotated[int | None, Parameter(help="With --tool and --object: this one grasp.")] = None,
+    batch: Annotated[int | None, Parameter(help="The rest of this batch: no grasp of it is begun any more.")] = None,
+    back: Annotated[bool, Parameter(negative="", help="Put back what was left out.")] = False,
+    reason: Annotated[str, Parameter(help="Why; needed unless it is put back.")] = "",
+    operator: Annotated[str, Parameter(help="Who says so.")],
+    lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
+) -> None:
+    """Leave a tool, an object, a grasp or the rest of a batch out, also while it is measured; what was measured stays.
+
+    The grasp in progress is finished. After a fault, `fast campaign run` goes on with the rest.
+    """
+    from fast.flows.campaign.status import read_campaign
+    from fast.models.errors import UsageError
+    from fast.tasks.bench.leave_out import leave_out as leave_part_out
+    from fast.tasks.bench.leave_out import read_part
+    from fast.tasks.objects import find_object
+
+    found = open_lake(lake)
+    if not (tool or object or batch is not None) or (batch is not None and (tool or object)):
+        raise UsageError("say what is left out: --tool, --object or both, or --batch; nothing was changed.")
+    known = read_campaign(found, resolve_campaign(found, campaign))
+    number = find_object(object, lake).object_id if object else None
+    part = read_part(known, tool, number, repeat, batch)
+    sentence = leave_part_out(known, part, reason, operator, is_out=not back)
+    show({"campaign": known.campaign_id, "part": part.name, "is_out": not back}, sentence, json)
+
+
+@app.command
+def answer(
+    campaign: CampaignId = None,
+    choice: Annotated[str, Parameter(help="One of the choices; without it, what the bench asks is listed.")] = "",
+    *,
+    value: Annotated[list[str] | None, Parameter(negative="", help="NAME=VALUE of a field; may be repeated.")] = None,
+    operator: Annotated[str, Parameter(help="Who answers.")] = "",
+    lake: LakePath = DEFAULT_LAKE,
+    json: AsJson = False,
+) -> None:
+    """Answer what the bench of a campaign asks; the same can be done on the lab's page."""
+    from fast.models.errors import UsageError
+    from fast.tasks.bench.questions import answer_question, list_open_questions
+
+    found = open_lake(lake)
+    name = resolve_campaign(found, campaign)
+    asked = list_open_questions(found, name)
+    if not choice:
+        rows = [one.question.model_dump(mode="json") for one in asked]
+        text = "\n".join(f"{one.question.sentence} Choices: {'; '.join(one.question.choices)}" for one in asked)
+        show(rows, text or f"the bench of {name} asks nothing", json)
+        return
+    if not operator or not asked:
+        raise UsageError("say who answers with --operator." if asked else f"the bench of {name} asks nothing.")
+    values = dict(entry.partition("=")[::2] for entry in value or [])
+    sentence = answer_question(found, name, asked[0].question_id, choice, values, operator)
+    show({"campaign": name, "choice": choice}, sentence, json)
 
 
 def _order(verb: str, campaign: str | None, lake: Path, as_json: bool) -> None:

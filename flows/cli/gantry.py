@@ -118,6 +118,28 @@ def faults(*, bench: ChosenBench = VIRTUAL_BENCH, json: AsJson = False) -> None:
     show(data, "\n".join(lines), json)
 
 
+@app.command
+def lend(*, bench: ChosenBench = VIRTUAL_BENCH, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
+    """Lend the bench to the lab's page until Ctrl-C: people move it by hand there, and start campaigns on a real one.
+
+    Of a real bench this terminal gives the leave to move, once, for as long as it lends it. Stay at the emergency stop.
+    """
+    from fast.flows.campaign.lend import lend_bench
+    from fast.flows.cli.common import tell
+    from fast.flows.cli.real import ask_leave
+    from fast.flows.cli.virtual import watch_signals
+    from fast.lake.store import Lake
+    from fast.tasks.campaign.setup import read_bench
+
+    found = Lake.open(lake, create=True)
+    if bench.real is not None:
+        ask_leave(bench.real, read_bench(bench.real), None, bench.yes_move)
+    asked = watch_signals()
+    tell(f"lent to the page of {found.address} until Ctrl-C")
+    sentence = lend_bench(found, bench.world, bench.real, asked.is_set)
+    show({"lent": False}, sentence, json)
+
+
 @app.command(name="tool")
 def tool_place(
     *,

@@ -13,6 +13,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.staticfiles import StaticFiles
 
+from fast.flows.campaign.status import read_campaign
 from fast.flows.page.interface import add_interface
 from fast.flows.page.lab import LabPage
 from fast.flows.page.proposals import settle_proposal
@@ -36,8 +37,11 @@ from fast.flows.server.gate import App
 from fast.hardware.parts.safe_state import Verb
 from fast.lake.store import Lake
 from fast.models.errors import FastError, UsageError
-from fast.tasks.bench.leave_out import leave_out as leave_tool_out
+from fast.tasks.bench.leave_out import leave_out as leave_part_out
+from fast.tasks.bench.questions import answer_question
+from fast.tasks.campaign.left_out import Part
 from fast.tasks.campaign.orders import give_order
+from fast.tasks.campaign.simulator_versions import at_present
 
 _OUTPUTS_POLICY = "sandbox; default-src 'self' data:; style-src 'self' 'unsafe-inline'; script-src 'none'"
 Handler = Callable[[Request], Awaitable[Response]]
@@ -158,9 +162,12 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
 
     async def leave_out(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
-            campaign_id, label = _campaign_of(page, form), form.get("tool", "")
-            leave_tool_out(page.lake, f"{campaign_id}/{label}", form.get("reason", ""), operator)
-            return f"{label} is left out: no grasp is begun with it any more; what it was measured stays."
+            campaign = at_present(read_campaign(page.lake, _campaign_of(page, form)))
+            try:
+                part = Part.model_validate_json(form.get("part", ""))
+            except ValueError as error:
+                raise UsageError("Choose what is left out; nothing was changed.") from error
+            return leave_part_out(campaign, part, form.get("reason", ""), operator, is_out="back" not in form)
 
         return await page.write(request, Role.MOVE, work)
 
@@ -183,6 +190,14 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
             )
 
         return await page.write(request, Role.SAY, work)
+
+    async def say_to_bench(request: Request) -> Response:
+        def work(form: dict[str, str], operator: str) -> str:
+            values = {name.removeprefix("field-"): text for name, text in form.items() if name.startswith("field-")}
+            name, asked = _campaign_of(page, form), form.get("question", "")
+            return answer_question(page.lake, name, asked, form.get("choice", ""), values, operator)
+
+        return await page.write(request, Role.MOVE, work)
 
     async def decide(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
@@ -232,6 +247,7 @@ def _add_words(app: FastAPI, page: LabPage) -> None:
         "/todo/reading": say_reading,
         "/todo/reading/undo": undo_reading,
         "/todo/proposal": decide,
+        "/todo/question": say_to_bench,
         "/todo/told/look": look_at_file,
         "/todo/told/write": write_file,
         "/todo/told/undo": undo_file,

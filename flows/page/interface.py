@@ -10,7 +10,7 @@ from fast.flows.page import results
 from fast.flows.page.lab import LabPage
 from fast.flows.page.proposals import Proposal, list_open, write_proposal
 from fast.flows.page.start import simulate_one
-from fast.flows.page.todo import MountTodo, PrintTodo, ReadingTodo, Todo, list_campaigns
+from fast.flows.page.todo import BenchTodo, MountTodo, PrintTodo, ReadingTodo, Todo, list_campaigns
 from fast.flows.page.web import NotAllowedError, require_token, visitor_of
 from fast.flows.server.access import Role
 from fast.flows.server.server import address_for_others
@@ -42,7 +42,7 @@ class AskedOfPerson(BaseModel):
     """Something that a person is asked for."""
 
     campaign_id: str
-    kind: str = Field(description="print, mount, reading, grasps or proposal")
+    kind: str = Field(description="print, mount, reading, grasps, bench or proposal")
     sentence: str
 
 
@@ -210,6 +210,8 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
 
 def describe_todo(todo: Todo) -> AskedOfPerson:
     """What a person is asked for, in a sentence."""
+    if isinstance(todo, BenchTodo):
+        return AskedOfPerson(campaign_id=todo.campaign_id, kind="bench", sentence=todo.asked.question.sentence)
     if isinstance(todo, PrintTodo):
         return AskedOfPerson(
             campaign_id=todo.campaign_id,

@@ -9,16 +9,18 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
+from fast.flows.page.by_hand import describe_holder, mark_lent
 from fast.flows.page.live import LiveHub, read_marks
 from fast.flows.page.now import Now, NowReader
 from fast.flows.page.proposals import list_open
 from fast.flows.page.strip import Strip, read_strip
-from fast.flows.page.todo import Todo, list_campaigns, read_todos
+from fast.flows.page.todo import BenchTodo, Todo, list_campaigns, read_todos
 from fast.flows.page.web import HEADERS, Pages, make_token, read_form, require_write, say
 from fast.flows.server.access import Role
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import FastError
+from fast.tasks.bench.lend import LEASE, LentBench, read_lent
 from fast.tasks.campaign.requests import lease_name
 from fast.tasks.simulation.pool import Worker
 
@@ -67,6 +69,8 @@ class LabPage:
         self.pages = Pages(self.token)
         self._now = Cached(lake, self.now.read)
         self._todos = Cached(lake, lambda _: read_todos(lake))
+        self._lent = Cached(lake, lambda _: read_lent(lake))
+        self._frames: dict[str, tuple[Any, float, dict[str, Any]]] = {}
 
     def read_now(self, campaign_id: str) -> Now | None:
         """What the tab Now shows of a campaign; None where there is none, or it cannot be read."""
@@ -83,17 +87,26 @@ class LabPage:
         todos: list[Todo] = self._todos.get("")
         return todos
 
+    def read_lent(self) -> LentBench | None:
+        """The bench that is lent, as long as the process that lends it lives."""
+        holder = holder_of(self.lake.storage, LEASE)
+        if holder is None:
+            return None
+        lent: LentBench | None = self._lent.get(holder.token)
+        return lent
+
     def forget(self) -> None:
         """Something was written here."""
-        self._now.forget()
-        self._todos.forget()
+        for read in (self._now, self._todos, self._lent):
+            read.forget()
+        self._frames.clear()
 
     def choose_campaign(self, request: Request) -> str:
         """The campaign that is asked for; else the one that runs, or the newest; empty where there is none."""
-        names = list_campaigns(self.lake)
-        asked = request.query_params.get("campaign", "")
-        if asked in names:
-            return asked
+        names, asked = list_campaigns(self.lake), request.query_params.get("campaign", "")
+        return asked if asked in names else self._choose(names)
+
+    def _choose(self, names: list[str]) -> str:
         running = [name for name in names if holder_of(self.lake.storage, lease_name(name)) is not None]
         return next(iter([*running, *names]), "")
 
@@ -101,24 +114,39 @@ class LabPage:
         """The control strip of a campaign."""
         if not campaign_id:
             return None
-        is_waiting = any(todo.campaign_id == campaign_id for todo in self.read_todos())
-        is_bench_busy = now is not None and any(slot.state == "left" for slot in now.slots)
+        own = [todo for todo in self.read_todos() if todo.campaign_id == campaign_id]
+        is_waiting, is_asking = bool(own), any(isinstance(todo, BenchTodo) for todo in own)
+        is_bench_busy = not is_asking and now is not None and any(slot.state == "left" for slot in now.slots)
         return read_strip(self.lake, campaign_id, now is not None and now.is_complete, is_waiting and not is_bench_busy)
 
     def frame(self, request: Request, tab: str) -> dict[str, Any]:
         """What stands around every tab."""
-        campaign_id = self.choose_campaign(request)
+        lent = self.read_lent()
+        bench = {"bench": describe_holder(self.lake, lent), "lent": lent, "bench_mark": mark_lent(lent)}
+        return {"tab": tab, **self._read_frame(request.query_params.get("campaign", "")), **bench}
+
+    def _read_frame(self, asked: str) -> dict[str, Any]:
+        """The same for a campaign that is asked for; kept until a row is written, or a lease changes hands."""
+        names = list_campaigns(self.lake)
+        owned = [lease_name(asked)] if asked in names else [lease_name(name) for name in names]
+        holders = [holder_of(self.lake.storage, name) for name in owned]
+        seen = read_marks(self.lake), tuple(holder.token if holder is not None else "" for holder in holders)
+        kept = self._frames.get(asked)
+        if kept is not None and kept[0] == seen and time.monotonic() - kept[1] < _STALE_S:
+            return kept[2]
+        campaign_id = asked if asked in names else self._choose(names)
         now = self.read_now(campaign_id)
-        return {
-            "tab": tab,
+        frame = {
             "campaign": campaign_id,
-            "campaigns": list_campaigns(self.lake),
+            "campaigns": names,
             "now": now,
             "strip": self.read_strip(campaign_id, now),
             "todos": self.read_todos(),
             "proposals": list_open(self.lake),
             "lake_name": self.lake.root.name,
         }
+        self._frames[asked] = seen, time.monotonic(), frame
+        return frame
 
     async def show(self, request: Request, template: str, tab: str, **values: Any) -> Response:
         """A tab, or a part of it."""

@@ -13,13 +13,15 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
 from fast.models.errors import FastError
 from fast.models.objects.catalogue import name_object
+from fast.tasks.bench.lend import GANTRY
 from fast.tasks.bench.live import LiveGrasp, live_path, read_live
 from fast.tasks.campaign.requests import Requests, lease_name
 
 FORCE_S = 0.15  # between looks at the present grasp: seven a second
 NEWS_S = 1.5  # between looks at the lake
 _PING_S = 15.0
-_SHOWN = (EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow)
+SIMULATED_S = 15.0  # between news that are of simulations alone, of which there is one every second
+_SHOWN = (EventRow, FlowRunRow, GraspRow, ProposalRow, ToolRow, SimulationRow)  # the one of which news can wait last
 _MOST_LOOKS = 5
 _LONGEST_QUEUE = 200  # a page that takes nothing for so long gets everything anew when it comes again
 
@@ -93,15 +95,20 @@ class _Watcher:
             self._task, self._place = None, ""
 
     async def _watch(self) -> None:
-        known, next_look_s = None, 0.0
+        known, next_look_s, next_simulated_s = None, 0.0, 0.0
         clock = asyncio.get_running_loop()
         while True:
             self._send_new()
             if clock.time() >= next_look_s:
                 pulse = await asyncio.to_thread(self._pulse)
-                if known is not None and pulse is not None and pulse != known:
-                    self._send(f"event: {'standing' if pulse[0] != known[0] else 'news'}\ndata: {{}}\n\n")
-                known = pulse or known
+                if known is None or pulse is None or pulse == known:
+                    known = known or pulse
+                elif pulse[0] != known[0]:
+                    self._send("event: standing\ndata: {}\n\n")
+                    known = pulse
+                elif pulse[1] != known[1] or clock.time() >= next_simulated_s:
+                    self._send("event: news\ndata: {}\n\n")
+                    known, next_simulated_s = pulse, clock.time() + SIMULATED_S
                 next_look_s = clock.time() + NEWS_S
             await asyncio.sleep(FORCE_S)
 
@@ -109,7 +116,10 @@ class _Watcher:
         """What changes when there is something new to show; None while the lake cannot be read."""
         try:
             holder = holder_of(self._lake.storage, lease_name(self._campaign_id))
-            return (holder.token if holder is not None else "", self._requests.verb()), read_marks(self._lake)
+            gantry = holder_of(self._lake.storage, GANTRY)
+            held = tuple(one.token if one is not None else "" for one in (holder, gantry))
+            *marks, simulated = read_marks(self._lake)
+            return (held, self._requests.verb()), marks, simulated
         except FastError:
             return None
 

@@ -24,7 +24,9 @@ from fast.models.gap.findings import Findings
 from fast.models.objects.catalogue import get_object, name_object
 from fast.models.records import Design
 from fast.models.traces.verdict import judge_grasp
+from fast.tasks.bench.leave_out import find_batch_at_bench
 from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.left_out import LeftOut, Part
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.campaign.state import CampaignState, rank_tools
 from fast.tasks.gap.findings import find_last_run, find_newest_run
@@ -66,7 +68,10 @@ class Tile:
 
 @dataclass(frozen=True)
 class Place:
-    """A place of the bench's map. `state`: free, done, left, out; `done` of `n` grasps with the tool in view."""
+    """A place of the bench's map. `state`: done, left, out (not in the campaign), skipped (a person left it out).
+
+    `done` of `n` grasps with the tool in view.
+    """
 
     object_id: int
     name: str
@@ -79,7 +84,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Slot:
-    """A slot of the rack. `state`: empty, left, done, rejected, unprinted."""
+    """A slot of the rack. `state`: empty, left, done, rejected, unprinted, skipped (a person left it out)."""
 
     slot: int
     label: str
@@ -101,7 +106,10 @@ class Best:
 
 @dataclass(frozen=True)
 class Now:
-    """All that the tab shows of a campaign. `ticks`: shares of the bar at which a person is needed."""
+    """All that the tab shows of a campaign. `ticks`: shares of the bar at which a person is needed.
+
+    `parts`: of the plan, which may be left out now; `left_out`: words by which something is.
+    """
 
     campaign_id: str
     batches_done: int
@@ -121,6 +129,8 @@ class Now:
     tiles: tuple[Tile, ...]
     places: tuple[Place, ...]
     slots: tuple[Slot, ...]
+    parts: tuple[Part, ...]
+    left_out: tuple[LeftOut, ...]
     tool: str
     is_folder: bool
     as_of: datetime
@@ -146,7 +156,7 @@ class NowReader:
         schedule = campaign.config.schedule
         n_batches = max(schedule.batches_of(schedule.n_stages - 1))
         done = [b for b in range(1, n_batches + 1) if state.is_confirmed(b) and not _is_owed(campaign, state, b)]
-        now = datetime.now().astimezone()
+        now, batch = datetime.now().astimezone(), find_batch_at_bench(campaign, state)
         return Now(
             campaign_id=campaign_id,
             batches_done=len(done),
@@ -166,6 +176,8 @@ class NowReader:
             tiles=tuple(self._tiles(campaign)),
             places=tuple(_map_places(campaign, state, tool_id)),
             slots=tuple(_map_slots(campaign, state, tool_id)),
+            parts=tuple(_list_parts(campaign, state, batch)),
+            left_out=tuple(state.left_out.standing(batch)),
             tool=tool_id,
             is_folder=campaign.config.bench.is_folder,
             as_of=now,
@@ -374,6 +386,7 @@ def _map_places(campaign: Campaign, state: CampaignState, tool_id: str) -> list[
     layout = campaign.config.objects.stand_on(BenchLayout())
     cells, done = campaign.config.objects.cells(0), state.measured.get(tool_id, set())
     own = {place: object_id for object_id, place in layout.own_objects}
+    skipped = state.left_out.objects(find_batch_at_bench(campaign, state))
     wanted: dict[int, int] = {}
     for object_id, _ in cells:
         wanted[object_id] = wanted.get(object_id, 0) + 1
@@ -381,7 +394,7 @@ def _map_places(campaign: Campaign, state: CampaignState, tool_id: str) -> list[
     for number in range(N_OBJECTS):
         object_id = own.get(number, number)
         n, n_done = wanted.get(object_id, 0), sum(cell[0] == object_id for cell in done)
-        status = "out" if not n else "done" if n_done >= n else "left"
+        status = "out" if not n else "done" if n_done >= n else "skipped" if object_id in skipped else "left"
         row, column = divmod(number, layout.n_columns)
         places.append(
             Place(object_id, get_object(object_id).name, status, n_done, n, column, layout.n_columns - 1 - row)
@@ -407,6 +420,19 @@ def _map_slots(campaign: Campaign, state: CampaignState, tool_id: str) -> list[S
         plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
         status = "unprinted" if said is None else said
         if said == "printed":
-            status = "left" if state.missing_grasps(tool, plan, limit) else "done"
+            is_out = state.left_out.has_tool(tool.batch, tool.slot)
+            status = "skipped" if is_out else "left" if state.missing_grasps(tool, plan, limit) else "done"
         slots.append(Slot(number, tool.label, status))
     return slots
+
+
+def _list_parts(campaign: Campaign, state: CampaignState, batch: int) -> list[Part]:
+    """What of the batch at the bench can be left out: its tools, its objects, and all that is left of it."""
+    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
+    owed = {tool.slot: state.missing_grasps(tool, plan, limit) for tool in state.tools_of(batch)}
+    slots = [slot for slot, cells in owed.items() if cells]
+    if not slots:
+        return []
+    objects = sorted({object_id for cells in owed.values() for object_id, _ in cells})
+    tools = [Part(batch=batch, slot=slot) for slot in slots]
+    return [*tools, *(Part(batch=batch, object_id=object_id) for object_id in objects), Part(batch=batch)]

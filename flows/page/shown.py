@@ -5,9 +5,9 @@ from typing import Any
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 
-from fast.flows.page import results, start
+from fast.flows.page import by_hand, results, start
 from fast.flows.page.lab import LabPage
 from fast.flows.page.notes import MOST_PHOTO_BYTES, keep_note, keep_photo
 from fast.flows.page.todo import list_campaigns
@@ -128,11 +128,31 @@ def add_start(app: FastAPI, page: LabPage) -> None:
 
         return await page.write(request, Role.MOVE, work)
 
+    async def take_way(request: Request) -> Response:
+        def work(form: dict[str, str], operator: str) -> str:
+            if form.get("campaign", "") not in list_campaigns(lake):
+                raise UsageError("This lake has no such campaign; load the page again.")
+            return start.go_on_after_fault(lake, form, operator)
+
+        return await page.write(request, Role.MOVE, work)
+
     async def job(request: Request) -> Response:
         def work(form: dict[str, str], operator: str) -> str:
             return start.start_job(lake, form.get("job", ""), form.get("campaign", ""), operator)
 
         return await page.write(request, Role.MOVE, work)
+
+    async def show_bench(request: Request) -> Response:
+        return await page.show(request, "by_hand.html", "start")
+
+    async def show_reading(_: Request) -> Response:
+        def work() -> dict[str, Any]:
+            return by_hand.read_bench(lake, page.read_lent())
+
+        return JSONResponse(await run_in_threadpool(work), headers=HEADERS)
+
+    async def order_bench(request: Request) -> Response:
+        return await page.write(request, Role.MOVE, lambda form, who: by_hand.order_bench(lake, form, who))
 
     async def simulate(request: Request) -> Response:
         require_token(request, page.token)
@@ -148,11 +168,14 @@ def add_start(app: FastAPI, page: LabPage) -> None:
         found = await run_in_threadpool(work)
         return page.pages.show(request, "simulated.html", found=found)
 
-    app.add_api_route("/start", show_start, methods=["GET"], include_in_schema=False)
+    for path, handler in {"/start": show_start, "/bench": show_bench, "/bench/reading": show_reading}.items():
+        app.add_api_route(path, handler, methods=["GET"], include_in_schema=False)
     for path, handler in {
         "/start/check": check,
         "/start/campaign": begin,
         "/start/continue": go_on,
+        "/start/way": take_way,
+        "/bench/order": order_bench,
         "/start/job": job,
         "/start/simulate": simulate,
     }.items():

@@ -4,24 +4,25 @@ import base64
 import io
 import os
 import re
-import urllib.error
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from fast.flows.page.strip import read_last_start, read_strip
-from fast.flows.server.access import Api
+from fast.flows.campaign.status import read_campaign
+from fast.flows.page.by_hand import find_lent, run_on_lent
+from fast.flows.page.strip import LastStart, read_last_start, read_strip
+from fast.flows.page.worker import find_worker, require_worker, start_on_worker
 from fast.flows.server.child_process import CHECKOUT
-from fast.flows.server.environment import named_server
-from fast.flows.server.server import address_for_others, ask_server, find_server
+from fast.flows.server.server import address_for_others, ask_server
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError, UsageError
+from fast.tasks.bench.ways_on import choose_way
 from fast.tasks.campaign.config import CampaignConfig, load_config
 from fast.tasks.campaign.orders import StaleOrderError
+from fast.tasks.campaign.simulator_versions import at_present
 
-ON_PAGE = "started on the lab's page"
 JOBS = {
     "report": ("report/report", "write the report of a campaign"),
     "calibration": ("recalibrate/recalibrate", "calibrate the simulator with the newest measurements"),
@@ -119,7 +120,7 @@ def check_config(lake: Lake, text: str, base: str) -> Checked:
 
 
 def start_campaign(lake: Lake, form: Mapping[str, str], operator: str) -> str:
-    """Keep a config and have the worker start its campaign on a virtual bench or a bench of one's own.
+    """Keep a config and start its campaign: by the worker on a virtual bench or one's own, or on the real one lent.
 
     Raises:
         FastError: the config has faults, or no worker stands.
@@ -134,29 +135,36 @@ def start_campaign(lake: Lake, form: Mapping[str, str], operator: str) -> str:
     else:
         name = re.search(r'^name\s*=\s*"([a-z0-9][a-z0-9-]{0,40})"', text, re.M)
         path = _write(lake, text, base, name[1] if name else "campaign")
+    if form.get("on") == "real":
+        return run_on_lent(lake, path, operator)
     parameters = {"config": str(path.resolve()), "auto_print": form.get("auto_print") == "on"}
-    _start(lake, "run-campaign/campaign", parameters, operator)
+    start_on_worker(lake, "run-campaign/campaign", parameters, operator)
     return f"{path.name} is started; it shows on the tab Now within a minute."
 
 
 def continue_campaign(lake: Lake, campaign_id: str, seen_run: str, operator: str) -> str:
-    """Have the worker continue a campaign that has ended early, once for each of its runs.
+    """Have a campaign that has ended early go on, once for each of its runs: by the worker, or on a lent real bench.
 
     Raises:
         StaleOrderError: it runs again already, or is complete.
         UsageError: it needs a terminal.
     """
+    start = find_start(lake, campaign_id, seen_run)
+    if start.is_real:
+        return run_on_lent(lake, Path(start.config), operator)
+    parameters = {"config": start.config, "auto_print": start.auto_print}
+    start_on_worker(lake, "run-campaign/campaign", parameters, operator, key=f"page-continues-{start.run}")
+    return f"campaign {campaign_id} goes on within a minute, at the missing grasp."
+
+
+def find_start(lake: Lake, campaign_id: str, seen_run: str) -> LastStart:
+    """How a campaign that has ended early was started, and can be again; errors as of `continue_campaign`."""
     strip = read_strip(lake, campaign_id, False, False)
     start = read_last_start(lake, campaign_id)
     if not strip.may_continue or start is None:
         raise StaleOrderError(f"campaign {campaign_id} is {strip.word}, so there is nothing to continue.")
     if seen_run != start.run:
         raise StaleOrderError(f"campaign {campaign_id} ran again since this page showed it; look, then decide.")
-    if start.is_real:
-        raise UsageError(
-            f"campaign {campaign_id} moves a real bench, which needs leave at the terminal beside it: "
-            f"fast campaign run {start.config} --real"
-        )
     if not start.config or not Path(start.config).is_file():
         raise UsageError(
             f"the config of {campaign_id} ({start.config or 'not known'}) is not there any more; continue it with "
@@ -167,9 +175,25 @@ def continue_campaign(lake: Lake, campaign_id: str, seen_run: str, operator: str
             f"campaign {campaign_id} was ended by the emergency stop: look at the bench, then "
             f"`fast campaign run {start.config} --acknowledge`."
         )
-    parameters = {"config": start.config, "auto_print": start.auto_print}
-    _start(lake, "run-campaign/campaign", parameters, operator, key=f"page-continues-{start.run}")
-    return f"campaign {campaign_id} goes on within a minute, at the missing grasp."
+    return start
+
+
+def go_on_after_fault(lake: Lake, form: Mapping[str, str], operator: str) -> str:
+    """Take a way on after a fault, and have the worker continue; nothing is changed where it cannot.
+
+    Raises:
+        UsageError: it needs a terminal, or there is no such way.
+    """
+    campaign_id, seen_run = form.get("campaign", ""), form.get("run", "")
+    start = find_start(lake, campaign_id, seen_run)
+    if start.is_real:
+        find_lent(lake, Path(start.config))
+    else:
+        require_worker(lake)
+    said = choose_way(
+        at_present(read_campaign(lake, campaign_id)), form.get("way", ""), form.get("reason", ""), operator
+    )
+    return f"{said} {continue_campaign(lake, campaign_id, seen_run, operator)}"
 
 
 def start_job(lake: Lake, job: str, campaign_id: str, operator: str) -> str:
@@ -181,7 +205,7 @@ def start_job(lake: Lake, job: str, campaign_id: str, operator: str) -> str:
     if job not in JOBS:
         raise UsageError(f"there is no job `{job}`; there are {', '.join(JOBS)}.")
     deployment, words = JOBS[job]
-    _start(lake, deployment, {"campaign": campaign_id} if campaign_id else {}, operator)
+    start_on_worker(lake, deployment, {"campaign": campaign_id} if campaign_id else {}, operator)
     return f"In the queue: {words}{f' ({campaign_id})' if campaign_id else ''}."
 
 
@@ -212,18 +236,12 @@ def list_jobs(lake: Lake) -> list[Job] | None:
     return list(jobs.values())
 
 
-def find_worker(lake: Lake) -> Api | None:
-    """The server of `fast serve`, if it stands."""
-    return named_server() or find_server(lake.root)
-
-
 def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, Any]:
     """One grasp of a tool of the lake, or of the best published finger, with its picture; in a worker process.
 
     Raises:
         FastError: there is no such tool, or the solver gave up.
     """
-    from fast.flows.campaign.status import read_campaign
     from fast.flows.page.now import thin
     from fast.flows.report.campaign.grasp import draw_instants
     from fast.flows.report.grasp_frames import five_instants
@@ -237,7 +255,6 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     from fast.models.simulation.placement import place
     from fast.models.simulation.version import SimulatorVersion
     from fast.models.traces import peak_force_n
-    from fast.tasks.campaign.simulator_versions import at_present
 
     lake, version = Lake.open(lake_address), SimulatorVersion()
     design: Design = BEST_PUBLISHED
@@ -266,24 +283,6 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
         "version_id": version.version_id,
         "traces": [{"label": "simulated", "colour": 2, "simulated": True, "lift": lift, "force": force}],
     }
-
-
-def _start(lake: Lake, deployment: str, parameters: Mapping[str, Any], operator: str, key: str | None = None) -> None:
-    api = find_worker(lake)
-    if api is None:
-        raise UsageError("No worker stands, so nothing was started: run `fast serve`, and use its page.")
-    try:
-        found = ask_server(api, f"/deployments/name/{deployment}")
-        body = {
-            "parameters": {**parameters, "lake": address_for_others(lake)},
-            "tags": [ON_PAGE, f"by {operator}"],
-            **({"idempotency_key": key} if key is not None else {}),
-        }
-        ask_server(api, f"/deployments/{found['id']}/create_flow_run", body)
-    except (OSError, ValueError, urllib.error.URLError) as error:
-        raise UsageError(
-            f"The server of the flows did not take it ({error}); look at `fast serve`, then try again."
-        ) from error
 
 
 def _own_folder(lake: Lake) -> Path:

@@ -3,21 +3,19 @@
 from dataclasses import dataclass
 from typing import Any
 
-from fast.flows.campaign.status import describe_state
+from fast.flows.campaign.status import describe_state, read_campaign
 from fast.hardware.parts.safe_state import Verb
 from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
+from fast.tasks.bench.ways_on import WayOnward, list_ways, read_fault
 from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED
+from fast.tasks.campaign.simulator_versions import at_present
 
 _LAST_START = f"""
     SELECT payload_json ->> '$.run' AS run, payload_json ->> '$.config' AS config,
         payload_json ->> '$.auto_print' AS auto_print, payload_json ->> '$.real' AS is_real
     FROM events WHERE campaign_id = $campaign AND kind = '{STARTED}' ORDER BY {LATEST_FIRST}, event_id DESC LIMIT 1
-"""
-_LAST_FAILURE = f"""
-    SELECT status, reason FROM flow_runs WHERE campaign_id = $campaign AND flow = 'campaign'
-    ORDER BY started_at DESC, {LATEST_FIRST} LIMIT 1
 """
 _ENDING = {
     Verb.PAUSE: "pausing",
@@ -39,6 +37,7 @@ class Strip:
     may_stop: bool
     may_continue: bool
     fault: str = ""
+    ways: tuple[WayOnward, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,11 @@ def read_strip(lake: Lake, campaign_id: str, is_complete: bool, is_waiting: bool
         fault = read_fault(lake, campaign_id)
         word = "stopped by a fault" if fault else word
     may_continue = word not in ("complete", "imported")
-    return Strip(campaign_id, word, "", start.run if start else "", False, False, may_continue, fault)
+    ways: list[WayOnward] = []
+    if fault:
+        campaign = at_present(read_campaign(lake, campaign_id))
+        ways = list_ways(campaign, campaign.state())
+    return Strip(campaign_id, word, "", start.run if start else "", False, False, may_continue, fault, tuple(ways))
 
 
 def read_last_start(lake: Lake, campaign_id: str) -> LastStart | None:
@@ -81,9 +84,3 @@ def read_last_start(lake: Lake, campaign_id: str) -> LastStart | None:
         return None
     row = rows[0]
     return LastStart(row["run"] or "", row["config"] or "", row["auto_print"] == "true", row["is_real"] == "true")
-
-
-def read_fault(lake: Lake, campaign_id: str) -> str:
-    """Why the last run of a campaign failed, in the words of the terminal; empty if it did not."""
-    rows = lake.query(_LAST_FAILURE, {"campaign": campaign_id}).to_pylist()
-    return str(rows[0]["reason"]) if rows and rows[0]["status"] in ("failed", "died") else ""

@@ -20,6 +20,7 @@ from fast.tasks.bench.folder import bench_folder, is_told, plan_batch
 from fast.tasks.bench.mount import plan_rack
 from fast.tasks.bench.mounting import read_mounting
 from fast.tasks.bench.print import open_slots, print_folder
+from fast.tasks.bench.questions import OpenQuestion, list_open_questions
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.simulator_versions import at_present
 from fast.tasks.campaign.state import CampaignState
@@ -91,7 +92,15 @@ class ToldTodo:
         return f"{self.campaign_id}/B{self.batch:02d}" if self.batch is not None else f"{self.campaign_id}, a search"
 
 
-Todo = PrintTodo | MountTodo | ReadingTodo | ToldTodo
+@dataclass(frozen=True)
+class BenchTodo:
+    """Something that a campaign's bench asks, and waits for."""
+
+    campaign_id: str
+    asked: OpenQuestion
+
+
+Todo = BenchTodo | PrintTodo | MountTodo | ReadingTodo | ToldTodo
 
 
 def list_campaigns(lake: Lake) -> list[str]:
@@ -107,6 +116,7 @@ def read_todos(lake: Lake) -> list[Todo]:
     for campaign_id in list_campaigns(lake):
         try:
             campaign = at_present(read_campaign(lake, campaign_id))
+            todos += [BenchTodo(campaign_id, asked) for asked in list_open_questions(lake, campaign_id)]
             todos += _of_campaign(campaign, campaign.state())
         except FastError:  # of an older program, or its files are gone: its own commands say what is wrong
             continue

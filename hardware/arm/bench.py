@@ -19,6 +19,7 @@ from fast.hardware.cell.recorder import CONTACT_READINGS
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.grasp_bench import Leave
 from fast.hardware.parts.safe_state import MEANINGS, StopAskedError, Verb
+from fast.hardware.questions import Ask
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
 from fast.models.objects.catalogue import get_object
@@ -52,6 +53,9 @@ class ArmBench:
     def set_leave(self, leave: Leave) -> None:
         """Have `leave` asked before every motion from now on."""
         self._leave = leave
+
+    def set_ask(self, ask: Ask) -> None:
+        """An arm asks nothing: what it cannot decide ends its work."""
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread."""
@@ -114,38 +118,38 @@ class ArmBench:
         should_stop: Callable[[], bool],
     ) -> None:
         """Take the tool of a slot, make the planned grasps in order, hang the tool back; see `GraspBench`."""
-        tool, grasps = self._check_plan(slot, plan, setup)
+        tool = self._check_plan(slot, plan, setup)
         if not plan or should_stop():
             return
         with self._guarded():
             self._pick(slot, tool)
-            for grasp in grasps:
+            for item in plan:
                 if should_stop():
                     logger.info("Stop asked: hanging tool %s back", tool.tool_id)
                     break
-                self._measure(tool, grasp, on_grasp)
+                self._measure(tool, self._begin(item, setup), on_grasp)
             self._hang_back(slot)
 
-    def _check_plan(self, slot: int, plan: Sequence[Item], setup: GraspSetup) -> tuple[MountedTool, list["_ArmGrasp"]]:
+    def _check_plan(self, slot: int, plan: Sequence[Item], setup: GraspSetup) -> MountedTool:
         tool = self._tools.get(slot)
         if tool is None or slot >= len(self.settings.rack_mm):
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._tools)}.")
-        grasps = []
         for item in plan:
-            if isinstance(item, GraspRequest):
-                if item.tool_id != tool.tool_id:
-                    wanted = f"A grasp of tool {item.tool_id} is asked for"
-                    raise UsageError(
-                        f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for."
-                    )
-                grasp = _ArmGrasp(item.object_id, item.repeat, item.setup, item.placement, item)
-            else:
-                grasp = _ArmGrasp(*item, setup)
+            grasp = self._begin(item, setup)
+            if grasp.request is not None and grasp.request.tool_id != tool.tool_id:
+                wanted = f"A grasp of tool {grasp.request.tool_id} is asked for"
+                raise UsageError(f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for.")
             self.settings.limits.check(grasp.setup, grasp.placement)
             self.settings.grasp_mm(tool.design, grasp.object_id, grasp.setup)
-            grasp.details["arm"] = self.settings.host
-            grasps.append(grasp)
-        return tool, grasps
+        return tool
+
+    def _begin(self, item: Item, setup: GraspSetup) -> "_ArmGrasp":
+        if isinstance(item, GraspRequest):
+            grasp = _ArmGrasp(item.object_id, item.repeat, item.setup, item.placement, item)
+        else:
+            grasp = _ArmGrasp(*item, setup)
+        grasp.details["arm"] = self.settings.host
+        return grasp
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:

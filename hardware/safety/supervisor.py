@@ -35,6 +35,7 @@ logger = logging.getLogger(__name__)
 HARD_LIMIT = 1
 HOMING_ALARMS = (3, 6, 8, 9)
 DOWN_TOLERANCE_MM = 0.5
+MayVent = bool | Callable[[str], bool]
 _MOTION = (SafeAction.HOLD_MOTION, SafeAction.DROP_MOTOR_ENABLE)
 
 
@@ -220,10 +221,10 @@ class Supervisor:
                 self._carry_out(action)
         return actions
 
-    def make_ready_to_home(self, may_vent: bool) -> None:
+    def make_ready_to_home(self, may_vent: MayVent) -> None:
         """Homing lifts the head: a gripper that an earlier host left closed would pull its object along.
 
-        `may_vent`: a person has looked, and holds what hangs in it.
+        `may_vent`: a person has looked, and holds what hangs in it; or what asks one, with what was found.
 
         Raises:
             EmergencyStopError: pressed.
@@ -232,12 +233,13 @@ class Supervisor:
         self._pneumatics.check_air()
         if not self._pneumatics.is_gripping():
             return
-        if not may_vent:
-            raise InterlockError(
-                f"The gripper is closed from an earlier session ({self._pneumatics.pressure_psi():.0f} psi, "
-                f"{self._told_tool()}, height of the head unknown), an object may hang in it; nothing was moved. Look, "
-                "hold the object, then let the gripper open with `fast gantry home --vent`."
-            )
+        fault = (
+            f"The gripper is closed from an earlier session ({self._pneumatics.pressure_psi():.0f} psi, "
+            f"{self._told_tool()}, height of the head unknown), an object may hang in it; nothing was moved. Look, "
+            "hold the object, then let the gripper open"
+        )
+        if not (may_vent(f"{fault}.") if callable(may_vent) else may_vent):
+            raise InterlockError(f"{fault} with `fast gantry home --vent`.")
         self.end_safe_state("the person who has looked", is_load_taken=True)
 
     def _told_tool(self) -> str:

@@ -10,6 +10,7 @@ from fast.hardware.parts.force_sensor import ForceSensor
 from fast.hardware.parts.gantry import Gantry
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.safe_state import EmergencyStopError, FreezeError
+from fast.hardware.questions import Ask, BenchQuestion
 from fast.hardware.tools.journal import Journal, Transaction
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.tools.status import HeadSensors, ToolStatus, WayOn, judge
@@ -18,6 +19,7 @@ from fast.models.units import force_n_from_kg
 
 logger = logging.getLogger(__name__)
 
+IS_IT, IS_NOT = "it is this tool, go on", "stop here"
 MASS_TOLERANCE = 0.05  # of the tool's mass
 DAY_DRIFT_N = 0.3  # of the load cell's zero between two sessions
 SWING_S = 0.2  # the tool swings out
@@ -27,7 +29,10 @@ WEIGH_S = 2.0  # averages the cell's noise well below the tolerance
 
 
 class ToolChanger:
-    """The quick-change head and the dock. `tools` says what stands in which slot."""
+    """The quick-change head and the dock. `tools` says what stands in which slot.
+
+    `ask`: has a person say whether a tool of another mass is the right one; None: it is refused.
+    """
 
     def __init__(
         self,
@@ -41,7 +46,9 @@ class ToolChanger:
     ) -> None:
         self.tools = dict(tools)
         self.journal = journal or Journal()
+        self.ask: Ask | None = None
         self._proven_slot: int | None = None
+        self._told_n: dict[str, float] = {}  # weights of tools that a person has looked at
         self._gantry = gantry
         self._plc = plc
         self._force = force
@@ -266,13 +273,19 @@ class ToolChanger:
 
     def _check_mass(self, tool: MountedTool, gained_n: float, limit_n: float) -> None:
         expected_n = force_n_from_kg(tool.expected_mass_kg)
-        if abs(gained_n - expected_n) <= limit_n:
+        if abs(gained_n - self._told_n.get(tool.tool_id, expected_n)) <= limit_n:
             return
-        raise InterlockError(
+        fault = (
             f"Tool {tool.tool_id} weighs {gained_n / force_n_from_kg(1.0):.3f} kg, the table says "
             f"{tool.expected_mass_kg:.3f} kg (limit {limit_n / expected_n:.0%}).{self._who_weighs(gained_n)} The head "
-            "holds; put it back with `fast gantry park`, then fix the tool table or the tool."
+            "holds"
         )
+        if self.ask is not None:
+            asked = BenchQuestion(key=f"mass of {tool.tool_id}", sentence=f"{fault}.", choices=(IS_IT, IS_NOT))
+            if self.ask(asked).choice == IS_IT:
+                self._told_n[tool.tool_id] = gained_n
+                return
+        raise InterlockError(f"{fault}; put it back with `fast gantry park`, then fix the tool table or the tool.")
 
     def _who_weighs(self, gained_n: float) -> str:
         """Which other tool of the table it could be."""

@@ -21,7 +21,8 @@ def plan_batch(campaign: Campaign, state: CampaignState, batch: int) -> tuple[Gr
     Tools count that are printed or may still be; rejected ones do not.
     """
     limit, setup = campaign.config.max_grasp_attempts, campaign.config.grasp
-    requests = list_owed(campaign, batch)
+    out = state.left_out.objects(batch)
+    requests = [request for request in list_owed(campaign, batch) if request.object_id not in out]
     for tool in state.tools_of(batch):
         if tool.batch in state.imported or state.confirmed.get(tool.tool_id) == "rejected":
             continue

@@ -16,8 +16,9 @@ from fast.models.ids import canonical_json
 from fast.models.records import Placement
 from fast.models.traces import initial_force_n, peak_force_n, work_j
 from fast.tasks.bench.again import decide_again, note_due, plan_again
-from fast.tasks.bench.leave_out import is_left_out
+from fast.tasks.bench.leave_out import OpenPlan
 from fast.tasks.bench.plan import ToolWork, plan_tool, seed_of_order
+from fast.tasks.bench.questions import make_ask, withdraw_questions
 from fast.tasks.bench.reference_tools import add_references, ask_references, plan_reference
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event, note_verbs, require_room
@@ -84,6 +85,7 @@ def measure_batch(
     owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(mounted) as bench:
         bench.set_leave(gantry.require)
+        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, should_stop))
         every = campaign.config.execution.position_check_tools
         for tool in again:
             if should_stop():
@@ -94,13 +96,12 @@ def measure_batch(
                 break
             if every and number and number % every == 0:
                 check_position(campaign, bench, batch)
-            if is_left_out(campaign.lake, tool.tool_id):
-                continue
             work_on(bench, plan_tool(campaign, state, tool))
         for work in [] if should_stop() else plan_again(campaign, state, batch):
             work_on(bench, work)
         check_position(campaign, bench, batch)
     if not should_stop():
+        withdraw_questions(campaign.lake, campaign.campaign_id)
         decide_again(campaign, batch)
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
 
@@ -114,7 +115,7 @@ def measure_tool(
     should_stop: Callable[[], bool],
     on_grasp: Callable[[MeasuredGrasp], None],
 ) -> None:
-    """Make the missing grasps of a tool, and write each to the lake.
+    """Make the missing grasps of a tool, and write each to the lake; those that people leave out meanwhile are not.
 
     `world_hash` names the world of a virtual bench; None is a real one.
 
@@ -122,7 +123,8 @@ def measure_tool(
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
         LakeError: the disk is nearly full; no grasp was begun that could not be kept.
     """
-    if not work.items:
+    plan = OpenPlan(campaign, work.tool, work.items)
+    if next(iter(plan), None) is None:
         return
     orders = count(find_first_order(campaign))
 
@@ -134,7 +136,7 @@ def measure_tool(
         require_room(campaign.lake)
         return should_stop()
 
-    bench.measure_tool(work.tool.rack_slot, work.items, campaign.config.grasp, record, may_not_go_on)
+    bench.measure_tool(work.tool.rack_slot, plan, campaign.config.grasp, record, may_not_go_on)
 
 
 def check_position(campaign: Campaign, bench: GraspBench, batch: int) -> None:

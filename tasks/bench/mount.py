@@ -18,6 +18,7 @@ from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.measure import MeasureTool, OpenBench, check_position
 from fast.tasks.bench.mounting import read_mounting
 from fast.tasks.bench.plan import ToolWork, plan_asked
+from fast.tasks.bench.questions import make_ask
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import note_verbs
 from fast.tasks.campaign.state import CampaignState, ProposedTool
@@ -93,6 +94,7 @@ def measure_asked(
     owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(tools) as bench:
         bench.set_leave(gantry.require)
+        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, should_stop))
         for tool in tools:
             if should_stop():
                 break

@@ -1,7 +1,7 @@
 """The sections of a campaign config: schedule, objects, simulator, scientist, execution."""
 
 import random
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -104,7 +104,11 @@ class ObjectPlan(Record):
     @property
     def n_grasps(self) -> int:
         """Grasps of one tool."""
-        return len(self.object_ids) * self.repeats
+        return self.n_grasps_without(())
+
+    def n_grasps_without(self, left_out: Collection[int]) -> int:
+        """Grasps of one tool where these objects are left out."""
+        return sum(object_id not in left_out for object_id in self.object_ids) * self.repeats
 
     def cells(self, seed: int) -> list[tuple[int, int]]:
         """(object id, repeat) in the order of measurement.

@@ -11,6 +11,7 @@ from fast.lake.tables.campaign import DesignRow, ToolRow, design_of_columns
 from fast.models.design.space import PARAMETERS, DesignSpace
 from fast.models.ids import tool_label
 from fast.models.records import BENCH_FAULT, Design
+from fast.tasks.campaign.left_out import LeftOuts, read_left_out
 
 Cell = tuple[int, int]  # (object id, repeat)
 NIGHT = "night"  # what `proposals.acquisition` says of designs that a night adds to those of the schedule
@@ -90,6 +91,8 @@ class CampaignState:
     """The same, by an older simulator version."""
     fruitful: frozenset[str] = frozenset()
     """Design ids with a simulated result, by whichever version."""
+    left_out: LeftOuts = LeftOuts()
+    """What people leave out of the plan."""
 
     def tools_of(self, batch: int) -> list[ProposedTool]:
         """The proposed tools of a batch, by slot."""
@@ -109,23 +112,25 @@ class CampaignState:
         return self.next_attempts.get((tool_id, cell), 0)
 
     def is_to_be_had(self, tool: ProposedTool) -> bool:
-        """Whether a tool was printed here, and no later batch has taken its slot on a real rack."""
+        """Whether a tool was printed here, nobody left it out, and no later batch has its slot on a real rack."""
         is_here = tool.batch not in self.imported and tool.batch >= self.batch_on_rack
-        return is_here and self.confirmed.get(tool.tool_id) == "printed"
+        is_in = is_here and not self.left_out.has_tool(tool.batch, tool.slot)
+        return is_in and self.confirmed.get(tool.tool_id) == "printed"
 
     def missing_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
         """Grasps still to be made, in the order of the plan: not measured, or measured and the trace is lost.
 
         A grasp is given up after `max_attempts` failures of its own; one that was cut short by a fault of the bench is
-        not held against it. None for a rejected tool, and for one of a batch that a real bench's rack held before: in
-        its slot stands another tool now.
+        not held against it. None for a rejected tool, for what a person left out, and for a tool of a batch that a real
+        bench's rack held before: in its slot stands another tool now.
         """
         return self.owed_grasps(tool, plan, max_attempts) if self.is_to_be_had(tool) else []
 
     def owed_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
         """The same, whether or not the tool is printed yet."""
         done = self.measured.get(tool.tool_id, set())
-        return [c for c in plan if c not in done and self.failures.get((tool.tool_id, c), 0) < max_attempts]
+        owed = [c for c in plan if c not in done and self.failures.get((tool.tool_id, c), 0) < max_attempts]
+        return [c for c in owed if not self.left_out.covers(tool.batch, tool.slot, c)]
 
     def missing_objects(self, design_id: str, object_ids: Sequence[int]) -> list[int]:
         """Objects on which a design has not been simulated yet."""
@@ -190,6 +195,7 @@ def derive_state(
         **_read_plans(lake, campaign_id),
         **_read_grasps(lake, campaign_id),
         **_read_simulations(lake, setup_id, version_ids, older_ids),
+        left_out=read_left_out(lake, campaign_id),
     )
 
 

@@ -147,7 +147,7 @@ def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> li
     plan = campaign.config.objects.cells(0)
     limit = campaign.config.max_grasp_attempts
     found = [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
-    if found or not is_owed(campaign, batch):
+    if found or state.left_out.is_ended(batch) or not is_owed(campaign, batch):
         return found
     return [tool for tool in state.tools_of(batch) if state.is_to_be_had(tool)]
 

@@ -27,6 +27,8 @@ from tests.studies.landscapes.make_bank import measure_landscape_bank
 from tests.studies.platform.day import measure_day
 from tests.studies.platform.environments import measure_environments
 from tests.studies.platform.feature_pairs import measure_feature_pairs
+from tests.studies.platform.page_cost import measure_page_cost
+from tests.studies.platform.page_story import measure_page_story
 from tests.studies.platform.paper_schedule import measure_paper_schedule
 from tests.studies.scientist.insights import measure_insights
 from tests.studies.scientist.lab_world import measure_lab_world
@@ -74,6 +76,8 @@ STUDIES: dict[str, Benchmark] = {
     "host-kills": benchmark(measure_host_kills, "n"),
     "server-kills": benchmark(measure_server_kills, "n", "results", "limit_minutes"),
     "day": benchmark(measure_day, "figure"),
+    "page-cost": benchmark(measure_page_cost),
+    "page-story": benchmark(measure_page_story, "figure"),
     "environments": benchmark(measure_environments, "n", "results", "workers", "limit_minutes"),
     "feature-pairs": benchmark(measure_feature_pairs, "n", "results"),
     "paper-schedule": benchmark(measure_paper_schedule, "results", "limit_minutes", "figure"),

@@ -105,6 +105,18 @@
   }
   document.addEventListener("htmx:afterSettle", () => { if (live.part) mark(live.part); });
 
+  // A place or slot of the map that is clicked is chosen in the form below it.
+  document.addEventListener("click", (event) => {
+    const one = event.target.closest?.(".map .place, .map .slot"), form = $("#leave-out");
+    if (!one || !form) return;
+    const choice = one.dataset.object ? `[data-object="${one.dataset.object}"]` : `[data-slot="${one.dataset.slot}"]`;
+    const option = form.querySelector(`option${choice}`);
+    if (!option) return;
+    form.open = true;
+    option.selected = true;
+    form.querySelector("[name=reason]").focus();
+  });
+
   // uPlot wants one x for all lines, each value once.
   function series(lift, force) {
     const x = [], y = [];
@@ -220,6 +232,32 @@
       row.hidden = !words.every((word) => text.includes(word));
     }
   });
+
+  // The bench by hand: what it reads, as long as its card is on the screen; drawn anew when another has it.
+  async function readBench() {
+    const card = $("#by-hand");
+    if (!card || document.hidden) return;
+    try {
+      const answer = await fetch("/bench/reading");
+      if (!answer.ok) return;
+      const now = await answer.json(), isThere = now.z_mm !== undefined;
+      if (now.mark !== card.dataset.mark) { tell("bench"); return; }
+      $("#bench-said").textContent = now.said;
+      $("#bench-said").hidden = !now.said;
+      if (!$("#bench-steps")) return;
+      $("#bench-place").textContent = isThere ? `x ${now.x_mm.toFixed(1)}, y ${now.y_mm.toFixed(1)}, z ${now.z_mm.toFixed(1)} mm` : "not connected yet";
+      $("#bench-force").textContent = isThere ? `${(Math.round(10 * now.force_n) / 10 + 0).toFixed(1)} N` : "";
+      $("#bench-grip").textContent = isThere ? `${now.is_gripping ? "closed" : "open"}, ${now.pressure_psi.toFixed(0)} psi; ${now.has_tool ? "a tool" : "no tool"} on the head` : "";
+      for (const button of card.querySelectorAll("#bench-steps button")) button.disabled = !isThere;
+      $("#bench-fault").textContent = now.fault ?? "";
+      $("#bench-fault").hidden = !now.fault;
+      $("#bench-recover").hidden = !now.fault;
+    } catch { /* the next look tells */ }
+  }
+  if ($("#by-hand")) {
+    const look = () => { readBench().finally(() => setTimeout(look, $("#bench-steps") ? 250 : 1500)); };
+    look();
+  }
 
   listen();
   drawAll();

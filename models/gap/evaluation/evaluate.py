@@ -19,7 +19,7 @@ from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.findings import Gap
 from fast.models.objects.catalogue import get_object
 
-BEFORE, AFTER = "theta recalibrated", "with the named effect"
+BEFORE, AFTER = "theta recalibrated", "after the search"
 WORSE, WORSE_N = 1.05, 0.01  # an effect that makes a class of objects worse by more than both is reported
 N_BOOTSTRAP = 2000
 FEWEST_HELD_OUT = 3  # designs, and objects: an interval over fewer is too narrow

@@ -19,9 +19,10 @@ FAST = ["-m", "fast.flows.cli.main"]
 HEAVY = ("torch", "prefect", "pymc", "botorch", "matplotlib", "duckdb", "pyarrow", "rerun", "numpy", "pydantic")
 MODELLING = ("torch", "prefect", "pymc", "botorch", "matplotlib", "scipy", "numba", "rerun")
 COMMANDS = [
-    "ask", "calibrate", "campaign abort", "campaign list", "campaign pause", "campaign run", "campaign status",
-    "campaign stop", "challenge grade", "challenge make", "challenge start", "compare", "doctor", "features",
-    "gantry faults", "gantry grasp", "gantry home", "gantry log", "gantry park", "gantry plan",
+    "ask", "calibrate", "campaign abort", "campaign answer", "campaign leave-out", "campaign list", "campaign pause",
+    "campaign run", "campaign status", "campaign stop", "challenge grade", "challenge make", "challenge start",
+    "compare", "doctor", "features",
+    "gantry faults", "gantry grasp", "gantry home", "gantry lend", "gantry log", "gantry park", "gantry plan",
     "gantry replay", "gantry tare", "gantry tool", "gap", "gap answer", "gap next", "gap plan", "init", "lake check",
     "lake compact", "lake export", "lake import", "lake labs", "lake lineage", "lake publish", "lake stats", "mcp",
     "objects add", "objects check", "objects draw", "objects list", "objects print", "print confirm",

@@ -1,10 +1,11 @@
 """Settings for another Prefect, proxies and files of the working folder do not reach what FAST starts."""
 
+import httpx
 import pytest
 
 from fast.flows.server.access import Api
 from fast.flows.server.environment import list_ignored, make_environment, named_server
-from fast.flows.server.loopback import spare_loopback
+from fast.flows.server.loopback import forget_missing_certificates, spare_loopback
 from tests.studies.platform.environment_list import COMPUTER_OF_OTHERS, CONTAINER
 from tests.studies.platform.environments import judge
 
@@ -47,6 +48,18 @@ def test_this_machine_is_asked_without_a_proxy_and_others_as_before():
     spare_loopback(environment)
     assert environment["NO_PROXY"] == "lab.example,localhost,127.0.0.1,::1"
     assert environment["no_proxy"] == "127.0.0.1,localhost,::1"
+
+
+def test_a_client_of_this_machine_is_made_where_a_proxy_of_socks_is_set(monkeypatch):
+    monkeypatch.setenv("ALL_PROXY", "socks5://127.0.0.1:9")
+    with httpx.Client() as client:
+        assert client.trust_env
+
+
+def test_certificates_that_are_not_there_are_not_looked_for(tmp_path):
+    environment = {"SSL_CERT_FILE": "/nowhere.pem", "SSL_CERT_DIR": str(tmp_path)}
+    forget_missing_certificates(environment)
+    assert environment == {"SSL_CERT_DIR": str(tmp_path)}
 
 
 @pytest.mark.slow

@@ -1,0 +1,24 @@
+"""A virtual bench that another thread lends, as a terminal beside a real one does."""
+
+import threading
+from contextlib import contextmanager
+
+from fast.tasks.bench.lend import Lender, read_lent
+from tests.flows.server.on_server import wait_for
+from tests.hardware.safety.scenario_bench import open_bench
+
+
+@contextmanager
+def lent(lake, first_holder="", open_it=lambda may_vent: open_bench(), file="turin.toml"):
+    """A bench that another thread lends; `runs` are the campaigns that it was to start."""
+    is_over, runs = threading.Event(), []
+    run = lambda config: runs.append(config) or "ran"  # noqa: E731 - read beside what it fills
+    lender = Lender(lake, "turin", str(file), True, open_it, run, is_over.is_set)
+    thread = threading.Thread(target=lender.lend, args=(first_holder,))
+    thread.start()
+    try:
+        wait_for(lambda: read_lent(lake) is not None, 20.0)
+        yield runs
+    finally:
+        is_over.set()
+        thread.join()

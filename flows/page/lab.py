@@ -128,7 +128,7 @@ class LabPage:
         return {"tab": tab, **self._read_frame(request.query_params.get("campaign", "")), **bench}
 
     def _read_frame(self, asked: str) -> dict[str, Any]:
-        """The same of a campaign; kept until a row is written, or somebody takes or leaves its lease."""
+        """The same for a campaign that is asked for; kept until a row is written, or a lease changes hands."""
         names = list_campaigns(self.lake)
         owned = [lease_name(asked)] if asked in names else [lease_name(name) for name in names]
         holders = [holder_of(self.lake.storage, name) for name in owned]

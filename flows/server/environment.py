@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fast.flows.server.access import Api
-from fast.flows.server.loopback import spare_loopback
+from fast.flows.server.loopback import forget_missing_certificates, spare_loopback
 
 PREFIX = "PREFECT_"
 OWN_PREFIX = f"FAST_{PREFIX}"
@@ -47,6 +47,7 @@ def make_environment(api: Api, home: Path, environment: Mapping[str, str] = os.e
     """Variables of a process of FAST that talks to a server; `home`: folder of Prefect's own state."""
     kept = {name: value for name, value in environment.items() if not name.startswith(PREFIX)}
     spare_loopback(kept)
+    forget_missing_certificates(kept)
     kept |= {**OFFLINE, **PATIENT, "PREFECT_HOME": str(home.resolve())}
     kept |= {name.removeprefix("FAST_"): value for name, value in environment.items() if name.startswith(OWN_PREFIX)}
     kept["PREFECT_API_URL"] = api.url

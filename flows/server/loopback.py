@@ -1,6 +1,7 @@
 """This machine as seen from itself."""
 
 from collections.abc import MutableMapping
+from pathlib import Path
 
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 
@@ -10,3 +11,10 @@ def spare_loopback(environment: MutableMapping[str, str]) -> None:
     for name in ("NO_PROXY", "no_proxy"):
         listed = [one.strip() for one in environment.get(name, "").split(",") if one.strip()]
         environment[name] = ",".join([*listed, *(one for one in LOOPBACK_NAMES if one not in listed)])
+
+
+def forget_missing_certificates(environment: MutableMapping[str, str]) -> None:
+    """Have no certificates looked for where there are none: no client could be made, not even of loopback."""
+    for name in ("SSL_CERT_FILE", "SSL_CERT_DIR"):
+        if name in environment and not Path(environment[name]).exists():
+            del environment[name]

@@ -5,7 +5,7 @@ import pytest
 
 from fast.flows.server.access import Api
 from fast.flows.server.environment import list_ignored, make_environment, named_server
-from fast.flows.server.loopback import spare_loopback
+from fast.flows.server.loopback import forget_missing_certificates, spare_loopback
 from tests.studies.platform.environment_list import COMPUTER_OF_OTHERS, CONTAINER
 from tests.studies.platform.environments import judge
 
@@ -54,6 +54,12 @@ def test_a_client_of_this_machine_is_made_where_a_proxy_of_socks_is_set(monkeypa
     monkeypatch.setenv("ALL_PROXY", "socks5://127.0.0.1:9")
     with httpx.Client() as client:
         assert client.trust_env
+
+
+def test_certificates_that_are_not_there_are_not_looked_for(tmp_path):
+    environment = {"SSL_CERT_FILE": "/nowhere.pem", "SSL_CERT_DIR": str(tmp_path)}
+    forget_missing_certificates(environment)
+    assert environment == {"SSL_CERT_DIR": str(tmp_path)}
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ world = "world.toml"
 """
 _WORLD = "[mesh]\nedge_mm = 20.0\nlayers = 1\n"
 # What differs from run to run: numbers, keys, and where the report lies; how far a campaign is, is not said at once.
-_NUMBERS = re.compile(r"\d+|key=\S+|file://\S+")
+_NUMBERS = re.compile(r"\d+|/\?key=\S+|file://\S+")
 _PROGRESS = re.compile(r"\d\d:\d\d:\d\d ")
 _SKIPPED = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "*.egg-info", "tests", "docs")
 
@@ -218,7 +218,7 @@ def _lake_of(environment: Environment, folder: Path) -> Path:
 
 
 def _mask(line: str) -> str:
-    return _NUMBERS.sub("#", line)
+    return _NUMBERS.sub("#", line).replace("##", "#")
 
 
 def _row(environment: Environment, run: Run | None) -> dict[str, object]:

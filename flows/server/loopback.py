@@ -1,5 +1,6 @@
 """This machine as seen from itself."""
 
+import tempfile
 from collections.abc import MutableMapping
 from pathlib import Path
 
@@ -18,3 +19,11 @@ def forget_missing_certificates(environment: MutableMapping[str, str]) -> None:
     for name in ("SSL_CERT_FILE", "SSL_CERT_DIR"):
         if name in environment and not Path(environment[name]).exists():
             del environment[name]
+
+
+def give_home(environment: MutableMapping[str, str]) -> None:
+    """Have libraries find a home where a user has neither a name nor `HOME`, as in some containers."""
+    try:
+        Path.home()
+    except RuntimeError:
+        environment["HOME"] = tempfile.gettempdir()

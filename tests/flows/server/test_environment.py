@@ -1,11 +1,13 @@
 """Settings for another Prefect, proxies and files of the working folder do not reach what FAST starts."""
 
+from pathlib import Path
+
 import httpx
 import pytest
 
 from fast.flows.server.access import Api
 from fast.flows.server.environment import list_ignored, make_environment, named_server
-from fast.flows.server.loopback import forget_missing_certificates, spare_loopback
+from fast.flows.server.loopback import forget_missing_certificates, give_home, spare_loopback
 from tests.studies.platform.environment_list import COMPUTER_OF_OTHERS, CONTAINER
 from tests.studies.platform.environments import judge
 
@@ -60,6 +62,19 @@ def test_certificates_that_are_not_there_are_not_looked_for(tmp_path):
     environment = {"SSL_CERT_FILE": "/nowhere.pem", "SSL_CERT_DIR": str(tmp_path)}
     forget_missing_certificates(environment)
     assert environment == {"SSL_CERT_DIR": str(tmp_path)}
+
+
+def test_a_user_without_name_and_home_gets_one(monkeypatch):
+    environment = {"HOME": "/home/ada"}
+    give_home(environment)
+    assert environment == {"HOME": "/home/ada"}
+    monkeypatch.setattr(Path, "home", _find_no_home)
+    give_home(environment)
+    assert Path(environment["HOME"]).is_dir()
+
+
+def _find_no_home():
+    raise RuntimeError("Could not determine home directory.")
 
 
 @pytest.mark.slow

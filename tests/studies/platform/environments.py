@@ -163,7 +163,8 @@ def run_in(environment: Environment, folder: Path) -> Said:
         for path in (place, *place.rglob("*")):
             os.chown(path, environment.owner, environment.owner)
     with _checkout(environment, folder) as checkout:
-        kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
+        # What this process has set for itself is no setting of a user's.
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "NUMBA_", "MPL"))}
         wanted: dict[str, str | None] = {**kept, "PYTHONPATH": str(checkout), **environment.variables}
         variables = {name: value.replace("{folder}", str(place)) for name, value in wanted.items() if value is not None}
         words = ("campaign", "run", "tiny.toml", "--lake", "lake", "--auto-print")

@@ -186,8 +186,8 @@ class Story:
     def _open(self, page: Any, tab: str, campaign: str = "") -> None:
         page.click(f"nav a:has-text('{tab}')")
         if campaign and page.input_value("#campaign") != campaign:
-            page.select_option("#campaign", campaign)
-            page.wait_for_load_state()
+            with page.expect_navigation():
+                page.select_option("#campaign", campaign)
         if page.evaluate("() => document.documentElement.scrollWidth") > self._width:
             raise FastError(f"the tab {tab} is wider than {self._width} px.")
 

@@ -177,7 +177,7 @@ class NowReader:
             places=tuple(_map_places(campaign, state, tool_id)),
             slots=tuple(_map_slots(campaign, state, tool_id)),
             parts=tuple(_list_parts(campaign, state, batch)),
-            left_out=tuple(state.left_out.standing(batch)),
+            left_out=tuple(state.left_out.valid(batch)),
             tool=tool_id,
             is_folder=campaign.config.bench.is_folder,
             as_of=now,

@@ -27,7 +27,7 @@ def leave_out(campaign: Campaign, part: Part, reason: str, operator: str, *, is_
     """
     state = campaign.state()
     _check_part(campaign, state, part)
-    words = state.left_out.standing(part.batch)
+    words = state.left_out.valid(part.batch)
     said = next((word for word in words if word.part.key == part.key), None)
     if is_out and said is not None:
         raise UsageError(f"{part.name} is left out already, by {said.operator} ({said.reason}); nothing was changed.")

@@ -84,7 +84,7 @@ def list_ways(campaign: Campaign, state: CampaignState) -> list[WayOnward]:
             part,
         ),
     ]
-    out = {word.part.key for word in state.left_out.standing(tool.batch)}
+    out = {word.part.key for word in state.left_out.valid(tool.batch)}
     return [way for way in ways if way.part is None or way.part.key not in out]
 
 

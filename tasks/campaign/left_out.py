@@ -80,34 +80,34 @@ class LeftOuts:
     """All words of a campaign, the oldest first."""
 
     words: tuple[LeftOut, ...] = ()
-    _standing: dict[int, list[LeftOut]] = field(default_factory=dict, compare=False, repr=False)
+    _valid: dict[int, list[LeftOut]] = field(default_factory=dict, compare=False, repr=False)
 
-    def standing(self, batch: int) -> list[LeftOut]:
+    def valid(self, batch: int) -> list[LeftOut]:
         """Words by which something is left out in a batch: the last of each part."""
-        if batch not in self._standing:
+        if batch not in self._valid:
             last: dict[tuple[int | None, ...], LeftOut] = {}
             for word in self.words:
                 part, before = word.part, last.get(word.part.key)
                 if part.batch == batch or (part.of_all_tools is not None and part.batch < batch):
                     last[part.key] = word if before is None or before.part.batch <= part.batch else before
-            self._standing[batch] = [word for word in last.values() if word.is_out]
-        return self._standing[batch]
+            self._valid[batch] = [word for word in last.values() if word.is_out]
+        return self._valid[batch]
 
     def covers(self, batch: int, slot: int, cell: tuple[int, int]) -> bool:
         """Whether no grasp of (object, repeat) is begun with the tool of a slot in a batch."""
-        return any(word.part.has(slot, cell) for word in self.standing(batch))
+        return any(word.part.has(slot, cell) for word in self.valid(batch))
 
     def has_tool(self, batch: int, slot: int) -> bool:
         """Whether a tool is left out."""
-        return any(word.part.key == (slot, None, None) for word in self.standing(batch))
+        return any(word.part.key == (slot, None, None) for word in self.valid(batch))
 
     def is_ended(self, batch: int) -> bool:
         """Whether the rest of a batch is left out."""
-        return any(word.part.key == (None, None, None) for word in self.standing(batch))
+        return any(word.part.key == (None, None, None) for word in self.valid(batch))
 
     def objects(self, batch: int) -> set[int]:
         """Objects that are left out in a batch, whatever the tool."""
-        return {object_id for word in self.standing(batch) if (object_id := word.part.of_all_tools) is not None}
+        return {object_id for word in self.valid(batch) if (object_id := word.part.of_all_tools) is not None}
 
 
 def read_left_out(lake: Lake, campaign_id: str) -> LeftOuts:

@@ -43,22 +43,22 @@ def test_two_screens_see_one_holder_and_a_take_over_asks(lake, browsers):
         assert order(tim, "take")[0] == 403
         assert order(ada, "take")[0] == 204
         wait_for(lambda: "z_mm" in ada.client.get("/bench/reading").json(), 30.0)
-        assert "bench: ada, by hand" in grace.see("/strip")
-        assert "Ask ada for it" in grace.see("/bench")
+        wait_for(lambda: "bench: ada, by hand" in grace.see("/strip"), 10.0)
+        wait_for(lambda: "Ask ada for it" in grace.see("/bench"), 10.0)
         assert order(grace, "step", step="home") == (409, "ada holds the bench, not grace; nothing was moved.")
         assert order(grace, "want")[0] == 204
-        assert "grace asks you for the bench" in ada.see("/bench")
+        wait_for(lambda: "grace asks you for the bench" in ada.see("/bench"), 10.0)  # read anew within a moment
         assert order(ada, "keep")[0] == 204
         assert order(grace, "want")[0] == 204
         assert order(ada, "give")[0] == 204
-        assert "Ask grace for it" in ada.see("/bench")
+        wait_for(lambda: "Ask grace for it" in ada.see("/bench"), 10.0)
         before = ada.client.get("/bench/reading").json()
         assert order(grace, "step", step="jog", axis="z", distance_mm="-10")[0] == 204
         wait_for(lambda: grace.client.get("/bench/reading").json().get("z_mm", 999) < before["z_mm"] - 9, 30.0)
         assert order(grace, "step", step="fly")[0] == 409
         assert order(grace, "release")[0] == 204
         wait_for(lambda: read_lent(lake).said == "grace gave turin back", 30.0)
-    assert "bench:" not in ada.see("/strip")
+    wait_for(lambda: "bench:" not in ada.see("/strip"), 10.0)
 
 
 def test_a_campaign_is_started_on_the_bench_that_a_terminal_lends_and_on_no_other(lake, browsers, tmp_path):

@@ -10,7 +10,7 @@ import sys
 from cyclopts import App
 from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
-from fast.flows.server.loopback import forget_missing_certificates, give_home, spare_loopback
+from fast.flows.server.loopback import settle
 
 _STANDARD_ERROR = 2  # the last number of a stream that every process has
 
@@ -93,9 +93,7 @@ def run_and_leave(command_line: App) -> None:
     # Several processes work side by side: one thread each, set before numpy is imported.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    spare_loopback(os.environ)
-    forget_missing_certificates(os.environ)
-    give_home(os.environ)
+    settle(os.environ)
     os.environ["PYTHONSAFEPATH"] = "1"  # else a `random.py` in the working folder is imported by worker processes
     os.environ.setdefault("DO_NOT_TRACK", "1")  # what libraries would report of their use stays here
     gc.set_threshold(50_000)  # imports make many objects and drop few: the default looks through them 300 times

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fast.flows.server.access import Api
-from fast.flows.server.loopback import forget_missing_certificates, spare_loopback
+from fast.flows.server.loopback import settle
 
 PREFIX = "PREFECT_"
 OWN_PREFIX = f"FAST_{PREFIX}"
@@ -46,8 +46,7 @@ def list_ignored(environment: Mapping[str, str] = os.environ) -> list[str]:
 def make_environment(api: Api, home: Path, environment: Mapping[str, str] = os.environ) -> dict[str, str]:
     """Variables of a process of FAST that talks to a server; `home`: folder of Prefect's own state."""
     kept = {name: value for name, value in environment.items() if not name.startswith(PREFIX)}
-    spare_loopback(kept)
-    forget_missing_certificates(kept)
+    settle(kept)
     kept |= {**OFFLINE, **PATIENT, "PREFECT_HOME": str(home.resolve())}
     kept |= {name.removeprefix("FAST_"): value for name, value in environment.items() if name.startswith(OWN_PREFIX)}
     kept["PREFECT_API_URL"] = api.url

@@ -1,5 +1,7 @@
-"""This machine as seen from itself."""
+"""This machine as seen from itself: what keeps programs on it from each other, or a library from being imported."""
 
+import os
+import stat
 import tempfile
 from collections.abc import MutableMapping
 from pathlib import Path
@@ -7,23 +9,37 @@ from pathlib import Path
 LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 
 
-def spare_loopback(environment: MutableMapping[str, str]) -> None:
+def settle(environment: MutableMapping[str, str]) -> None:
+    """Have programs on this machine reach each other, whatever the variables for proxies, certificates and home say."""
+    _spare_loopback(environment)
+    _forget_missing_certificates(environment)
+    _give_home(environment)
+
+
+def _spare_loopback(environment: MutableMapping[str, str]) -> None:
     """Have requests to this machine go past any proxy, whatever else the variables for proxies say."""
     for name in ("NO_PROXY", "no_proxy"):
         listed = [one.strip() for one in environment.get(name, "").split(",") if one.strip()]
         environment[name] = ",".join([*listed, *(one for one in LOOPBACK_NAMES if one not in listed)])
 
 
-def forget_missing_certificates(environment: MutableMapping[str, str]) -> None:
+def _forget_missing_certificates(environment: MutableMapping[str, str]) -> None:
     """Have no certificates looked for where there are none: no client could be made, not even of loopback."""
     for name in ("SSL_CERT_FILE", "SSL_CERT_DIR"):
         if name in environment and not Path(environment[name]).exists():
             del environment[name]
 
 
-def give_home(environment: MutableMapping[str, str]) -> None:
-    """Have libraries find a home where a user has neither a name nor `HOME`, as in some containers."""
+def _give_home(environment: MutableMapping[str, str]) -> None:
+    """Have libraries find a home where a user has neither a name nor `HOME`, as in some containers.
+
+    It is the user's alone: what others left there would be read as settings, or run as compiled code.
+    """
     try:
         Path.home()
     except RuntimeError:
-        environment["HOME"] = tempfile.gettempdir()
+        folder = Path(tempfile.gettempdir()) / f"fast-home-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+        environment["HOME"] = str(folder) if is_own else tempfile.mkdtemp(prefix="fast-home-")

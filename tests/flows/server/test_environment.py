@@ -1,5 +1,6 @@
 """Settings for another Prefect, proxies and files of the working folder do not reach what FAST starts."""
 
+import tempfile
 from pathlib import Path
 
 import httpx
@@ -7,7 +8,7 @@ import pytest
 
 from fast.flows.server.access import Api
 from fast.flows.server.environment import list_ignored, make_environment, named_server
-from fast.flows.server.loopback import forget_missing_certificates, give_home, spare_loopback
+from fast.flows.server.loopback import settle
 from tests.studies.platform.environment_list import COMPUTER_OF_OTHERS, CONTAINER
 from tests.studies.platform.environments import judge
 
@@ -47,7 +48,7 @@ def test_a_server_is_named_by_one_setting(monkeypatch):
 
 def test_this_machine_is_asked_without_a_proxy_and_others_as_before():
     environment = {"NO_PROXY": "lab.example, localhost"}
-    spare_loopback(environment)
+    settle(environment)
     assert environment["NO_PROXY"] == "lab.example,localhost,127.0.0.1,::1"
     assert environment["no_proxy"] == "127.0.0.1,localhost,::1"
 
@@ -60,17 +61,26 @@ def test_a_client_of_this_machine_is_made_where_a_proxy_of_socks_is_set(monkeypa
 
 def test_certificates_that_are_not_there_are_not_looked_for(tmp_path):
     environment = {"SSL_CERT_FILE": "/nowhere.pem", "SSL_CERT_DIR": str(tmp_path)}
-    forget_missing_certificates(environment)
-    assert environment == {"SSL_CERT_DIR": str(tmp_path)}
+    settle(environment)
+    assert {name: value for name, value in environment.items() if name.startswith("SSL")} == {
+        "SSL_CERT_DIR": str(tmp_path)
+    }
 
 
-def test_a_user_without_name_and_home_gets_one(monkeypatch):
-    environment = {"HOME": "/home/ada"}
-    give_home(environment)
-    assert environment == {"HOME": "/home/ada"}
+def test_a_user_without_name_and_home_gets_one_that_nobody_else_writes(monkeypatch, tmp_path):
+    environment = {"HOME": "somewhere"}
+    settle(environment)
+    assert environment["HOME"] == "somewhere"
     monkeypatch.setattr(Path, "home", _find_no_home)
-    give_home(environment)
-    assert Path(environment["HOME"]).is_dir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    settle(environment)
+    usual = Path(environment["HOME"])
+    settle(environment)
+    assert environment["HOME"] == str(usual)  # what is compiled there is found again
+    usual.chmod(0o777)
+    settle(environment)
+    assert environment["HOME"] != str(usual)
+    assert Path(environment["HOME"]).stat().st_mode & 0o077 == 0
 
 
 def _find_no_home():

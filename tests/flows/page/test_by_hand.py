@@ -5,7 +5,8 @@ import pytest
 from fast.flows.server.access import Role
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
-from fast.tasks.bench.lend import GANTRY, read_lent
+from fast.tasks.bench.lend import read_lent
+from fast.tasks.campaign.requests import GANTRY_LEASE
 from tests.flows.cli.cli_lakes import QUICK, WORLD, proposed_lake
 from tests.flows.page.lab_page import Browser
 from tests.flows.page.served import CHROMIUM, open_browser, say_name, serve
@@ -45,6 +46,7 @@ def test_two_screens_see_one_holder_and_a_take_over_asks(lake, browsers):
         wait_for(lambda: "z_mm" in ada.client.get("/bench/reading").json(), 30.0)
         wait_for(lambda: "bench: ada, by hand" in grace.see("/strip"), 10.0)
         wait_for(lambda: "Ask ada for it" in grace.see("/bench"), 10.0)
+        assert "Stop now" in grace.see("/bench")  # whoever sees a bench move may stop it
         assert order(grace, "step", step="home") == (409, "ada holds the bench, not grace; nothing was moved.")
         assert order(grace, "want")[0] == 204
         wait_for(lambda: "grace asks you for the bench" in ada.see("/bench"), 10.0)  # read anew within a moment
@@ -73,7 +75,7 @@ def test_a_campaign_is_started_on_the_bench_that_a_terminal_lends_and_on_no_othe
         assert (status, "is for the bench turin" in words) == (409, True)
     with lent(lake, file=file) as runs:
         assert "on the real bench" in ada.see("/start")
-        with exclusive(lake.storage, GANTRY, "busy"):
+        with exclusive(lake.storage, GANTRY_LEASE, "busy"):
             assert "a campaign moves the bench" in ada.say("/start/campaign", form)[1]
         assert ada.say("/start/campaign", {**form, "text": QUICK, "on": "real"})[0] == 409  # it names no bench
         assert runs == []

@@ -70,18 +70,20 @@ def load_constraint(name: str) -> Callable[[Design], bool]:
     return is_allowed
 
 
-def look_here() -> None:
-    """Find modules in the present folder, too, after installed ones, so that objects of theirs can be received."""
+def look_here() -> str | None:
+    """Find modules in the present folder, too, after installed ones, so that objects of theirs can be received.
+
+    Returns the folder; None where it was looked in before.
+    """
     here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
+    if here in sys.path:
+        return None
+    sys.path.append(here)
+    return here
 
 
 def _import(name: str) -> ModuleType:
-    here = str(Path.cwd())
-    is_new = here not in sys.path
-    if is_new:
-        sys.path.append(here)
+    new_folder = look_here()
     try:
         return importlib.import_module(name)
     except Exception as error:
@@ -95,8 +97,8 @@ def _import(name: str) -> ModuleType:
             ) from error
         raise UsageError(f"The module `{name}` cannot be imported ({_words(error)}); correct it.") from error
     finally:
-        if is_new:
-            sys.path.remove(here)
+        if new_folder is not None:
+            sys.path.remove(new_folder)
 
 
 def _words(error: Exception) -> str:

@@ -17,7 +17,7 @@ from fast.flows.campaign.status import read_campaign
 from fast.flows.page.interface import add_interface
 from fast.flows.page.lab import LabPage
 from fast.flows.page.proposals import settle_proposal
-from fast.flows.page.shown import add_results, add_start
+from fast.flows.page.shown import add_bench, add_results, add_start
 from fast.flows.page.todo import list_campaigns
 from fast.flows.page.web import (
     HEADERS,
@@ -70,6 +70,7 @@ def make_app(lake: Lake, login: str) -> App:
     _add_words(app, page)
     add_results(app, page)
     add_start(app, page)
+    add_bench(app, page)
     add_interface(app, page)
     _add_files(app, page)
     return app

@@ -14,14 +14,15 @@ from fast.flows.server.child_process import CHECKOUT
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
-from fast.tasks.bench.lend import GANTRY, LentBench, Order, give_bench_order, read_lent, reading_path
+from fast.tasks.bench.lend import LentBench, Order, give_bench_order, read_lent, reading_path
+from fast.tasks.campaign.requests import GANTRY_LEASE
 
 
 def describe_holder(lake: Lake, lent: LentBench | None) -> str:
     """Who has the bench, in some words; empty where nobody has and none is lent."""
     if lent is not None and lent.holder:
         return f"bench: {lent.holder}, by hand"
-    if holder_of(lake.storage, GANTRY) is not None:
+    if holder_of(lake.storage, GANTRY_LEASE) is not None:
         return "bench: the campaign"
     return f"bench: {lent.name} is lent" if lent is not None else ""
 

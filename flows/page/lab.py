@@ -130,13 +130,14 @@ class LabPage:
     def _read_frame(self, asked: str) -> dict[str, Any]:
         """The same for a campaign that is asked for; kept until a row is written, or a lease changes hands."""
         names = list_campaigns(self.lake)
-        owned = [lease_name(asked)] if asked in names else [lease_name(name) for name in names]
+        asked = asked if asked in names else ""
+        owned = [lease_name(name) for name in ([asked] if asked else names)]
         holders = [holder_of(self.lake.storage, name) for name in owned]
         seen = read_marks(self.lake), tuple(holder.token if holder is not None else "" for holder in holders)
         kept = self._frames.get(asked)
         if kept is not None and kept[0] == seen and time.monotonic() - kept[1] < _STALE_S:
             return kept[2]
-        campaign_id = asked if asked in names else self._choose(names)
+        campaign_id = asked or self._choose(names)
         now = self.read_now(campaign_id)
         frame = {
             "campaign": campaign_id,

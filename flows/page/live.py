@@ -14,9 +14,8 @@ from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRo
 from fast.lake.tables.row import Row
 from fast.models.errors import FastError
 from fast.models.objects.catalogue import name_object
-from fast.tasks.bench.lend import GANTRY
 from fast.tasks.bench.live import LiveGrasp, live_path, read_live
-from fast.tasks.campaign.requests import Requests, lease_name
+from fast.tasks.campaign.requests import GANTRY_LEASE, Requests, lease_name
 
 FORCE_S = 0.15  # between looks at the present grasp: seven a second
 NEWS_S = 1.5  # between looks at the lake
@@ -117,7 +116,7 @@ class _Watcher:
         """What changes when there is something new to show; None while the lake cannot be read."""
         try:
             holder = holder_of(self._lake.storage, lease_name(self._campaign_id))
-            gantry = holder_of(self._lake.storage, GANTRY)
+            gantry = holder_of(self._lake.storage, GANTRY_LEASE)
             held = tuple(one.token if one is not None else "" for one in (holder, gantry))
             return (held, self._requests.verb()), read_marks(self._lake, _SELDOM), simulated
         except FastError:

@@ -142,18 +142,6 @@ def add_start(app: FastAPI, page: LabPage) -> None:
 
         return await page.write(request, Role.MOVE, work)
 
-    async def show_bench(request: Request) -> Response:
-        return await page.show(request, "by_hand.html", "start")
-
-    async def show_reading(_: Request) -> Response:
-        def work() -> dict[str, Any]:
-            return by_hand.read_bench(lake, page.read_lent())
-
-        return JSONResponse(await run_in_threadpool(work), headers=HEADERS)
-
-    async def order_bench(request: Request) -> Response:
-        return await page.write(request, Role.MOVE, lambda form, who: by_hand.order_bench(lake, form, who))
-
     async def simulate(request: Request) -> Response:
         require_token(request, page.token)
         form = await read_form(request)
@@ -168,15 +156,33 @@ def add_start(app: FastAPI, page: LabPage) -> None:
         found = await run_in_threadpool(work)
         return page.pages.show(request, "simulated.html", found=found)
 
-    for path, handler in {"/start": show_start, "/bench": show_bench, "/bench/reading": show_reading}.items():
-        app.add_api_route(path, handler, methods=["GET"], include_in_schema=False)
+    app.add_api_route("/start", show_start, methods=["GET"], include_in_schema=False)
     for path, handler in {
         "/start/check": check,
         "/start/campaign": begin,
         "/start/continue": go_on,
         "/start/way": take_way,
-        "/bench/order": order_bench,
         "/start/job": job,
         "/start/simulate": simulate,
     }.items():
         app.add_api_route(path, handler, methods=["POST"], include_in_schema=False)
+
+
+def add_bench(app: FastAPI, page: LabPage) -> None:
+    """The bench that is moved by hand: its card, what it reads, and orders to it."""
+
+    async def show_bench(request: Request) -> Response:
+        return await page.show(request, "by_hand.html", "start")
+
+    async def show_reading(_: Request) -> Response:
+        def work() -> dict[str, Any]:
+            return by_hand.read_bench(page.lake, page.read_lent())
+
+        return JSONResponse(await run_in_threadpool(work), headers=HEADERS)
+
+    async def order_bench(request: Request) -> Response:
+        return await page.write(request, Role.MOVE, lambda form, who: by_hand.order_bench(page.lake, form, who))
+
+    app.add_api_route("/bench", show_bench, methods=["GET"], include_in_schema=False)
+    app.add_api_route("/bench/reading", show_reading, methods=["GET"], include_in_schema=False)
+    app.add_api_route("/bench/order", order_bench, methods=["POST"], include_in_schema=False)

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -33,11 +33,10 @@ from fast.lake.tables.campaign import EventRow
 from fast.models.errors import FastError, UsageError
 from fast.models.records import Record
 from fast.tasks.campaign.orders import StaleOrderError
-from fast.tasks.campaign.requests import append_event
+from fast.tasks.campaign.requests import GANTRY_LEASE, append_event
 
 LENT, ORDER, DONE = "bench_lent", "bench_order", "bench_order_done"  # kinds of the events
 LEASE = "lent-bench"
-GANTRY = "gantry"  # lease of whoever moves the bench
 ANSWER_S = 60.0  # a holder who does not answer for so long is asked no more
 IDLE_S = 600.0  # without an order, the bench is given back
 LOOK_S = 0.2
@@ -124,7 +123,7 @@ def give_bench_order(lake: Lake, order: Order) -> str:
 def check_order(lake: Lake, lent: LentBench, order: Order) -> None:
     """Raises UsageError where a person may not order this now; a stop is never refused."""
     who, holder = order.operator, lent.holder
-    moving = holder_of(lake.storage, GANTRY)
+    moving = holder_of(lake.storage, GANTRY_LEASE)
     if order.verb in ("take", "run") and moving is not None and not holder:
         raise UsageError(f"a campaign moves the bench ({moving.words}); have it finish its grasp first.")
     if order.verb == "run" and holder:
@@ -141,23 +140,21 @@ def check_order(lake: Lake, lent: LentBench, order: Order) -> None:
 
 def _follow(lent: LentBench, kind: str, payload: dict[str, Any], at: datetime) -> LentBench:
     """What an event makes of who holds the bench."""
-    known = asdict(lent)
+    free = replace(lent, holder="", wanted_by="", wanted_at=None)
     if kind == DONE:
-        ended = {"holder": "", "wanted_by": "", "wanted_at": None} if payload["is_over"] else {}
-        return LentBench(**{**known, "said": payload["sentence"], **ended})
+        return replace(free if payload["is_over"] else lent, said=payload["sentence"])
     verb, who = payload["verb"], payload["operator"]
-    changes: dict[str, dict[str, Any]] = {
-        "take": {"holder": who, "wanted_by": "", "wanted_at": None},
-        "want": {"wanted_by": who, "wanted_at": at},
-        "give": {"holder": lent.wanted_by, "wanted_by": "", "wanted_at": None},
-        "keep": {"wanted_by": "", "wanted_at": None},
-        "release": {"holder": "", "wanted_by": "", "wanted_at": None},
-    }
-    return LentBench(**{**known, **changes.get(verb, {})})
+    if verb == "want":
+        return replace(lent, wanted_by=who, wanted_at=at)
+    holders = {"take": who, "give": lent.wanted_by, "keep": lent.holder, "release": ""}
+    return replace(free, holder=holders[verb]) if verb in holders else lent
 
 
 def _say(order: Order, lent: LentBench) -> str:
     step = order.step
+    if step is not None:
+        by = f" {step.axis} {step.distance_mm:+g} mm" if step.verb == "jog" else ""
+        return f"{order.operator}: {step.verb}{by}"
     words = {
         "take": f"takes {lent.name} by hand",
         "want": f"asks {lent.holder} for {lent.name}",
@@ -167,10 +164,6 @@ def _say(order: Order, lent: LentBench) -> str:
         "stop": f"stops {lent.name}",
         "run": f"has {lent.name} run {Path(order.config).name}",
     }
-    if step is not None:
-        return f"{order.operator}: {step.verb}" + (
-            f" {step.axis} {step.distance_mm:+g} mm" if step.verb == "jog" else ""
-        )
     return f"{order.operator} {words[order.verb]}"
 
 
@@ -229,7 +222,7 @@ class Lender:
         """Have the bench moved by hand until it is given back, nobody moves it any more, or it fails."""
         path = reading_path(self.lake)
         path.parent.mkdir(parents=True, exist_ok=True)
-        owned = exclusive(self.lake.storage, GANTRY, "the bench of this lake is in use")
+        owned = exclusive(self.lake.storage, GANTRY_LEASE, "the bench of this lake is in use")
         try:
             with owned as gantry, self.open_bench(taken.may_vent) as bench:
                 bench.set_leave(gantry.require)

@@ -21,7 +21,7 @@ from fast.tasks.bench.plan import ToolWork, plan_tool, seed_of_order
 from fast.tasks.bench.questions import make_ask, withdraw_questions
 from fast.tasks.bench.reference_tools import add_references, ask_references, plan_reference
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.requests import append_event, note_verbs, require_room
+from fast.tasks.campaign.requests import GANTRY_LEASE, append_event, note_verbs, require_room
 from fast.tasks.campaign.state import ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[GraspBench]]
@@ -82,7 +82,7 @@ def measure_batch(
             compact(campaign.lake, row_type, _MERGED_BYTES)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
+    owned = exclusive(campaign.lake.storage, GANTRY_LEASE, "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(mounted) as bench:
         bench.set_leave(gantry.require)
         bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, should_stop))

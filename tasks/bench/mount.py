@@ -20,7 +20,7 @@ from fast.tasks.bench.mounting import read_mounting
 from fast.tasks.bench.plan import ToolWork, plan_asked
 from fast.tasks.bench.questions import make_ask
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.requests import note_verbs
+from fast.tasks.campaign.requests import GANTRY_LEASE, note_verbs
 from fast.tasks.campaign.state import CampaignState, ProposedTool
 
 OnGrasp = Callable[[ProposedTool, MeasuredGrasp], None]
@@ -91,7 +91,7 @@ def measure_asked(
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    owned = exclusive(campaign.lake.storage, "gantry", "the gantry of this lake is in use")
+    owned = exclusive(campaign.lake.storage, GANTRY_LEASE, "the gantry of this lake is in use")
     with owned as gantry, verbs, open_bench(tools) as bench:
         bench.set_leave(gantry.require)
         bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, should_stop))

@@ -32,6 +32,7 @@ _LATEST = f"""
     )
     ORDER BY said.place DESC, event_id LIMIT 1
 """
+GANTRY_LEASE = "gantry"  # of a lake, whose bench one process at a time moves
 GAP_LEASE = "gap"  # of a lake, in which one process at a time searches for a gap
 LEAST_FREE_MB = 100.0  # some thousand grasps of 30 kB
 

@@ -9,8 +9,9 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import UsageError
-from fast.tasks.bench.lend import DONE, GANTRY, ORDER, Order, give_bench_order, read_lent, reading_path
+from fast.tasks.bench.lend import DONE, ORDER, Order, give_bench_order, read_lent, reading_path
 from fast.tasks.campaign.orders import StaleOrderError
+from fast.tasks.campaign.requests import GANTRY_LEASE
 from tests.flows.server.on_server import wait_for
 from tests.tasks.bench.lent_bench import lent
 
@@ -70,7 +71,10 @@ def test_a_bench_is_taken_moved_and_given_back_by_one_person_at_a_time(lake):
 
 def test_a_campaign_that_moves_the_bench_is_not_disturbed(lake):
     with lent(lake) as runs:
-        with exclusive(lake.storage, GANTRY, "busy"), pytest.raises(UsageError, match="a campaign moves the bench"):
+        with (
+            exclusive(lake.storage, GANTRY_LEASE, "busy"),
+            pytest.raises(UsageError, match="a campaign moves the bench"),
+        ):
             order(lake, "take")
         order(lake, "run", config="quick.toml")
         wait_said(lake, "ran")
@@ -104,3 +108,4 @@ def test_a_bench_that_is_lent_for_one_person_ends_with_that_person(lake):
         wait_said(lake, "connected and homed")
         order(lake, "release")
         wait_for(lambda: read_lent(lake) is None, 30.0)
+    assert "ada gave turin back" in [row.payload["sentence"] for row in lake.records(EventRow, kind=DONE)]

@@ -1,6 +1,7 @@
 """Functions of a user's own, named in a config as `module:function`. This file imports no torch."""
 
 import importlib
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from fast.models.records import Design
 from fast.models.validation import closest
 
 OWN = "module:function"  # how such a name is written
+FOLDER = "FAST_WORKING_FOLDER"  # where a person started `fast`; set for processes that work in another folder
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
@@ -24,7 +26,7 @@ def is_own(name: str) -> bool:
 
 
 def load_own(name: str) -> Callable[..., Any]:
-    """The function `module:function`; the module is looked for among installed ones and in the present folder.
+    """The function `module:function`; its module is installed, or lies in the folder that `fast` was started in.
 
     Raises:
         UsageError: there is no such module or function, or the module cannot be imported.
@@ -71,11 +73,11 @@ def load_constraint(name: str) -> Callable[[Design], bool]:
 
 
 def look_here() -> str | None:
-    """Find modules in the present folder, too, after installed ones, so that objects of theirs can be received.
+    """Find modules of the folder that `fast` was started in, after installed ones; objects of theirs can be received.
 
     Returns the folder; None where it was looked in before.
     """
-    here = str(Path.cwd())
+    here = os.environ.get(FOLDER) or str(Path.cwd())
     if here in sys.path:
         return None
     sys.path.append(here)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fast.flows.server.child_process import CHECKOUT
 from fast.flows.server.server import address_for_others
 from fast.hardware.bench import Bench, LogFolders, open_real_bench, open_virtual_bench
 from fast.hardware.parts.layout import N_SLOTS
@@ -79,5 +78,5 @@ def _run_campaign(lake: Lake, config: Path, real: Path) -> str:
         raise ConfigError(f"{config} is not for the bench of {real}, which is lent; nothing was started.")
     command = [sys.executable, "-m", "fast.flows.cli.main", "campaign", "run", str(config)]
     leave = ["--lake", address_for_others(lake), "--real", "--yes-move", real.stem]
-    done = subprocess.run([*command, *leave], cwd=CHECKOUT, check=False)
+    done = subprocess.run([*command, *leave], check=False)
     return f"the campaign of {config.name} ended{'' if done.returncode == 0 else f' with status {done.returncode}'}"

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
+from fast.models.own_code import FOLDER
+
 CHECKOUT = Path(__file__).resolve().parents[2]
 STOP_LIMIT_S = 15.0
 LEAST_LIFE_S = 5.0  # one that dies sooner is not started again at once
@@ -27,13 +29,14 @@ class ChildProcess:
     ) -> None:
         """`listener`: handed on to every start of the process and kept open in between, closed by `stop`.
 
-        The process works in an empty folder beside its log, since Prefect reads settings from the working folder.
+        The process works in an empty folder beside its log, since Prefect reads settings from the working folder; it
+        is told where modules of a user's own are.
         """
         self.log_path = log_path.resolve()
         self._listener = listener
         self._command = [sys.executable, "-m", module, *arguments]
         found = filter(None, [str(CHECKOUT), environment.get("PYTHONPATH")])
-        self.environment = {**environment, "PYTHONPATH": os.pathsep.join(found)}
+        self.environment = {FOLDER: str(Path.cwd()), **environment, "PYTHONPATH": os.pathsep.join(found)}
         self._child: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
         self.since = datetime.now(UTC)

@@ -10,6 +10,7 @@ from fast.flows.server import child_process
 from fast.flows.server.child_process import ChildProcess
 from fast.flows.server.server import ANY_PORT, LOOPBACK, _listen
 from fast.models.errors import FastError
+from fast.models.own_code import FOLDER
 
 LIMIT_S = 60.0
 
@@ -33,6 +34,12 @@ def test_who_asks_while_a_killed_server_comes_back_is_answered(tmp_path, monkeyp
         process.stop()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(place, LIMIT_S)
+
+
+def test_a_process_is_told_where_modules_of_a_users_own_are(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert ChildProcess("one", [], {}, tmp_path / "log").environment[FOLDER] == str(tmp_path)
+    assert ChildProcess("one", [], {FOLDER: "/lab"}, tmp_path / "log").environment[FOLDER] == "/lab"
 
 
 def test_a_port_that_is_taken_is_named():

@@ -30,7 +30,7 @@ from tests.studies.gap.judgement import Judged
 from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.sealed import SealedKey, judged, measure_gap_sealed, read_problem, seal, write_problem
 from tests.studies.gap.tables import gap_tables
-from tests.studies.gap.truth import LAWS, Panel
+from tests.studies.gap.truth import LAWS, PANEL_DESIGNS, PANEL_OBJECTS, Panel
 from tests.synthetic.rehearsal import USUAL
 
 SMALL = Path(__file__).parents[2] / "data" / "gap-small.npz"
@@ -266,8 +266,8 @@ def test_a_panel_of_a_secret_is_drawn_again_from_it() -> None:
     first, other = Panel.draw("a"), Panel.draw("b")
     assert first == Panel.draw("a")
     assert (first.designs, first.sets) != (other.designs, other.sets)
-    assert len(first.designs) == len(set(first.designs)) == 12
-    assert len(first.objects) == len({get_object(number).object_class for number in first.objects}) == 8
+    assert len(first.designs) == len(set(first.designs)) == PANEL_DESIGNS
+    assert len(first.objects) == len({get_object(number).object_class for number in first.objects}) == PANEL_OBJECTS
 
 
 def test_a_benchmark_without_its_files_says_what_it_needs(tmp_path: Path) -> None:

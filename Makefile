@@ -48,8 +48,7 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	@echo "$(VENV) is ready."
 
 kernels: setup  ## compile the simulator's kernels once, so that no test or worker has to
-	$(BIN)/python -c "from fast.models.design.space import BEST_PUBLISHED; from fast.models.objects.catalogue import get_object; \
-	from fast.models.simulation.grasp import simulate_grasp; simulate_grasp(BEST_PUBLISHED, get_object(30))"
+	$(BIN)/python -c "from fast.models.kernels import compile_once; compile_once()"
 
 campaign: setup ## a small complete campaign on the virtual bench, with report and recording
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print

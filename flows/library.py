@@ -37,12 +37,14 @@ def simulate(
         UsageError: there is no such object, or a parameter is unknown or has no slope.
         MeshingFailed, SimulationFailed: this finger cannot be meshed, or the grasp does not converge.
     """
+    from fast.models.kernels import compile_once
     from fast.models.objects.rigid import RigidObject
     from fast.models.records import GraspSetup
     from fast.models.simulation.grasp import simulate_grasp
     from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.objects import find_object
 
+    compile_once()
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
     return simulate_grasp(design, met, version or SimulatorVersion(), setup or GraspSetup(), along=along)
 

@@ -41,6 +41,11 @@ def spell_name(name: str, with_unit: bool = False) -> str:
     return name.removesuffix(suffix).replace("_", " ") + (f" ({unit})" if unit and with_unit else "")
 
 
+def spell_share(share: float, digits: int = 0) -> str:
+    """A share as a person reads it, with the space that the SI asks for (0.26 -> `26 %`)."""
+    return f"{100.0 * share:.{digits}f} %"
+
+
 def force_n_from_kg(mass_kg: float) -> float:
     """Force of a mass under standard gravity: load cells are read in kg."""
     return mass_kg * STANDARD_GRAVITY_M_PER_S2

@@ -16,6 +16,7 @@ from scipy.stats import beta
 from fast.flows.challenge.answers import Answers, WorldAnswer, read_forces
 from fast.flows.challenge.keys import SealedKey, find_keys, open_keys
 from fast.flows.challenge.manifest import NOT_LISTED, read_families
+from fast.models.units import spell_share
 
 Rows = list[dict[str, Any]]
 NOTHING = 0.01  # of the force: what is visible by less is nothing to these data
@@ -116,11 +117,11 @@ def _list_figures(graded: Sequence[Graded]) -> Rows:
         own = [one for one in hidden if bool(one.family) is is_listed]
         for size in SIZES:
             seen = [one for one in own if one.visible >= size]
-            row = _count(f"alarm, {words} of {size:.0%} or more", seen, lambda one: one.answer.missing)
+            row = _count(f"alarm, {words} of {spell_share(size)} or more", seen, lambda one: one.answer.missing)
             rows.append(row | {"bound": _see_at_best(seen)})
     for size in SILENT:
         large = [one for one in hidden if one.visible >= size]
-        row, power = _count(f"“nothing” said at {size:.0%} or more", large, _is_silent), _see_at_best(large)
+        row, power = _count(f"“nothing” said at {spell_share(size)} or more", large, _is_silent), _see_at_best(large)
         rows.append(row | {"bound": None if power is None else round(1.0 - power, 3)})
     rows.append(_count("family right, given an alarm", listed, lambda one: one.said == one.family))
     rows.append(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
+from fast.models.units import spell_share
 
 if TYPE_CHECKING:
     from fast.lake.store import Lake
@@ -53,7 +54,7 @@ def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
     found = identify(lake, grasp_id)
     answers = [found.alone, found.together] if found.together.n_grasps > 1 else [found.alone]
     data = {**found._asdict(), **{name: getattr(found, name)._asdict() for name in ("alone", "together")}}
-    accuracy = "" if found.accuracy is None else f" ({found.accuracy:.0%} right among themselves)"
+    accuracy = "" if found.accuracy is None else f" ({spell_share(found.accuracy)} right among themselves)"
     head = (
         f"{grasp_id}, recorded as {found.recorded}; learnt from {found.n_learnt} grasps of {found.n_tools} other tools"
         f"{accuracy}"
@@ -64,7 +65,7 @@ def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
 def _answer_text(answer: "Answer") -> str:
     title = "from this grasp alone" if answer.n_grasps == 1 else f"from {answer.n_grasps} repeats together"
     rows = [
-        {"": what, "probability": f"{probability:.0%}", "it is": name}
+        {"": what, "probability": spell_share(probability), "it is": name}
         for what, found in answer._asdict().items()
         if what != "n_grasps"
         for name, probability in found

@@ -7,6 +7,7 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from fast.models.units import spell_share
 
 if TYPE_CHECKING:
     from fast.flows.gap.search import GapOutcome
@@ -140,7 +141,7 @@ def plan_(
         {
             "hidden": one.family,
             "noticed": f"{one.n_alarms} of {one.n}",
-            "smallest": "-" if one.seen_size is None else f"{100.0 * one.seen_size:.1f} %",
+            "smallest": "-" if one.seen_size is None else spell_share(one.seen_size, 1),
             "right name": one.n_right,
             "unknown": one.n_unknown,
             "taken for": "; ".join(one.taken_for),
@@ -265,7 +266,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
             {
                 "candidate": "any model" if row.effect == "unknown" else row.effect,
                 "evidence": None if row.nats is None else round(row.nats, 1),
-                "visible": None if row.visible_fraction is None else f"{100 * row.visible_fraction:.0f} %",
+                "visible": None if row.visible_fraction is None else spell_share(row.visible_fraction),
             }
             for row in sorted(tried, key=lambda row: -(row.nats or 0.0))[:_MOST_CANDIDATES]
         ]
@@ -291,5 +292,5 @@ def _held_out(findings: "Findings") -> str:
         interval = f"[{100 * gap.ci95[0]:.0f}, {100 * gap.ci95[1]:.0f}]"
     return (
         f"{gap.rmse_before_n:.2f} -> {gap.rmse_after_n:.2f} N, floor {gap.rmse_floor_n:.2f} N, closed "
-        f"{100 * gap.closed_fraction:.0f} % {interval}"
+        f"{spell_share(gap.closed_fraction)} {interval}"
     )

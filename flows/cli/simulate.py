@@ -104,6 +104,7 @@ def simulate(
         refuse_beside("designs", {"design": asked.design, **others})
         simulate_file(designs, family, asked, workers, out, lake, json)
         return
+    from fast.models.kernels import compile_once
     from fast.models.simulation.grasp import simulate_grasp
     from fast.models.simulation.output.recording import GraspRecording
 
@@ -113,6 +114,7 @@ def simulate(
     recording = GraspRecording()
     recorder = None if out is None else recording.add
     names = () if along is None else tuple(name.strip() for name in along.split(","))
+    compile_once()
     result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder, along=names)
     ids = {"design_id": design.design_id, "object_id": met.object_id, "version_id": simulator.version_id}
     data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **_slopes_of(result)}

@@ -24,6 +24,7 @@ from fast.models.gap.findings import Findings
 from fast.models.ids import content_id
 from fast.models.records import EffectValue
 from fast.models.simulation.version import SimulatorVersion
+from fast.models.units import spell_share
 from fast.tasks.bench.asked import read_requests, write_requests
 from fast.tasks.calibration.mean_data import find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
@@ -361,7 +362,7 @@ def _find_start(lake: Lake, search: _Search) -> Start:
 
 def _failed(data: GapData) -> list[str]:
     share = data.bank.failed_share
-    return [f"{100 * share:.1f} % of the simulations of the bank failed; they are left out."] if share > 0 else []
+    return [f"{spell_share(share, 1)} of the simulations of the bank failed; they are left out."] if share > 0 else []
 
 
 def _spent(simulator: Simulator, seconds: float) -> dict[str, float]:

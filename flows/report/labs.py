@@ -12,6 +12,7 @@ from fast.flows.report.style import BEST, FIRST, INK, MUTED, OBJECT, SIMULATED, 
 from fast.lake.store import Lake
 from fast.models.objects.catalogue import find_object
 from fast.models.traces.round_robin import LabBias
+from fast.models.units import spell_share
 from fast.tasks.traces.labs import LabsSideBySide, read_labs
 
 _COLOURS = (BEST, FIRST, SIMULATED, SOFTEST, OBJECT)
@@ -72,7 +73,7 @@ def _describe_theta(row: dict[str, Any]) -> dict[str, str]:
 
 
 def _describe_named(row: dict[str, Any]) -> dict[str, Any]:
-    closed = "-" if row["closed_fraction"] is None else f"{row['closed_fraction']:.0%}"
+    closed = "-" if row["closed_fraction"] is None else spell_share(row["closed_fraction"])
     return {"of": row["campaign_id"] or "all, jointly", "closed": closed, **row}
 
 

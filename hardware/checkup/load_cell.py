@@ -11,6 +11,7 @@ from fast.hardware.laumas.codec import Reading
 from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.laumas.source import WeightSource
 from fast.hardware.parts.force_sensor import FULL_SCALE_N
+from fast.models.units import spell_share
 
 WEIGH_S = 2.0
 SLOWEST_FILTER = 1  # of those fit for a lift: 3 (425 ms) smears 2 mm of it, 4 twice that
@@ -92,7 +93,7 @@ def _check_filter(
 ) -> None:
     n_fresh = sum(now != before for before, now in zip(gross_n, gross_n[1:], strict=False))
     share = n_fresh / (len(gross_n) - 1)
-    seen = f"the bench file says {filter_setting}; {share:.0%} of the readings at {rate_hz:g} Hz are fresh"
+    seen = f"the bench file says {filter_setting}; {spell_share(share)} of the readings at {rate_hz:g} Hz are fresh"
     is_judged = statistics.pstdev(gross_n) >= JUDGED_COUNTS * resolution_n
     fix = None
     if filter_setting > SLOWEST_FILTER:

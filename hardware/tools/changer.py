@@ -15,7 +15,7 @@ from fast.hardware.tools.journal import Journal, Transaction
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.tools.status import HeadSensors, ToolStatus, WayOn, judge
 from fast.models.errors import InterlockError
-from fast.models.units import force_n_from_kg
+from fast.models.units import force_n_from_kg, spell_share
 
 logger = logging.getLogger(__name__)
 
@@ -277,8 +277,8 @@ class ToolChanger:
             return
         fault = (
             f"Tool {tool.tool_id} weighs {gained_n / force_n_from_kg(1.0):.3f} kg, the table says "
-            f"{tool.expected_mass_kg:.3f} kg (limit {limit_n / expected_n:.0%}).{self._who_weighs(gained_n)} The head "
-            "holds"
+            f"{tool.expected_mass_kg:.3f} kg (limit {spell_share(limit_n / expected_n)}).{self._who_weighs(gained_n)} "
+            "The head holds"
         )
         if self.ask is not None:
             asked = BenchQuestion(key=f"mass of {tool.tool_id}", sentence=f"{fault}.", choices=(IS_IT, IS_NOT))

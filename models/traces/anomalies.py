@@ -15,6 +15,7 @@ from fast.models.traces.departures import p_values, shortfall_to_repeats
 from fast.models.traces.expected import LEAST_CELLS
 from fast.models.traces.flags import KINDS, Anomaly, Compared, Kind
 from fast.models.traces.names import NOISE_N, PROFILE_STEP_MM
+from fast.models.units import spell_share
 
 TURNED = "turned 45 deg"  # orientation of an object that shows an edge to each finger
 
@@ -219,16 +220,16 @@ _SENTENCES: dict[Kind, str] = {
     "stuck_valve": "no force shows that the gripper closed: {value:.1f} N less than {others}",
     "ejection": "the object is lost at the start of the lift, {value:.0f} mm earlier than {others}",
     "early_loss": "the object is lost {value:.0f} mm of lift earlier than {others}",
-    "torsional_slip": "the fingers slip off the edge of a turned object: {value:.0%} less work than {others}",
+    "torsional_slip": "the fingers slip off the edge of a turned object: {percent} less work than {others}",
     "negative_preload": "the fingers press the object down {value:.1f} N harder than {others}",
     "drifting_cell": "the gripper hangs free at the end of the lift and reads {value:.2f} N",
 }
 _OTHERS = "in its repeats"
 _BESIDE_EXPECTED: dict[Kind, str] = {
-    "stuck_valve": "no force shows that the gripper closed, {share:.0%} less than expected of this tool and object",
+    "stuck_valve": "no force shows that the gripper closed, {percent} less than expected of this tool and object",
     "ejection": "the object is lost at the start of the lift, where this tool and object are expected to hold it",
     "early_loss": "the object is lost where this tool and object are expected to hold it",
-    "torsional_slip": "the fingers slip off the edge of a turned object: {share:.0%} less force late in the lift than "
+    "torsional_slip": "the fingers slip off the edge of a turned object: {percent} less force late in the lift than "
     "expected of this tool and object",
     "negative_preload": "the fingers press the object down {value:.1f} N harder than expected of this tool and object",
 }
@@ -239,7 +240,7 @@ def _anomaly(place: int, kind: Kind, measure: str, evidence: Evidence) -> Anomal
     if evidence.compared == "expected":
         share = -float(np.expm1(-value))
         value = value if measure == "press" else share
-        reason = _BESIDE_EXPECTED[kind].format(value=value, share=share)
+        reason = _BESIDE_EXPECTED[kind].format(value=value, percent=spell_share(share))
     else:
-        reason = _SENTENCES[kind].format(value=value, others=_OTHERS)
+        reason = _SENTENCES[kind].format(value=value, percent=spell_share(value), others=_OTHERS)
     return Anomaly(place, kind, p, evidence.compared, value, reason)

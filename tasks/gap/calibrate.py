@@ -24,6 +24,7 @@ from fast.models.gap.findings import ParameterEstimate
 from fast.models.ids import canonical_json
 from fast.models.records import EffectValue
 from fast.models.simulation.version import SimulatorVersion
+from fast.models.units import spell_share
 from fast.tasks.calibration.calibrate import CalibrationData, Progress, calibrate_once, write_settings
 from fast.tasks.gap.bank import list_bank_ids
 from fast.tasks.gap.theta import count_training
@@ -182,7 +183,7 @@ def gather_effects(search: SearchInputs, effects: Sequence[EffectValue]) -> Effe
     wanted = list_bank_ids(search.base, search.data.grasps.cells, search.bank_plan)
     known = tuple(sorted(search.lake.ids(SimulationRow, simulation_id=wanted, status="ok")))
     share = training.bank.failed_share
-    warnings = (f"{100 * share:.1f} % of the simulations of the bank failed.",) if share > 0 else ()
+    warnings = (f"{spell_share(share, 1)} of the simulations of the bank failed.",) if share > 0 else ()
     ids = training.grasps.grasp_ids
     return EffectData(search.campaign_id, search.base, ids, known, warnings, training=training, effects=tuple(effects))
 

@@ -17,7 +17,7 @@ from fast.models.gap.ask.refine import Ranking, Refinement, rank_draws, refine
 from fast.models.gap.ask.settings import list_settings
 from fast.models.gap.findings import Asked, Interval, NextExperiment, RankedDesigns
 from fast.models.gap.fit.fit import Fit
-from fast.models.units import spell_name, unit_of
+from fast.models.units import spell_name, spell_share, unit_of
 from fast.tasks.gap.ask import FEWEST_GRASPS, ask, estimate_costs, spread_cells, write_pair
 from fast.tasks.gap.ask_settings import AskSettings
 from fast.tasks.gap.calibrate import CalibratedSimulator
@@ -89,7 +89,7 @@ def _write_ranking(
     name, agreement = ranking.names[place], round(ranking.agreement, 3)
     (found,) = (simulator.estimate_parameters([part])[name] for part in [name.partition(".")[0]])
     what, order = describe_parameter(name, found.ci90), f"the order of the {len(ranking.best)} best designs"
-    hangs = f"{order[0].upper()}{order[1:]} hangs on {what}: {agreement:.0%} of the draws agree on it."
+    hangs = f"{order[0].upper()}{order[1:]} hangs on {what}: {spell_share(agreement)} of the draws agree on it."
     if ranking.is_settled:
         sentence = f"No further grasp: {order} does not depend on {what} within its interval."
     elif is_asked:
@@ -125,7 +125,7 @@ def _write_experiment(fit: Fit, plan: Refinement, pairs: Sequence[Pair], ranked:
         sentence=(
             f"{n} grasps, about {max(plan.minutes, 1.0):.0f} min: {'; '.join(words)}, each in turn with a grasp as "
             f"usual. They shorten the interval of {what}, on which the order of the {len(ranked.tools)} best designs "
-            f"hangs, to about {plan.sd_left:.0%} of its width."
+            f"hangs, to about {spell_share(plan.sd_left)} of its width."
         ),
         parameter=plan.parameter,
         ci90=ranked.ci90,
@@ -148,7 +148,8 @@ def _tell_refined(last: Round) -> Asked | None:
     )
     outcome = (
         f"Since {spent} grasps were made for {describe_parameter(asked.parameter, asked.ci90)}, its interval is "
-        f"{now.ci90[0]:.3g} to {now.ci90[1]:.3g}: {left:.0%} of the width before, {asked.sd_left:.0%} was promised."
+        f"{now.ci90[0]:.3g} to {now.ci90[1]:.3g}: {spell_share(left)} of the width before, "
+        f"{spell_share(asked.sd_left)} was promised."
     )
     return Asked(
         promised=asked.promised_grasps,

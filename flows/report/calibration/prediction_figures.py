@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
 from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.means.predict import Mixture, Scores, score_mixture
-from fast.models.units import spell_name
+from fast.models.units import spell_name, spell_share
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def _draw(axes: Axes, panel: Panel, limits: tuple[float, float]) -> None:
 
 def _statistics(label: str, scores: Scores, has_intervals: bool) -> str:
     correlation = "" if scores.correlation is None else f"r {scores.correlation:.2f}, "
-    inside = f"; {100 * scores.coverage_90:.0f} % inside" if has_intervals else ""
+    inside = f"; {spell_share(scores.coverage_90)} inside" if has_intervals else ""
     return f"{label}: {correlation}RMSE {scores.rmse_n:.2f} N{inside}"
 
 

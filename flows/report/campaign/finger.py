@@ -90,10 +90,10 @@ def describe_bounds(space: DesignSpace, design: Design) -> str:
     ]
     if not ends:
         return ""
-    stand = "parameter stands" if len(ends) == 1 else "parameters stand"
+    stand = "stands" if len(ends) == 1 else "stand"
     return (
-        f"{len(ends)} of {space.n_dims} {stand} at an end of the allowed range: {', '.join(ends)}. Fingers beyond "
-        "it, if they can be printed, may hold better."
+        f"{len(ends)} of {space.n_dims} parameters {stand} at an end of the allowed range: {', '.join(ends)}. "
+        "Fingers beyond it, if they can be printed, may hold better."
     )
 
 

@@ -20,7 +20,7 @@ from fast.models.scientist.insights.effects import LEAST_TOOLS, Effect, Pair
 from fast.models.scientist.insights.rules import LEAST_CHANCE
 from fast.models.scientist.insights.stopping import Outlook
 from fast.models.scientist.objectives import OUTCOMES
-from fast.models.units import spell_name, unit_of
+from fast.models.units import spell_name, spell_share, unit_of
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
@@ -69,9 +69,12 @@ def _tiles(outlook: Outlook) -> list[tuple[str, str]]:
     n = outlook.n_worth
     until = f"more than {len(outlook.ahead)}" if n is None else str(n)
     return [
-        (f"{outlook.chance:.0%}", f"chance that the next batch beats the best by {outlook.margin:.0%}"),
+        (
+            spell_share(outlook.chance),
+            f"chance that the next batch beats the best by {spell_share(outlook.margin)}",
+        ),
         (number(outlook.ahead[0].gain_n, 1, "N"), "what it adds, in the median"),
-        (until, f"batches until the chance falls below {LEAST_CHANCE:.0%}"),
+        (until, f"batches until the chance falls below {spell_share(LEAST_CHANCE)}"),
     ]
 
 
@@ -138,7 +141,7 @@ def draw_shares(effects: Sequence[Effect]) -> Figure:
     axes.set_yticks(range(len(effects)), [spell_name(effect.parameter) for effect in effects])
     axes.invert_yaxis()
     axes.set_xlim(left=0.0)
-    axes.xaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
+    axes.xaxis.set_major_formatter(lambda value, _: spell_share(value))
     return figure
 
 

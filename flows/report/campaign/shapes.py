@@ -15,6 +15,7 @@ from fast.flows.report.campaign.traces import Curve, Window, draw_panel, gather_
 from fast.flows.report.folder import Folder
 from fast.flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
 from fast.models.ids import tool_label
+from fast.models.units import spell_share
 
 AT_MOST = 4  # objects of a group that are drawn
 WIDTH_IN, HEIGHT_IN = 1.95, 2.7
@@ -156,8 +157,8 @@ def find_early_loss(content: Content, folder: Folder) -> tuple[dict[str, Any] | 
         return None, [losses]
     rows = [r for r in losses.rows if r["object_class"] in STABLE_CLASSES and r["peak_force_n"] > LEAST_N and r["part"]]
     if not rows or rows[0]["part"] > SHORT:
-        least = f"{100 * rows[0]['part']:.0f} %" if rows else ""
-        return {"drawn": "", "short": f"{100 * SHORT:.0f} %", "least": least}, [losses]
+        least = spell_share(rows[0]["part"]) if rows else ""
+        return {"drawn": "", "short": spell_share(SHORT), "least": least}, [losses]
     worst = rows[0]
     traces = content.result(
         "early_loss_traces", queries.OBJECT_TRACES, object=worst["object_id"], batch=worst["batch"],

@@ -10,6 +10,7 @@ from fast.models.gap.where.cells import UnsureCell
 from fast.models.gap.where.locate import Where
 from fast.models.gap.where.residuals import Residuals
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import spell_share
 
 # Tensile bars of the paper (Methods); friction and Poisson ratio were not measured on their own.
 INDEPENDENT = {"young_modulus_mpa": (11.5, 1.75)}
@@ -140,7 +141,7 @@ def describe_closed(gap: Gap) -> tuple[str, str]:
         few = f"too few designs or objects held out for an interval, which takes {FEWEST_HELD_OUT} of either"
         return closed, f"of the gap above the floor closed; {few}"
     low, high = gap.ci95
-    return closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"
+    return closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {spell_share(high)}"
 
 
 def describe_smallness(gap: Gap) -> str:
@@ -162,7 +163,7 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
         )
     if named.effects and named.left_share is not None and named.left_share >= _LEAST_LEFT:
         notes.append(
-            f"Another effect, or a model without a name, would still explain {100.0 * named.left_share:.0f} % of what "
+            f"Another effect, or a model without a name, would still explain {spell_share(named.left_share)} of what "
             "this answer explains."
         )
     if named.drift:

@@ -45,7 +45,7 @@ from fast.models.gap.where.locate import describe_silence
 from fast.models.gap.where.permutation_tests import Q
 from fast.models.gap.where.residuals import PHASES
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.units import spell_name
+from fast.models.units import spell_name, spell_share
 from fast.tasks.templates import number
 
 PAGE, FINDINGS = "report.html", "findings.json"
@@ -134,7 +134,7 @@ def _tell_family(one: FamilyTold) -> dict[str, str]:
     return {
         "family": one.family,
         "noticed": f"{one.n_alarms} of {one.n}",
-        "smallest": "never" if one.seen_size is None else f"{100.0 * one.seen_size:.1f} %",
+        "smallest": "never" if one.seen_size is None else spell_share(one.seen_size, 1),
         "right": f"{one.n_right} of {one.n_alarms}",
         "unknown": f"{one.n_unknown} of {one.n_alarms}",
         "taken_for": "; ".join(one.taken_for) or "nothing",
@@ -163,7 +163,7 @@ def _prepare_where(content: GapPage, folder: Folder) -> dict[str, Any] | None:
         "lead": lead,
         "maps": {phase: folder.draw(f"gap_map_{phase}", draw_map(residuals, phase)) for phase in phases},
         "heavy": [
-            vars(c) | {"tool": shorten_tool(c.tool), "share": f"{100 * c.share:.0f} %"}
+            vars(c) | {"tool": shorten_tool(c.tool), "share": spell_share(c.share)}
             for c in find_heaviest_cells(residuals)
         ],
         "unsure": [
@@ -199,7 +199,7 @@ def _list_assumed(content: GapPage) -> list[str]:
     findings = content.findings
     return [
         "Theta was calibrated again before anything was called a gap; rho is 1.",
-        f"Findings of WHERE hold a false discovery rate of {100 * Q:.0f} % over phases and factors; the unit is the "
+        f"Findings of WHERE hold a false discovery rate of {spell_share(Q)} over phases and factors; the unit is the "
         "tool or the object, never the grasp.",
         "Names are those of the catalogue; what is not in it can only be called unknown.",
         f"Seed {findings.seed}.",

@@ -11,6 +11,7 @@ from fast.models.calibration.inference.libraries import quiet_import
 from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
 from fast.models.calibration.means.problem import THETA, CalibrationProblem
 from fast.models.errors import UsageError
+from fast.models.units import spell_share
 
 R_HAT_LIMIT, ESS_LIMIT, K_HAT_LIMIT = 1.01, 1000.0, 0.7
 WEIGHTED = "factorised"  # the method whose draws are as good as their importance weights
@@ -191,7 +192,7 @@ def _range_sentences(problem: CalibrationProblem, flat: Mapping[str, np.ndarray]
         text = f"{sampled.min():.3g} to {sampled.max():.3g}{_UNITS[name]}"
         if outside > OUTSIDE_LIMIT:
             found.append(
-                f"{100 * outside:.0f} % of the posterior of {_WORDS[name]} lies outside the simulated range {text}, "
+                f"{spell_share(outside)} of the posterior of {_WORDS[name]} lies outside the simulated range {text}, "
                 "where the emulator extrapolates; simulate a wider range."
             )
         for side, share in (
@@ -200,7 +201,7 @@ def _range_sentences(problem: CalibrationProblem, flat: Mapping[str, np.ndarray]
         ):
             if share > EDGE_LIMIT:
                 found.append(
-                    f"{100 * share:.0f} % of the posterior of {_WORDS[name]} piles up at the {side} end of the "
+                    f"{spell_share(share)} of the posterior of {_WORDS[name]} piles up at the {side} end of the "
                     f"simulated range {text}; simulate beyond it, or look for what the model lacks."
                 )
     return found
@@ -214,7 +215,7 @@ def _overlap_sentences(priors: ThetaPriors, flat: Mapping[str, np.ndarray]) -> l
         if common > OVERLAP_LIMIT:
             found.append(
                 f"the measurements say little about the {_WORDS[name]}: posterior and prior overlap by "
-                f"{100 * common:.0f} %; measure designs that depend on it, or calibrate on traces."
+                f"{spell_share(common)}; measure designs that depend on it, or calibrate on traces."
             )
     return found
 

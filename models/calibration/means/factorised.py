@@ -42,6 +42,7 @@ from fast.models.calibration.means.reweight import Weighted, approximate_phi, fi
 from fast.models.calibration.means.ridge import RidgeDensity, temper_ridge
 from fast.models.calibration.means.theta_surrogate import Box, ThetaSurrogate, build_accurate_surrogate
 from fast.models.errors import FastError
+from fast.models.units import spell_share
 
 N_WEIGHTED = 2800  # draws that are weighted exactly, at most
 MOST_DRAWS, MOST_TUNE = 1400, 600  # per chain: of more draws, more would be left out of the weighting
@@ -171,7 +172,9 @@ def _sample_psi(
         outside = _outside(density.to_psi(trial.flat), surrogate)
         if outside.sum() <= CONTACT_LIMIT or attempt == MAX_GROWTH:
             break
-        steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta: trying again in a larger one")
+        steps.tell(
+            f"{spell_share(outside.sum(), 1)} of the draws are outside the box of theta: trying again in a larger one"
+        )
         box = box.grown(outside > 0.1 * CONTACT_LIMIT)
     n, weight = len(trial.flat), len(psi) + 10.0  # the trial's covariance is shrunk: it may have few draws
     covariance = (n * np.cov(trial.flat.T) + weight * covariance) / (n + weight)
@@ -179,7 +182,7 @@ def _sample_psi(
     samples = _run(density, trial.draws[:, -1], covariance, full, "sampling", steps)
     draws = density.to_psi(samples.draws)
     outside = _outside(draws.reshape(-1, draws.shape[2]), surrogate)
-    steps.tell(f"{outside.sum():.1%} of the draws are outside the box of theta")
+    steps.tell(f"{spell_share(outside.sum(), 1)} of the draws are outside the box of theta")
     return density, replace(samples, draws=draws, n_gradients=samples.n_gradients + trial.n_gradients)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from fast.models.gap.findings import Confound
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import spell_share
 
 HARDLY_VISIBLE = 0.1  # of a signature left once theta and tools are fitted again
 _OF = {
@@ -28,7 +29,7 @@ def find_confounds(visible: Mapping[str, float] | None = None) -> tuple[Confound
     hidden = [
         Confound(
             effect=name,
-            of=f"theta and tools, which take up {100 * (1 - share):.0f} % of it in these data",
+            of=f"theta and tools, which take up {spell_share(1 - share)} of it in these data",
             experiment=CATALOGUE[name].experiment or _ANYWHERE,
         )
         for name, share in (visible or {}).items()

@@ -17,6 +17,7 @@ from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS, N_DESCRIBED, Trials
 from fast.models.gap.evidence.worlds import DRIFTS, LARGEST, NOTHING, SMALLEST, Group, World, make_world
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import spell_share
 
 FALSE_SHARE = 0.01  # of worlds with nothing hidden, that each line lets pass
 SEEN = 0.9
@@ -188,7 +189,7 @@ class Rehearsal:
         large = [one for one in hidden if one.size >= LARGE]
         n_seen = sum(self.is_alarm(one.nats, one.omnibus) for one in large)
         return (
-            f"Much could still hide: even of causes of {100.0 * LARGE:.0f} % of the force or more, {n_seen} of "
+            f"Much could still hide: even of causes of {spell_share(LARGE)} of the force or more, {n_seen} of "
             f"{len(large)} are seen in {made}."
         )
 

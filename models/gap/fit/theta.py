@@ -21,6 +21,7 @@ from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.posterior import sample_posterior
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.grasps import Cells
+from fast.models.units import spell_share
 
 METHOD = "trace"
 MIN_TOOLS = 3
@@ -143,7 +144,7 @@ def _range_sentences(training: Surrogate, result: CalibrationResult) -> list[str
         for bound, near in ((low, share < _NEAR_BOUND), (high, share > 1.0 - _NEAR_BOUND)):
             if near.mean() > _PILE:
                 found.append(
-                    f"{100 * near.mean():.0f} % of the draws of {name} lie at the end of its range, {bound:g}; "
+                    f"{spell_share(near.mean())} of the draws of {name} lie at the end of its range, {bound:g}; "
                     "the traces want to go beyond, or say nothing about it."
                 )
     return found

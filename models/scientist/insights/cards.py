@@ -23,7 +23,7 @@ from fast.models.scientist.insights.simplest import (
     Simpler,
 )
 from fast.models.scientist.insights.stopping import Outlook
-from fast.models.units import spell_name, unit_of
+from fast.models.units import spell_name, spell_share, unit_of
 
 Tone = Literal["green", "yellow", "red"]
 Topic = Literal["gap", "effect", "pair", "stop", "simplest", "health"]
@@ -123,7 +123,7 @@ def summary_card(effects: Sequence[Effect], n_tools: int) -> Card | None:
         sentence = f"{n_tools} tools do not tell yet which parameter matters."
     else:
         names = [spell_name(effect.parameter) for effect in matter[:3]]
-        explained = ", ".join(f"{effect.total.middle:.0%}" for effect in matter[:3])
+        explained = ", ".join(spell_share(effect.total.middle) for effect in matter[:3])
         listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
         verb = "matters most: it has" if len(names) == 1 else "matter most: they have"
         sentence = f"{listed} {verb} a part in {explained} of the differences between fingers."
@@ -133,11 +133,12 @@ def summary_card(effects: Sequence[Effect], n_tools: int) -> Card | None:
 def stop_card(outlook: Outlook, cost: BatchCost) -> Card:
     """Whether another batch is worth it."""
     sentence = (
-        f"The chance that the next batch beats the best finger by {outlook.margin:.0%} is {outlook.chance:.0%}; in the "
+        f"The chance that the next batch beats the best finger by {spell_share(outlook.margin)} is "
+        f"{spell_share(outlook.chance)}; in the "
         f"median it adds {outlook.ahead[0].gain_n:.1f} N to {outlook.best_n:.1f} N. It takes {cost.words}."
     )
     n = outlook.n_worth
-    limit = f"{LEAST_CHANCE:.0%}"
+    limit = f"{spell_share(LEAST_CHANCE)}"
     if not outlook.is_worth:
         step = f"Stop printing: the chance is below {limit}."
     elif n is None:
@@ -160,8 +161,8 @@ def night_card(outlook: Outlook) -> Card | None:
         topic="stop",
         name="night",
         sentence=(
-            f"A night of {outlook.n_night} simulations before the next batch makes its chance {after.chance:.0%} "
-            f"instead of {before.chance:.0%}, its median gain "
+            f"A night of {outlook.n_night} simulations before the next batch makes its chance "
+            f"{spell_share(after.chance)} instead of {spell_share(before.chance)}, its median gain "
             f"{after.gain_n:.1f} N instead of {before.gain_n:.1f} N: {verdict}."
         ),
     )
@@ -187,8 +188,8 @@ def simplest_card(one: Simpler) -> Card:
         name=one.criterion,
         sentence=(
             f"A finger {what} ({numbers.format(factor * one.value, factor * one.best_value)}) holds "
-            f"{100 * one.share.middle:.0f} % [{100 * one.share.low:.0f}, {100 * one.share.high:.0f}] of the best one's "
-            f"force; that it loses no more than {LOSS:.0%} is {one.sure:.0%} likely."
+            f"{spell_share(one.share.middle)} [{100 * one.share.low:.0f}, {100 * one.share.high:.0f}] of the best "
+            f"one's force; that it loses no more than {spell_share(LOSS)} is {spell_share(one.sure)} likely."
         ),
     )
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from fast.models.records import Record
 from fast.models.scientist.insights.cards import Card, Tone
 from fast.models.scientist.surrogate.health import LEAST_GAIN, LEAST_Q2, OUTLIER_SD, SurrogateHealth, is_overconfident
+from fast.models.units import spell_share
 
 GOOD_Q2 = 0.6  # of the variance between tools that is predicted
 REPEATS = (0.25, 0.5)  # of the spread between tools: error of a tool's quality from its repeats
@@ -69,7 +70,7 @@ def _prediction(health: SurrogateHealth) -> Card | None:
         return None
     tone: Tone = "green" if q2 >= GOOD_Q2 else "yellow" if q2 >= LEAST_Q2 else "red"
     sentence = (
-        f"Each tool is predicted from all others, {health.loo_rmse_n:.2f} N off: {max(q2, 0.0):.0%} of the "
+        f"Each tool is predicted from all others, {health.loo_rmse_n:.2f} N off: {spell_share(max(q2, 0.0))} of the "
         "differences between them is explained."
     )
     step = {
@@ -87,8 +88,8 @@ def _confidence(health: SurrogateHealth) -> Card | None:
     return _card(
         "confidence",
         "red",
-        f"The surrogate is overconfident: {coverage:.0%} of {health.n_real} measured designs lie in their 90 % "
-        "interval.",
+        f"The surrogate is overconfident: {spell_share(coverage)} of {health.n_real} measured designs lie in their "
+        "90 % interval.",
         "Expect surprises, and look for outliers among the tools.",
     )
 
@@ -111,7 +112,7 @@ def _simulator(health: SurrogateHealth, campaign_id: str) -> Card | None:
         return None
     tone: Tone = "green" if gain >= LEAST_GAIN else "yellow" if gain >= 0.0 else "red"
     what = "Simulation is informative" if tone == "green" else "Simulation is not informative"
-    rule = f"; it has to be {LEAST_GAIN:.0%} less at least" if tone == "yellow" else ""
+    rule = f"; it has to be {spell_share(LEAST_GAIN)} less at least" if tone == "yellow" else ""
     sentence = (
         f"{what}: with it the error at measured designs is {health.loo_rmse_n:.2f} N, without it "
         f"{health.measured_only_loo_rmse_n:.2f} N{rule}."
@@ -144,7 +145,8 @@ def _repeats(facts: HealthFacts) -> Card | None:
         "repeats",
         facts.repeats_share,
         REPEATS,
-        f"Repeats of grasps leave a tool's quality uncertain by {facts.repeats_share:.0%} of the spread between tools.",
+        f"Repeats of grasps leave a tool's quality uncertain by {spell_share(facts.repeats_share)} of the spread "
+        "between tools.",
         "Raise objects.repeats, or find what scatters: fast diagnose, and the placing of objects.",
     )
 
@@ -156,7 +158,7 @@ def _drift(facts: HealthFacts) -> Card | None:
         "drift",
         abs(facts.drift),
         DRIFT,
-        f"Tool {facts.drift_tool}, measured again, holds {abs(facts.drift):.0%} "
+        f"Tool {facts.drift_tool}, measured again, holds {spell_share(abs(facts.drift))} "
         f"{'more' if facts.drift > 0 else 'less'} than at first.",
         "Look for worn fingers or a changed bench before you compare batches.",
     )
@@ -171,8 +173,8 @@ def _objects(facts: HealthFacts) -> Card | None:
         "objects",
         facts.object_share,
         (low, high),
-        f"{(facts.object_name or 'one object').capitalize()} has a part in {facts.object_share:.0%} of the differences "
-        f"between tools, one of {facts.n_objects} objects.",
+        f"{(facts.object_name or 'one object').capitalize()} has a part in {spell_share(facts.object_share)} of the "
+        f"differences between tools, one of {facts.n_objects} objects.",
         "Look at its traces, or take `worst_peak_n` or `low_peak_n` for the objective: it should not decide alone.",
     )
 

@@ -205,12 +205,12 @@ def test_who_knows_the_keys_is_right_and_who_says_nothing_is_silent(tmp_path: Pa
     assert knowing["false alarms where nothing is hidden"] == (0, 4)
     assert silent["false alarms where nothing is hidden"] == (0, 4)
     for cause in ("a listed cause", "a cause that is not listed"):
-        k, n = knowing[f"alarm, {cause} of 2% or more"]
+        k, n = knowing[f"alarm, {cause} of 2 % or more"]
         assert k == n > 0
-        assert silent[f"alarm, {cause} of 2% or more"] == (0, n)
+        assert silent[f"alarm, {cause} of 2 % or more"] == (0, n)
     k, n = knowing["family right, given an alarm"]
     assert k == n > 0
-    k, n = silent["“nothing” said at 4% or more"]
+    k, n = silent["“nothing” said at 4 % or more"]
     assert k == n > 0
 
 

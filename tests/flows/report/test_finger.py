@@ -13,7 +13,7 @@ def test_parameters_at_the_ends_of_their_ranges_are_named():
         "one, rib count at the upper one."
     )
     one = describe_bounds(FIN_RAYS, BEST_PUBLISHED.model_copy(update={"height_mm": 120.0}))
-    assert one.startswith("1 of 9 parameter stands at an end of the allowed range: height at the upper one.")
+    assert one.startswith("1 of 9 parameters stands at an end of the allowed range: height at the upper one.")
 
 
 def say_twins(others):

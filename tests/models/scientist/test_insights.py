@@ -164,7 +164,7 @@ def test_cards_say_the_size_or_how_many_tools_it_takes() -> None:
     )
     assert summary_card([known], 6) is None
     assert summary_card([known, unknown], 30).sentence == (
-        "Rib count matters most: it has a part in 50% of the differences between fingers."
+        "Rib count matters most: it has a part in 50 % of the differences between fingers."
     )
 
 
@@ -219,10 +219,10 @@ def test_a_night_is_said_apart() -> None:
 @pytest.mark.parametrize(
     ("chances", "step"),
     [
-        ((0.5, 0.3, 0.05), "Print on: the chance falls below 10% after 2 more batches."),
-        ((0.5, 0.05, 0.05), "Print on: the chance falls below 10% after 1 more batch."),
-        ((0.5, 0.4, 0.3), "Print on: the chance stays above 10% for 3 batches at least."),
-        ((0.05, 0.4, 0.3), "Stop printing: the chance is below 10%."),
+        ((0.5, 0.3, 0.05), "Print on: the chance falls below 10 % after 2 more batches."),
+        ((0.5, 0.05, 0.05), "Print on: the chance falls below 10 % after 1 more batch."),
+        ((0.5, 0.4, 0.3), "Print on: the chance stays above 10 % for 3 batches at least."),
+        ((0.05, 0.4, 0.3), "Stop printing: the chance is below 10 %."),
     ],
 )
 def test_advice_in_a_sentence(chances, step) -> None:

@@ -20,11 +20,11 @@ def test_all_is_green_and_nothing_is_to_do() -> None:
 @pytest.mark.parametrize(
     ("name", "change", "tone", "words"),
     [
-        ("repeats", {"repeats_share": 0.3}, "yellow", "uncertain by 30%"),
-        ("repeats", {"repeats_share": 0.6}, "red", "uncertain by 60%"),
-        ("drift", {"drift": -0.07}, "yellow", "holds 7% less than at first"),
-        ("drift", {"drift": 0.2}, "red", "holds 20% more than at first"),
-        ("objects", {"object_share": 0.4}, "yellow", "Cube (30) has a part in 40%"),
+        ("repeats", {"repeats_share": 0.3}, "yellow", "uncertain by 30 %"),
+        ("repeats", {"repeats_share": 0.6}, "red", "uncertain by 60 %"),
+        ("drift", {"drift": -0.07}, "yellow", "holds 7 % less than at first"),
+        ("drift", {"drift": 0.2}, "red", "holds 20 % more than at first"),
+        ("objects", {"object_share": 0.4}, "yellow", "Cube (30) has a part in 40 %"),
         ("objects", {"object_share": 0.4, "n_objects": 4}, "green", "one of 4 objects"),
         ("prints", {"off_mm": 0.15}, "yellow", "0.15 mm off their drawing"),
         ("failed grasps", {"n_failed": 100}, "yellow", "100 of 2000 grasps failed"),

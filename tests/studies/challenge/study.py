@@ -28,10 +28,10 @@ SEED = "first rows of the challenge"
 N_WORLDS = 60
 COLUMNS = {
     "false alarms where nothing is hidden": "false alarms",
-    "alarm, a listed cause of 2% or more": "alarm, listed, 2 %",
-    "alarm, a cause that is not listed of 2% or more": "alarm, not listed, 2 %",
-    "“nothing” said at 4% or more": "“nothing” at 4 %",
-    "“nothing” said at 10% or more": "“nothing” at 10 %",
+    "alarm, a listed cause of 2 % or more": "alarm, listed, 2 %",
+    "alarm, a cause that is not listed of 2 % or more": "alarm, not listed, 2 %",
+    "“nothing” said at 4 % or more": "“nothing” at 4 %",
+    "“nothing” said at 10 % or more": "“nothing” at 10 %",
     "family right, given an alarm": "family right",
     "wrong family for a cause that is not listed": "wrong family",
     "Brier score of the stated probability": "Brier score",

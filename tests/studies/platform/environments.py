@@ -52,7 +52,7 @@ world = "world.toml"
 _WORLD = "[mesh]\nedge_mm = 20.0\nlayers = 1\n"
 # What differs from run to run: numbers, keys, and where the report lies; how far a campaign is, is not said at once.
 _NUMBERS = re.compile(r"\d+|/\?key=\S+|file://\S+")
-_PROGRESS = re.compile(r"\d\d:\d\d:\d\d ")
+_PROGRESS = re.compile(r"\d\d:\d\d:\d\d |The simulator is compiled, once on this computer")
 _SKIPPED = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "*.egg-info", "tests", "docs")
 
 

@@ -151,7 +151,7 @@ def test_a_campaign_ends_by_itself_after_two_batches_that_say_no(tmp_path: Path,
     assert has_stopped(campaign, 1) is ends
     assert has_stopped(campaign, 0) is False  # its tools are there
     if ends:
-        assert "was 2% and 1% after the last 2 batches" in describe_stop(campaign)
+        assert "was 2 % and 1 % after the last 2 batches" in describe_stop(campaign)
 
 
 def test_the_end_is_no_part_of_what_decides_results() -> None:
@@ -175,11 +175,11 @@ def test_advice_is_the_sentence_of_the_card() -> None:
 
     outlook = Outlook(margin=0.05, best_n=20.0, ahead=(BatchAhead(chance=0.04, gain_n=0.0),), n_tools=6)
     cards = (
-        Card(topic="stop", name="next batch", sentence="It is 4%.", next_step="Stop printing."),
+        Card(topic="stop", name="next batch", sentence="It is 4 %.", next_step="Stop printing."),
         Card(topic="health", name="drift", tone="yellow", sentence="It drifts.", next_step="Look."),
     )
     advice = make_advice(Insights(campaign_id="small", n_tools=12, cards=cards, outlook=outlook), 2)
-    assert (advice.sentence, advice.tone, advice.health) == ("Stop printing. It is 4%.", "yellow", "It drifts.")
+    assert (advice.sentence, advice.tone, advice.health) == ("Stop printing. It is 4 %.", "yellow", "It drifts.")
     assert not advice.is_end
 
 

@@ -1,0 +1,85 @@
+"""Kernels are compiled by one process of a computer, which says so; the others wait for it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fast.models import kernels
+from fast.models.solver_code import VARIABLE
+
+LINE = "The simulator is compiled, once on this computer (a minute): "
+PROCESS = """
+import os, sys, time
+from pathlib import Path
+from fast.models import kernels
+
+def simulate():
+    with (folder / "calls").open("a") as file:
+        file.write("compiled\\n")
+    while len(list(folder.glob("started-*"))) < 3:
+        time.sleep(0.05)
+    time.sleep(1.5)
+
+folder = Path(sys.argv[1])
+kernels.TELL_EVERY_S, kernels._simulate = 0.3, simulate
+(folder / f"started-{os.getpid()}").touch()
+kernels.compile_once()
+"""
+
+
+@pytest.fixture
+def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What was compiled, into an empty folder."""
+    found: list[str] = []
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "kernels"))
+    monkeypatch.setattr(kernels, "_simulate", lambda: found.append("compiled"))
+    return found
+
+
+def compile_as_new_process() -> None:
+    kernels.compile_once.cache_clear()
+    kernels.compile_once()
+
+
+def test_kernels_are_compiled_once(compiled: list[str]) -> None:
+    for _ in range(3):
+        compile_as_new_process()
+    assert compiled == ["compiled"]
+
+
+def test_other_code_is_compiled_anew(compiled: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    compile_as_new_process()
+    monkeypatch.setattr(kernels, "_name_code", lambda: "other sources, numba or processor")
+    compile_as_new_process()
+    assert len(compiled) == 2
+
+
+def test_a_failed_compilation_is_tried_again(compiled: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(kernels, "_simulate", lambda: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            compile_as_new_process()
+    compile_as_new_process()
+    assert compiled == ["compiled"]
+
+
+def test_a_folder_that_cannot_be_written_hinders_nobody(compiled: list[str], tmp_path: Path) -> None:
+    (tmp_path / "kernels").write_text("a file")
+    compile_as_new_process()
+    assert compiled == ["compiled"]
+
+
+def test_one_process_compiles_and_others_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two of one terminal and one of another: it is said once a terminal."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "kernels"))
+    command = [sys.executable, "-c", PROCESS, str(tmp_path)]
+    started = [
+        subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=is_other)
+        for is_other in (False, False, True)
+    ]
+    said = [LINE in process.communicate(timeout=200)[1] for process in started]
+    assert [process.returncode for process in started] == [0, 0, 0]
+    assert (tmp_path / "calls").read_text() == "compiled\n"
+    assert (said[0] + said[1], said[2]) == (1, True)

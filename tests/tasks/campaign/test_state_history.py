@@ -79,7 +79,7 @@ def append_row(tool, cell, attempt, campaign, status="ok", end=""):
     return GraspRow(
         grasp_id=GraspRow.make_id(tool.tool_id, object_id, repeat, attempt), campaign_id=campaign.campaign_id,
         tool_id=tool.tool_id, batch=tool.batch, slot=tool.slot, design_id=tool.design.design_id, object_id=object_id,
-        repeat=repeat, attempt=attempt, status=status, setup_id=setup_id, setup_json="{}", bench="virtual",
+        repeat=repeat, attempt=attempt, status=status, setup_id=setup_id, setup_json="{}", bench="virtual", work_j=0.1,
         details_json=f'{{"end":"{end}"}}',
     )  # fmt: skip
 

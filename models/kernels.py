@@ -9,11 +9,13 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from typing import TextIO
 
 from fast.models.solver_code import VARIABLE, source_stamp
 
 logger = logging.getLogger(__name__)
-TELL_EVERY_S = 8.0
+TELL_EVERY_S, LOOK_S = 8.0, 0.2
+LONGEST_WAIT_S = 240.0  # for a process that compiles, less than a worker may hang
 
 
 @cache
@@ -31,7 +33,8 @@ def compile_once() -> None:
 
     def must_tell() -> bool:
         found = compiler.read_text(encoding="utf-8") if compiler.exists() else process
-        return found == process or found.split()[:1] != process.split()[:1]
+        is_of_ours = found != process and found.split()[:1] == process.split()[:1]
+        return not (is_of_ours or ready.exists())
 
     with _told_while(must_tell), _alone(folder):
         if ready.exists():
@@ -41,18 +44,29 @@ def compile_once() -> None:
             compiler.write_text(process, encoding="utf-8")
         _simulate()
         with suppress(OSError):
-            compiler.unlink(missing_ok=True)
             ready.touch()
+            compiler.unlink(missing_ok=True)
 
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Within, no other process of this computer is; without locks, or rights to the file, all are."""
+    """Within, no other process of this computer is, but for one that has waited too long: its peer may be halted.
+
+    Where there are no locks, or no right to the file, nobody waits.
+    """
     with ExitStack() as stack:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
-            fcntl.flock(stack.enter_context((folder / "compiling").open("a")), fcntl.LOCK_EX)
+            _wait_for(stack.enter_context((folder / "compiling").open("a")))
         yield
+
+
+def _wait_for(file: TextIO) -> None:
+    for _ in range(round(LONGEST_WAIT_S / LOOK_S)):
+        try:
+            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(LOOK_S)
 
 
 def _name_code() -> str:

@@ -1,5 +1,6 @@
 """Kernels are compiled by one process of a computer, which says so; the others wait for it."""
 
+import fcntl
 import subprocess
 import sys
 from pathlib import Path
@@ -68,6 +69,15 @@ def test_a_failed_compilation_is_tried_again(compiled: list[str], monkeypatch: p
 def test_a_folder_that_cannot_be_written_hinders_nobody(compiled: list[str], tmp_path: Path) -> None:
     (tmp_path / "kernels").write_text("a file")
     compile_as_new_process()
+    assert compiled == ["compiled"]
+
+
+def test_a_process_that_is_halted_is_not_waited_for_for_ever(compiled, tmp_path, monkeypatch) -> None:
+    (tmp_path / "kernels").mkdir()
+    monkeypatch.setattr(kernels, "LONGEST_WAIT_S", 0.4)
+    with (tmp_path / "kernels" / "compiling").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        compile_as_new_process()
     assert compiled == ["compiled"]
 
 

@@ -3,6 +3,7 @@
 import fcntl
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -82,13 +83,18 @@ def test_a_process_that_is_halted_is_not_waited_for_for_ever(compiled, tmp_path,
 
 
 def test_one_process_compiles_and_others_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two of one terminal and one of another: it is said once a terminal."""
+    """Two of the terminal in which one compiles, where it is said once, and one of another."""
     monkeypatch.setenv(VARIABLE, str(tmp_path / "kernels"))
-    command = [sys.executable, "-c", PROCESS, str(tmp_path)]
-    started = [
-        subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=is_other)
-        for is_other in (False, False, True)
-    ]
+
+    def start(is_other: bool) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-c", PROCESS, str(tmp_path)]
+        return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=is_other)
+
+    started = [start(is_other=False), start(is_other=False)]
+    while not (tmp_path / "calls").exists():
+        assert None in {process.poll() for process in started}
+        time.sleep(0.05)
+    started.append(start(is_other=True))
     said = [LINE in process.communicate(timeout=200)[1] for process in started]
     assert [process.returncode for process in started] == [0, 0, 0]
     assert (tmp_path / "calls").read_text() == "compiled\n"

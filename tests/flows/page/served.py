@@ -61,6 +61,14 @@ def _note_stranger(url: str, address: str, complaints: list[str]) -> None:
         complaints.append(f"{url} is not ours")
 
 
+def find_barriers(page: Any) -> list[str]:
+    """What keeps somebody from reading or using the page as it is now, by axe-core: rule and element."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [f"{rule['help']}: {node['html']}" for rule in found for node in rule["nodes"]]
+
+
 def say_name(page: Any, name: str) -> None:
     """Say who works at this browser."""
     page.click(".who")

@@ -9,7 +9,7 @@ from fast.tasks.bench.lend import read_lent
 from fast.tasks.campaign.requests import GANTRY_LEASE
 from tests.flows.cli.cli_lakes import QUICK, WORLD, proposed_lake
 from tests.flows.page.lab_page import Browser
-from tests.flows.page.served import CHROMIUM, open_browser, say_name, serve
+from tests.flows.page.served import CHROMIUM, find_barriers, open_browser, say_name, serve
 from tests.flows.server.on_server import wait_for
 from tests.tasks.bench.lent_bench import lent
 
@@ -89,7 +89,7 @@ def test_a_campaign_is_started_on_the_bench_that_a_terminal_lends_and_on_no_othe
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="no chromium: apt-get install chromium")
 def test_a_bench_is_moved_on_a_phone(lake):
     pytest.importorskip("playwright")
-    with lent(lake), serve(lake) as address, open_browser(address, 390) as page:
+    with lent(lake), serve(lake) as address, open_browser(address, 390, "dark") as page:
         say_name(page, "Ada")
         page.click("nav a:has-text('Start')")
         page.click("#by-hand button:has-text('Take the bench')")
@@ -99,6 +99,7 @@ def test_a_bench_is_moved_on_a_phone(lake):
         page.wait_for_selector("#bench-place:has-text('z 170.0 mm')", timeout=60_000)
         assert page.evaluate("() => document.activeElement.getAttribute('aria-label')") == "z -10 mm"
         assert page.evaluate("() => document.documentElement.scrollWidth") == 390
+        assert find_barriers(page) == []
         page.click("#by-hand button:has-text('Close')")
         page.wait_for_selector("#bench-said:has-text('no tool is locked')")
         page.click("#by-hand button:has-text('Give the bench back')")

@@ -21,6 +21,7 @@ from fast.tasks.campaign.left_out import Part
 from fast.tasks.campaign.requests import STARTED, append_event
 from tests.flows.cli.cli_lakes import Fast, proposed_lake
 from tests.flows.page.lab_page import Browser
+from tests.flows.page.served import CHROMIUM, find_barriers, open_browser, say_name, serve
 from tests.hardware.safety.scenario_bench import WORLD, is_pulling, physics, when
 from tests.studies.benchmarks.made_up_batch import measure_missing, rack_of
 
@@ -107,6 +108,19 @@ def test_each_way_on_changes_the_plan_as_it_says(stopped, way, left):
     words = stopped.records(EventRow, kind="left_out")
     assert [row.payload["operator"] for row in words] == ([] if way == "again" else ["ada"])
     assert all("hard limit was hit" in row.payload["reason"] for row in words)  # as the fault says
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CHROMIUM.exists(), reason="no chromium: apt-get install chromium")
+@pytest.mark.parametrize(("width", "scheme"), [(1200, "light"), (390, "dark")])
+def test_everybody_can_read_a_fault_and_choose(stopped, width, scheme):
+    pytest.importorskip("playwright")
+    with serve(stopped) as address, open_browser(address, width, scheme) as page:
+        say_name(page, "Ada")
+        for tab in ("Now", "To do", "Results", "Gap", "Start"):
+            page.click(f"nav a:has-text('{tab}')")
+            page.wait_for_selector(".fault button:has-text('Make the grasp again')")
+            assert find_barriers(page) == []
 
 
 def test_a_place_and_a_slot_are_left_out_on_the_map_and_put_back(stopped):

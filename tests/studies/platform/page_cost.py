@@ -5,6 +5,8 @@ is simulated, a row is appended every second.
 """
 
 import base64
+import http.client
+import socket
 import tempfile
 import threading
 import time
@@ -166,15 +168,18 @@ def _watch(campaign: Campaign, page: PageServer, n_pages: int, is_busy: bool) ->
 @contextmanager
 def _open_page(page: PageServer) -> Iterator[None]:
     """A page that follows the campaign, and asks what its script asks when there is news, at most every two seconds."""
-    answer = urllib.request.urlopen(_request(page, "/events?campaign=paper"), timeout=600)
+    asked = _request(page, "/events?campaign=paper")
+    connection = http.client.HTTPConnection(asked.host, timeout=600)
+    connection.request("GET", asked.selector, headers=dict(asked.header_items()))
+    line, answer = connection.sock, connection.getresponse()
     is_over, has_news = threading.Event(), threading.Event()
 
     def listen_on() -> None:
         try:
-            for line in answer:
-                if line.startswith((b"event: news", b"event: standing")):
+            for text in answer:
+                if text.startswith((b"event: news", b"event: standing")):
                     has_news.set()
-        except (OSError, ValueError, AttributeError):  # closed under its hands
+        except (OSError, http.client.HTTPException):  # closed under its hands
             return
 
     def ask() -> None:
@@ -192,7 +197,7 @@ def _open_page(page: PageServer) -> Iterator[None]:
     finally:
         is_over.set()
         threads[1].join()
-        answer.close()
+        line.shutdown(socket.SHUT_RDWR)  # who reads may wait for half a minute else
 
 
 def _append(campaign: Campaign, number: int) -> None:

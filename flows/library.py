@@ -69,6 +69,7 @@ def grasp_function(
         UsageError: there is no such object, or a parameter is unknown or has no slope.
     """
     from fast.models.design.space import BEST_PUBLISHED
+    from fast.models.kernels import compile_once
     from fast.models.objects.rigid import RigidObject
     from fast.models.records import GraspSetup
     from fast.models.simulation.inputs import GraspInputs
@@ -77,6 +78,7 @@ def grasp_function(
     from fast.tasks.objects import find_object
 
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
+    compile_once()
     inputs = GraspInputs(design or BEST_PUBLISHED, met, version or SimulatorVersion(), setup or GraspSetup())
     return PeakFunction(inputs, names)
 

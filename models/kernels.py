@@ -5,7 +5,7 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -25,39 +25,29 @@ def compile_once() -> None:
     That takes some 50 s of CPU. A line says so every eight seconds, one for all processes of a terminal.
     """
     folder = Path(os.environ[VARIABLE])
-    ready = folder / f"ready-{_name_code()}"
+    ready, lock = folder / f"ready-{_name_code()}", folder / "compiling"
     if ready.exists():
         return
-    process = f"{os.getsid(0)} {os.getpid()}"
-    compiler = folder / "compiler"  # terminal and id of the process that compiles
-
-    def must_tell() -> bool:
-        found = compiler.read_text(encoding="utf-8") if compiler.exists() else process
-        is_of_ours = found != process and found.split()[:1] == process.split()[:1]
-        return not (is_of_ours or ready.exists())
-
-    with _told_while(must_tell), _alone(folder):
-        if ready.exists():
-            return
-        # What another user owns, or a full disk, hinders nobody: the kernels are compiled all the same.
-        with suppress(OSError):
-            compiler.write_text(process, encoding="utf-8")
-        _simulate()
-        with suppress(OSError):
-            ready.touch()
-            compiler.unlink(missing_ok=True)
+    with _told(ready, lock), _alone(lock):
+        if not ready.exists():
+            _simulate()
+            with suppress(OSError):
+                ready.touch()
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def _alone(lock: Path) -> Iterator[None]:
     """Within, no other process of this computer is, but for one that has waited too long: its peer may be halted.
 
-    Where there are no locks, or no right to the file, nobody waits.
+    The file says whose turn it is, terminal and process. Where there are no locks, no right to the file, or no room on
+    the disk, nobody waits.
     """
     with ExitStack() as stack:
         with suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True)
-            _wait_for(stack.enter_context((folder / "compiling").open("a")))
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            file = stack.enter_context(lock.open("a", encoding="utf-8"))
+            _wait_for(file)
+            lock.write_text(f"{os.getsid(0)} {os.getpid()}", encoding="utf-8")
         yield
 
 
@@ -88,13 +78,13 @@ def _simulate() -> None:
 
 
 @contextmanager
-def _told_while(must_tell: Callable[[], bool]) -> Iterator[None]:
-    """Within, a line is written every few seconds where this process has to."""
+def _told(ready: Path, lock: Path) -> Iterator[None]:
+    """Within, a line is written every few seconds, unless another process of this terminal writes it."""
     started, over = time.monotonic(), threading.Event()
 
     def tell() -> None:
         while not over.wait(TELL_EVERY_S):
-            if must_tell():
+            if not (ready.exists() or _is_told_by_another(lock)):
                 passed_s = time.monotonic() - started
                 logger.warning("The simulator is compiled, once on this computer (a minute): %.0f s so far.", passed_s)
 
@@ -103,3 +93,11 @@ def _told_while(must_tell: Callable[[], bool]) -> Iterator[None]:
         yield
     finally:
         over.set()
+
+
+def _is_told_by_another(lock: Path) -> bool:
+    try:
+        terminal, process = lock.read_text(encoding="utf-8").split()
+    except (OSError, ValueError):  # nobody has begun yet
+        return False
+    return terminal == str(os.getsid(0)) and process != str(os.getpid())

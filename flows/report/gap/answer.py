@@ -141,7 +141,7 @@ def describe_closed(gap: Gap) -> tuple[str, str]:
         few = f"too few designs or objects held out for an interval, which takes {FEWEST_HELD_OUT} of either"
         return closed, f"of the gap above the floor closed; {few}"
     low, high = gap.ci95
-    return closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {spell_share(high)}"
+    return closed, f"of the gap above the floor closed, 95 %: {100 * low:.0f} to {100 * high:.0f} %"
 
 
 def describe_smallness(gap: Gap) -> str:

@@ -134,11 +134,11 @@ def stop_card(outlook: Outlook, cost: BatchCost) -> Card:
     """Whether another batch is worth it."""
     sentence = (
         f"The chance that the next batch beats the best finger by {spell_share(outlook.margin)} is "
-        f"{spell_share(outlook.chance)}; in the "
-        f"median it adds {outlook.ahead[0].gain_n:.1f} N to {outlook.best_n:.1f} N. It takes {cost.words}."
+        f"{spell_share(outlook.chance)}; in the median it adds {outlook.ahead[0].gain_n:.1f} N to "
+        f"{outlook.best_n:.1f} N. It takes {cost.words}."
     )
     n = outlook.n_worth
-    limit = f"{spell_share(LEAST_CHANCE)}"
+    limit = spell_share(LEAST_CHANCE)
     if not outlook.is_worth:
         step = f"Stop printing: the chance is below {limit}."
     elif n is None:

@@ -147,7 +147,7 @@ def _repeats(facts: HealthFacts) -> Card | None:
         REPEATS,
         f"Repeats of grasps leave a tool's quality uncertain by {spell_share(facts.repeats_share)} of the spread "
         "between tools.",
-        "Raise objects.repeats, or find what scatters: fast diagnose, and the placing of objects.",
+        "Raise objects.repeats, or find what scatters: fast features, and the placing of objects.",
     )
 
 

@@ -58,7 +58,8 @@ def test_the_parameter_that_matters_is_told(found: Insights) -> None:
     (outcome,) = found.outcomes
     first = outcome.effects[0]
     assert (found.n_tools, outcome.outcome, first.parameter) == (12, "mean_peak_n", "height_mm")
-    assert first.size.low <= 7.5 <= first.size.high  # 30 N on one object of four
+    # 30 N on one object of four; 128 worlds know the ends of an interval of 3 N to half a N.
+    assert first.size.low - 0.5 <= 7.5 <= first.size.high + 0.5
     assert any(card.sentence.startswith("Height: less is better") for card in found.cards)
     assert Insights.model_validate_json(found.model_dump_json()) == found
 

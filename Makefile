@@ -48,7 +48,7 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	@echo "$(VENV) is ready."
 
 kernels: setup  ## compile the simulator's kernels once, so that no test or worker has to
-	$(BIN)/python -c "from fast.models.kernels import compile_once; compile_once()"
+	$(BIN)/python -c "from fast.models.simulation.grasp import compile_simulator; compile_simulator()"
 
 campaign: setup ## a small complete campaign on the virtual bench, with report and recording
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print

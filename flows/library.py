@@ -37,14 +37,12 @@ def simulate(
         UsageError: there is no such object, or a parameter is unknown or has no slope.
         MeshingFailed, SimulationFailed: this finger cannot be meshed, or the grasp does not converge.
     """
-    from fast.models.kernels import compile_once
     from fast.models.objects.rigid import RigidObject
     from fast.models.records import GraspSetup
     from fast.models.simulation.grasp import simulate_grasp
     from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.objects import find_object
 
-    compile_once()
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
     return simulate_grasp(design, met, version or SimulatorVersion(), setup or GraspSetup(), along=along)
 
@@ -69,7 +67,6 @@ def grasp_function(
         UsageError: there is no such object, or a parameter is unknown or has no slope.
     """
     from fast.models.design.space import BEST_PUBLISHED
-    from fast.models.kernels import compile_once
     from fast.models.objects.rigid import RigidObject
     from fast.models.records import GraspSetup
     from fast.models.simulation.inputs import GraspInputs
@@ -78,7 +75,6 @@ def grasp_function(
     from fast.tasks.objects import find_object
 
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
-    compile_once()
     inputs = GraspInputs(design or BEST_PUBLISHED, met, version or SimulatorVersion(), setup or GraspSetup())
     return PeakFunction(inputs, names)
 

@@ -5,9 +5,8 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import cache
 from pathlib import Path
 from typing import TextIO
 
@@ -16,21 +15,33 @@ from fast.models.solver_code import VARIABLE, source_stamp
 logger = logging.getLogger(__name__)
 TELL_EVERY_S, LOOK_S = 8.0, 0.2
 LONGEST_WAIT_S = 240.0  # for a process that compiles, less than a worker may hang
+_BEGUN: set[int] = set()  # processes: a child does not inherit what its parent has compiled
 
 
-@cache
-def compile_once() -> None:
-    """Have the kernels compiled on this computer; it returns at once where they are.
+def compile_once(call_kernels: Callable[[], object]) -> None:
+    """Have the kernels compiled on this computer, by a function that calls them all; it returns at once where they are.
 
-    That takes some 50 s of CPU. A line says so every eight seconds, one for all processes of a terminal.
+    That takes some 50 s of CPU. A line says so every eight seconds, one for all processes of a terminal. What
+    `call_kernels` calls may ask for the same.
     """
+    if os.getpid() in _BEGUN:
+        return
+    _BEGUN.add(os.getpid())
+    try:
+        _compile(call_kernels)
+    except BaseException:
+        _BEGUN.clear()
+        raise
+
+
+def _compile(call_kernels: Callable[[], object]) -> None:
     folder = Path(os.environ[VARIABLE])
     ready, lock = folder / f"ready-{_name_code()}", folder / "compiling"
     if ready.exists():
         return
     with _told(ready, lock), _alone(lock):
         if not ready.exists():
-            _simulate()
+            call_kernels()
             with suppress(OSError):
                 ready.touch()
 
@@ -66,15 +77,6 @@ def _name_code() -> str:
 
     package = Path(__file__).parent
     return f"{source_stamp(package)}-{numba.__version__}-{llvmlite.binding.get_host_cpu_name()}"
-
-
-def _simulate() -> None:
-    """A whole grasp calls every kernel."""
-    from fast.models.design.space import BEST_PUBLISHED
-    from fast.models.objects.catalogue import get_object
-    from fast.models.simulation.grasp import simulate_grasp
-
-    simulate_grasp(BEST_PUBLISHED, get_object(30))
 
 
 @contextmanager

@@ -208,12 +208,10 @@ def _pty() -> str:
 
 def _small_grasp() -> str:
     from fast.models.design.space import BEST_PUBLISHED
-    from fast.models.kernels import compile_once
     from fast.models.objects.catalogue import get_object
     from fast.models.records import GraspSetup
     from fast.models.simulation.grasp import simulate_grasp
 
-    compile_once()
     result = simulate_grasp(BEST_PUBLISHED, get_object(0), setup=GraspSetup(max_lift_mm=2))
     return f"2 mm of lift, {result.n_dof} degrees of freedom in {result.cpu_s:.1f} s of CPU"
 

@@ -2,7 +2,7 @@
 
 import json as json_module
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +13,8 @@ from fast.flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import Design, GraspSetup, GraspSimulation, Placement
+    from fast.models.records import Design, GraspSetup, GraspSimulation, Placement, Slopes
+    from fast.models.simulation.slopes.tolerances import Tolerances
     from fast.models.simulation.version import SimulatorVersion
 
     Grasp = tuple[Design, RigidObject, SimulatorVersion, GraspSetup, Placement]
@@ -82,6 +83,14 @@ def simulate(
             "and closing."
         ),
     ] = None,
+    tolerance: Annotated[
+        list[str] | None,
+        Parameter(
+            negative="",
+            help="Standard deviation between prints and mountings, for the +- of the peak, e.g. wall_offset_mm=0.15, "
+            "offset_z_mm, closed_gap_mm; 0 leaves one out; may be given several times.",
+        ),
+    ] = None,
     out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
     export_calculix: Annotated[
         Path | None,
@@ -100,11 +109,11 @@ def simulate(
 ) -> None:
     """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
     if designs is not None:
-        others = {"simulation": asked.simulation, "along": along, "export-calculix": export_calculix}
+        others: dict[str, Any] = {"simulation": asked.simulation, "along": along, "tolerance": tolerance}
+        others |= {"export-calculix": export_calculix}
         refuse_beside("designs", {"design": asked.design, **others})
         simulate_file(designs, family, asked, workers, out, lake, json)
         return
-    from fast.models.kernels import compile_once
     from fast.models.simulation.grasp import simulate_grasp
     from fast.models.simulation.output.recording import GraspRecording
 
@@ -114,10 +123,16 @@ def simulate(
     recording = GraspRecording()
     recorder = None if out is None else recording.add
     names = () if along is None else tuple(name.strip() for name in along.split(","))
-    compile_once()
-    result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder, along=names)
+    tolerances = read_tolerances(tolerance or [])
+    needed = tolerances.names_for(design)
+    result = simulate_grasp(
+        design, met, simulator, setup, placement=placement, recorder=recorder, along=(*names, *needed)
+    )
+    scatter = {} if result.slopes is None else _scatter_of(tolerances, result.slopes)
+    if not names:
+        result = replace(result, slopes=None)
     ids = {"design_id": design.design_id, "object_id": met.object_id, "version_id": simulator.version_id}
-    data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **_slopes_of(result)}
+    data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **scatter, **_slopes_of(result)}
     show(data, describe_grasp(data), json)
     files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording)
     if export_calculix is not None:
@@ -172,6 +187,28 @@ def simulate_file(
 def _numbers_of(result: "GraspSimulation") -> dict[str, Any]:
     names = ("peak_force_n", "contact_force_n", "work_j", "pressure_kpa", "twist_deg", "n_steps", "n_dof", "cpu_s")
     return {name: getattr(result, name) for name in names}
+
+
+def read_tolerances(values: list[str]) -> "Tolerances":
+    """Tolerances, the usual ones but for those that are given as NAME=MM.
+
+    Raises:
+        UsageError: no NAME=MM, an unknown name, or a value out of its range.
+    """
+    from fast.models.errors import ConfigError, UsageError
+    from fast.models.simulation.slopes.tolerances import Tolerances
+    from fast.models.validation import load_record
+
+    pairs = [value.partition("=") for value in values]
+    try:
+        return load_record(Tolerances, {name.strip(): number for name, _, number in pairs}, "--tolerance")
+    except ConfigError as error:
+        raise UsageError(str(error)) from error
+
+
+def _scatter_of(tolerances: "Tolerances", slopes: "Slopes") -> dict[str, Any]:
+    found = tolerances.find_scatter(slopes)
+    return {"peak_sd_n": found.sd_n, "sd_is_of": tolerances.describe(found), "sd_is_without": list(found.missing)}
 
 
 def _slopes_of(result: "GraspSimulation") -> dict[str, Any]:
@@ -332,7 +369,7 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
 def describe_grasp(data: dict[str, Any]) -> str:
     """What `fast simulate` prints of a grasp."""
     lines = [
-        f"peak pull-off force  {data['peak_force_n']:.2f} N",
+        f"peak pull-off force  {data['peak_force_n']:.2f} N{_scatter_words(data)}",
         f"contact force        {data['contact_force_n']:.2f} N",
         f"work                 {1000 * data['work_j']:.1f} mJ",
         *([f"largest pressure     {data['pressure_kpa']:.0f} kPa"] if data.get("pressure_kpa") else []),
@@ -340,6 +377,19 @@ def describe_grasp(data: dict[str, Any]) -> str:
         f"{data['n_steps']} steps, {data['n_dof']} degrees of freedom, {data['cpu_s']:.1f} s of CPU",
     ]
     return "\n".join(lines + (_slope_lines(data) if "slopes" in data else []))
+
+
+def _scatter_words(data: dict[str, Any]) -> str:
+    """The scatter of the peak between prints and mountings, and of what; nothing where it was not asked for."""
+    from fast.models.units import spell_name
+
+    if "peak_sd_n" not in data:
+        return ""
+    without = ", ".join(map(spell_name, data["sd_is_without"]))
+    if data["peak_sd_n"] is None:
+        return f" (scatter not known by {without})"
+    rest = f"; not known by {without}" if without else ""
+    return f" +- {data['peak_sd_n']:.2f} N (sd of prints and mountings: {data['sd_is_of']}{rest})"
 
 
 def _slope_lines(data: dict[str, Any]) -> list[str]:

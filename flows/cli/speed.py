@@ -34,12 +34,10 @@ def measure_speed() -> list[dict[str, Any]]:
 def time_grasp() -> float:
     """Mean CPU seconds of a few whole grasps by the production simulator, its kernels compiled before."""
     from fast.models.design.space import BEST_PUBLISHED, numbered_design
-    from fast.models.kernels import compile_once
     from fast.models.objects.catalogue import get_object
     from fast.models.records import GraspSetup
     from fast.models.simulation.grasp import simulate_grasp
 
-    compile_once()
     simulate_grasp(BEST_PUBLISHED, get_object(OBJECTS[0]), setup=GraspSetup(max_lift_mm=2))
     cases = [(numbered_design(number), get_object(object_id)) for number in range(N_DESIGNS) for object_id in OBJECTS]
     _, cpu_s = _time(lambda: [simulate_grasp(design, obj) for design, obj in cases])

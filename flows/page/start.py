@@ -248,7 +248,6 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     from fast.flows.report.style import figure_style
     from fast.lake.tables.campaign import GraspRow
     from fast.models.design.space import BEST_PUBLISHED
-    from fast.models.kernels import compile_once
     from fast.models.objects.catalogue import get_object
     from fast.models.records import Design, Placement
     from fast.models.simulation.grasp import simulate_grasp
@@ -266,7 +265,6 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
             raise UsageError(f"campaign {campaign.campaign_id} has no tool {tool_id}.")
         design, version = found.design, campaign.version
     obj, recording = get_object(object_id), GraspRecording()
-    compile_once()
     result = simulate_grasp(design, obj, version, recorder=recording.add, deadline_s=60.0)
     file, title = io.BytesIO(), f"{tool_id or 'best published finger'} on {obj.name} ({object_id})"
     with figure_style():

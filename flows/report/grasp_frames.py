@@ -15,7 +15,6 @@ import numpy as np
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulationRow, SimulatorVersionRow
 from fast.models.errors import FastError
-from fast.models.kernels import compile_once
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, GraspSetup, GraspSimulation, Trace
 from fast.models.simulation.grasp import simulate_grasp
@@ -190,13 +189,17 @@ class Simulated(NamedTuple):
     recording: GraspRecording
 
 
-def simulate_again(lake: Lake, design: Design, design_id: str, object_id: int, setup: GraspSetup) -> Simulated | None:
-    """The grasp in the newest version of this program that has simulated it; None where it cannot be simulated."""
+def simulate_again(
+    lake: Lake, design: Design, design_id: str, object_id: int, setup: GraspSetup, along: str | Sequence[str] = ()
+) -> Simulated | None:
+    """The grasp in the newest version of this program that has simulated it; None where it cannot be simulated.
+
+    along: parameters that it gets slopes by.
+    """
     recording = GraspRecording()
-    compile_once()
     try:
         version = find_newest_version(lake, design_id, object_id, setup)
-        result = simulate_grasp(design, get_object(object_id), version, setup, recorder=recording.add)
+        result = simulate_grasp(design, get_object(object_id), version, setup, recorder=recording.add, along=along)
     except FastError as error:
         _LOG.warning("the grasp of %s on object %d is not drawn: %s", design_id, object_id, error)
         return None

@@ -7,7 +7,10 @@ from typing import Self
 
 import numpy as np
 
+from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
+from fast.models.kernels import compile_once
+from fast.models.objects.catalogue import get_object
 from fast.models.objects.primitives import bounds
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, GraspSimulation, Placement
@@ -42,7 +45,7 @@ from fast.models.simulation.version import SimulatorVersion, check_tier
 from fast.models.traces import peak_force_n, work_j
 from fast.models.traces.step_features import LIFT_MM
 
-__all__ = ["FingerProblem", "FingerResult", "Numerics", "simulate_finger", "simulate_grasp"]
+__all__ = ["FingerProblem", "FingerResult", "Numerics", "compile_simulator", "simulate_finger", "simulate_grasp"]
 
 SNAP = "snap"  # the flag of a grasp whose finger snapped in the lift and held on
 RIM = "rim"  # the flag of a grasp whose pull hangs on edges that sink into the finger deeper than the mesh resolves
@@ -91,6 +94,7 @@ def simulate_grasp(
         MeshingFailed: the mesh could not be made.
     """
     check_tier(version.tier)
+    compile_simulator()
     started = time.process_time()
     deadline = deadline_after(deadline_s)
     inputs = GraspInputs(design, obj, version, setup, placement, context, effects)
@@ -133,6 +137,11 @@ def simulate_grasp(
 
         result = replace(result, slopes=find_slopes(plan, problem, fingers, result.trace, again))
     return replace(result, cpu_s=time.process_time() - started)
+
+
+def compile_simulator() -> None:
+    """Have the simulator compiled on this computer; every simulation does. A whole grasp calls every kernel."""
+    compile_once(lambda: simulate_grasp(BEST_PUBLISHED, get_object(30)))
 
 
 def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> GraspSimulation:

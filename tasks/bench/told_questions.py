@@ -96,10 +96,8 @@ def _spread(cells: Sequence[tuple[str, int]]) -> list[tuple[str, int]]:
 
 def _simulate(campaign: Campaign, tools: Mapping[str, ProposedTool], cell: tuple[str, int]) -> Expected | None:
     """None where the simulator has no answer: then nothing is known of this cell."""
-    from fast.models.kernels import compile_once
     from fast.models.simulation.grasp import simulate_grasp  # loads the kernels
 
-    compile_once()
     try:
         found = simulate_grasp(
             tools[cell[0]].design,

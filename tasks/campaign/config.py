@@ -16,6 +16,7 @@ from fast.models.material import TABLE_3, MaterialLot
 from fast.models.records import GraspSetup, Record
 from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
+from fast.models.simulation.slopes.tolerances import Tolerances
 from fast.models.validation import closest, load_record, parse_toml
 from fast.tasks.campaign.retired import drop_retired, refuse_retired
 from fast.tasks.campaign.settings import (
@@ -74,7 +75,7 @@ class BenchChoice(Record):
 
 
 class CampaignConfig(Record):
-    """Everything that defines a campaign. All but `execution` and `lab` decides results and is part of its hash."""
+    """Everything that defines a campaign. All but `execution`, `lab` and `tolerances` is part of its hash."""
 
     name: str = Field(pattern=NAME, description="lower-case letters, digits, hyphens")
     lab: str | None = Field(
@@ -102,6 +103,8 @@ class CampaignConfig(Record):
     """How designs are proposed."""
     gap: GapSettings = GapSettings()
     """Whether the campaign looks for what its simulator misses."""
+    tolerances: Tolerances = Tolerances()
+    """How prints and mountings scatter, for the +- of simulated peaks; changes no result."""
     night: NightSettings = NightSettings()
     """Whether it simulates with a new simulator between batches."""
     bench: BenchChoice
@@ -141,7 +144,8 @@ class CampaignConfig(Record):
         """The part that decides results, as JSON data."""
         # What a config does not use of later sections and keys leaves it the hash that it had before there were any.
         # The lab is no part of it: two labs with one config do the same.
-        unused: dict[str, Any] = {"execution": True, "lab": True} | ({"material": True} if not self.material else {})
+        unused: dict[str, Any] = {"execution": True, "lab": True, "tolerances": True}
+        unused |= {"material": True} if not self.material else {}
         unused |= {"designs": True} if self.designs is None else {}
         unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
         # When a campaign ends decides no row of it.

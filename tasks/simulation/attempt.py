@@ -17,7 +17,6 @@ import numpy as np
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import canonical_json, content_id
-from fast.models.kernels import compile_once
 from fast.models.objects.catalogue import get_object
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, GraspSetup, GraspSimulation, Placement
@@ -124,7 +123,6 @@ def _load_kernels() -> None:
     """
     from fast.models.simulation.grasp import simulate_grasp
 
-    compile_once()
     setup = GraspSetup(max_lift_mm=1.0)
     simulate_grasp(BEST_PUBLISHED, get_object(WARM_UP_OBJECT), setup=setup)
 

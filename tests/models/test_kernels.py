@@ -25,9 +25,9 @@ def simulate():
     time.sleep(1.5)
 
 folder = Path(sys.argv[1])
-kernels.TELL_EVERY_S, kernels._simulate = 0.3, simulate
+kernels.TELL_EVERY_S = 0.3
 (folder / f"started-{os.getpid()}").touch()
-kernels.compile_once()
+kernels.compile_once(simulate)
 """
 
 
@@ -36,40 +36,48 @@ def compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What was compiled, into an empty folder."""
     found: list[str] = []
     monkeypatch.setenv(VARIABLE, str(tmp_path / "kernels"))
-    monkeypatch.setattr(kernels, "_simulate", lambda: found.append("compiled"))
     return found
 
 
-def compile_as_new_process() -> None:
-    kernels.compile_once.cache_clear()
-    kernels.compile_once()
+def compile_as_new_process(compiled: list[str]) -> None:
+    kernels._BEGUN.clear()
+    kernels.compile_once(lambda: compiled.append("compiled"))
 
 
 def test_kernels_are_compiled_once(compiled: list[str]) -> None:
     for _ in range(3):
-        compile_as_new_process()
+        compile_as_new_process(compiled)
+    assert compiled == ["compiled"]
+
+
+def test_what_is_called_may_ask_for_the_same(compiled: list[str]) -> None:
+    def simulate() -> None:
+        kernels.compile_once(simulate)
+        compiled.append("compiled")
+
+    kernels._BEGUN.clear()
+    kernels.compile_once(simulate)
     assert compiled == ["compiled"]
 
 
 def test_other_code_is_compiled_anew(compiled: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    compile_as_new_process()
+    compile_as_new_process(compiled)
     monkeypatch.setattr(kernels, "_name_code", lambda: "other sources, numba or processor")
-    compile_as_new_process()
+    compile_as_new_process(compiled)
     assert len(compiled) == 2
 
 
-def test_a_failed_compilation_is_tried_again(compiled: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(kernels, "_simulate", lambda: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            compile_as_new_process()
-    compile_as_new_process()
+def test_a_failed_compilation_is_tried_again(compiled: list[str]) -> None:
+    kernels._BEGUN.clear()
+    with pytest.raises(ZeroDivisionError):
+        kernels.compile_once(lambda: 1 / 0)
+    kernels.compile_once(lambda: compiled.append("compiled"))
     assert compiled == ["compiled"]
 
 
 def test_a_folder_that_cannot_be_written_hinders_nobody(compiled: list[str], tmp_path: Path) -> None:
     (tmp_path / "kernels").write_text("a file")
-    compile_as_new_process()
+    compile_as_new_process(compiled)
     assert compiled == ["compiled"]
 
 
@@ -78,7 +86,7 @@ def test_a_process_that_is_halted_is_not_waited_for_for_ever(compiled, tmp_path,
     monkeypatch.setattr(kernels, "LONGEST_WAIT_S", 0.4)
     with (tmp_path / "kernels" / "compiling").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        compile_as_new_process()
+        compile_as_new_process(compiled)
     assert compiled == ["compiled"]
 
 

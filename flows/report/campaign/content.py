@@ -23,6 +23,7 @@ from fast.lake.tables.imported import is_imported
 from fast.models.design.space import DesignSpace, space_of
 from fast.models.errors import UsageError
 from fast.models.records import Design
+from fast.models.simulation.slopes.tolerances import Tolerances
 from fast.models.validation import closest, load_record
 from fast.tasks.campaign.night_story import read_nights
 from fast.tasks.campaign.settings import DesignSettings
@@ -116,6 +117,11 @@ class Content:
         """Design of a mounted tool."""
         row = next(row for row in self.designs.rows if row["design_id"] == tool.design_id)
         return design_of_columns(row)
+
+    @cached_property
+    def tolerances(self) -> Tolerances:
+        """How prints and mountings scatter, as the config has it; the usual ones where it does not say."""
+        return load_record(Tolerances, tomllib.loads(self.campaign.config_toml).get("tolerances", {}), "stored config")
 
     @cached_property
     def space(self) -> DesignSpace:

@@ -12,12 +12,14 @@ from fast.flows.report.campaign.facts import Agreement, Tool, average_objects, m
 from fast.flows.report.campaign.grasp import Stage, draw_instant
 from fast.flows.report.folder import Folder
 from fast.flows.report.grasp_frames import five_instants, simulate_again
+from fast.flows.report.slopes import draw_peak_changes
 from fast.flows.report.style import BEST, FIRST, SIMULATED, WIDTH_IN, new_axes
 from fast.lake.tables.campaign import GraspRow
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.objects.rigid import RigidObject
-from fast.models.records import GraspSetup
+from fast.models.records import GraspSetup, Slopes
+from fast.models.simulation.slopes.parameters import ALL
 
 DENSE_PAIRS = 400
 
@@ -30,12 +32,15 @@ def prepare_moments(content: Content, folder: Folder) -> dict[str, Any] | None:
     obj, setup = _find_object(row["object_id"]), _find_setup(content, best, row["object_id"])
     simulated = None
     if obj is not None:
-        simulated = simulate_again(content.lake, content.design_of(best), best.design_id, obj.object_id, setup)
+        simulated = simulate_again(content.lake, content.design_of(best), best.design_id, obj.object_id, setup, ALL)
     instants = [] if simulated is None else five_instants(simulated.recording, simulated.result.trace)
     if simulated is None or obj is None or not instants:
         return {"drawn": {}}
     stage = Stage.of(obj.primitives, instants)
     folder.save(content.work)
+    slopes = simulated.result.slopes or Slopes(0.0, {}, {})
+    scatter = content.tolerances.find_scatter(slopes)
+    title = f"What moves the simulated peak of {best.label} on {obj.name} ({obj.object_id})"
     return {
         "object_name": obj.name,
         "object_id": obj.object_id,
@@ -47,6 +52,9 @@ def prepare_moments(content: Content, folder: Folder) -> dict[str, Any] | None:
         "top_mpa": stage.top_kpa / 1e3,
         "longest_n": stage.longest_n,
         "simulated_n": simulated.result.peak_force_n,
+        "scatter_n": scatter.sd_n,
+        "scatter_of": content.tolerances.describe(scatter),
+        "changes": folder.draw("moments/changes", draw_peak_changes(simulated.result, title)) if slopes.by else None,
         "measured_n": row["peak_force_n"],
     }
 

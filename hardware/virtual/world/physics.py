@@ -19,7 +19,6 @@ from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.hidden import TIMED, build_hidden
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.ids import content_id, seed_from
-from fast.models.kernels import compile_once
 from fast.models.records import Design, EffectValue, GraspSetup, GraspSimulation, Placement, Record, Theta
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
@@ -120,7 +119,6 @@ def simulate_watched(
     from fast.models.simulation.contact.law import ContactLaw
     from fast.models.simulation.grasp import Numerics, simulate_grasp  # heavy: compiles on first use
 
-    compile_once()
     # The truth must share neither the simulator's mesh nor its regularisation of contact. Softer than 4 N/mm3 it would
     # differ by an artefact: rims sink in and hook (`models.simulation.contact.law.ContactLaw`).
     mesh = MeshSettings(edge_mm=request.mesh_edge_mm, layers=request.mesh_layers)

@@ -90,6 +90,24 @@ def test_slopes_are_a_table_and_bars(grasp: tuple[GraspSimulation, GraspRecordin
     assert [change[0] for change in peak_changes(sloped.slopes)] == ["offset_z_mm", "friction"]
 
 
+def test_the_peak_is_told_with_its_scatter(capsys: pytest.CaptureFixture[str]) -> None:
+    argv = ["simulate", "--object", "1", "--set", "edge_mm=12", "--set", "max_lift_mm=5"]
+    mount = ["--tolerance", "offset_z_mm=0", "--tolerance", "closed_gap_mm=0.1"]
+    assert run([*argv, *mount, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert run([*argv, *mount, "--along", "closed_gap_mm,wall_offset_mm", "--json"]) == 0
+    slopes = {row["parameter"]: row["peak_slope"] for row in json.loads(capsys.readouterr().out)["slopes"]}
+    both = np.hypot(0.1 * slopes["closed_gap_mm"], 0.1 * slopes["wall_offset_mm"])
+    assert (told["peak_sd_n"], told["sd_is_of"]) == (pytest.approx(both), "wall offset 0.1 mm, closed gap 0.1 mm")
+    assert "slopes" not in told
+    assert run([*argv, *mount]) == 0
+    assert f"N +- {both:.2f} N (sd of prints and mountings: wall offset" in capsys.readouterr().out
+    said_of = {"wall_offset_mm=-1": "must be at least 0", "walls=1": "unknown", "closed_gap_mm": "number"}
+    for wrong, said in said_of.items():
+        assert run([*argv, "--tolerance", wrong]) == 2
+        assert said in capsys.readouterr().err
+
+
 def test_slopes_are_printed_with_what_has_none(capsys: pytest.CaptureFixture[str]) -> None:
     argv = ["simulate", "--object", "1", "--set", "edge_mm=12", "--set", "max_lift_mm=5"]
     assert run([*argv, "--along", "young_modulus_mpa,nu"]) == 0

@@ -1,6 +1,6 @@
 """Slopes of a grasp and the ripple of its force: what slopes cost and how true they are, on one machine, in minutes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,10 @@ from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspSetup, GraspSimulation, Placement, Slopes
 from fast.models.simulation.contact.points import PointSpacing
 from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.problem import TIER_NUMERICS, Numerics
+from fast.models.simulation.slopes.parameters import find_parameters
+from fast.models.simulation.slopes.tolerances import Tolerances
 from fast.models.simulation.version import TIERS, SimulatorVersion
 from fast.models.traces.step_features import step_means
 from tests.studies.benchmarks.base import Options, Rows, Tables
@@ -40,6 +43,7 @@ KINDS = {
 }
 CLOSE = 0.2  # relative error of a slope over the lift, root mean square, that counts as right
 FINER = 4.0
+N_COPIES = 100
 SHOWN = 3  # the cell that is drawn
 
 
@@ -106,6 +110,7 @@ def measure_slopes(options: Options) -> Tables:
         "against the reference tier, %": [
             _error_row("peak", [_peak_error(a, b) for a, b in zip(plain, reference, strict=False)])
         ],
+        "scatter of the peak by tolerances, against simulated copies": _tolerance_rows(cells, tell),
         "CPU of a grasp, s": [
             {
                 "grasps": len(plain),
@@ -183,6 +188,39 @@ def _ripple_rows() -> Rows:
     rows: Rows = [{"design": d, "object_id": o, "sd": sd} for (d, o), sd in scatters.items()]
     values = list(scatters.values())
     return [{"design": "median", "sd": float(np.median(values))}, {"design": "largest", "sd": max(values)}, *rows]
+
+
+def _tolerance_rows(cells: Sequence[_Cell], tell: Callable[[str], None]) -> Rows:
+    """Copies of every cell with walls, height and closing drawn by their tolerances: what slopes say of each."""
+    sds = Tolerances().stated
+    rows: Rows = []
+    for cell in cells:
+        tell(f"{N_COPIES} copies of design {cell.design} on object {cell.object_id}")
+        inputs = GraspInputs(
+            numbered_design(cell.design), get_object(cell.object_id), TIERS["production"], GraspSetup()
+        )
+        nominal = cell.simulate(tuple(sds))
+        by = nominal.slopes.by if nominal.slopes else {}
+        drawn = np.random.default_rng(cell.object_id).normal(size=(N_COPIES, len(sds))) * list(sds.values())
+        peaks = np.array([_simulate_moved(inputs, dict(zip(sds, moves, strict=True))) for moves in drawn])
+        said = drawn @ [by[name].peak_n if name in by else 0.0 for name in sds]
+        rows.append({
+            "design": cell.design, "object_id": cell.object_id, "peak_force_n": nominal.peak_force_n,
+            "sd_said_n": float(np.linalg.norm([sd * by[name].peak_n for name, sd in sds.items() if name in by])),
+            "sd_simulated_n": float(peaks.std(ddof=1)), "correlation": float(np.corrcoef(said, peaks)[0, 1]),
+            "sd_ratio": float(said.std() / peaks.std()),
+        })  # fmt: skip
+    middle = {key: float(np.median([row[key] for row in rows])) for key in ("correlation", "sd_ratio")}
+    return [{"design": "median", **middle}, *rows]
+
+
+def _simulate_moved(inputs: GraspInputs, moves: Mapping[str, float]) -> float:
+    for name, move in moves.items():
+        parameter = find_parameters(inputs, (name,))[name]
+        inputs = parameter.put(parameter.value + move)
+    return simulate_grasp(
+        inputs.design, inputs.obj, inputs.version, inputs.setup, placement=inputs.placement
+    ).peak_force_n
 
 
 def _trace_error(own: GraspSimulation, fine: GraspSimulation) -> float:

@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from fast.hardware.cell.cell import Item
 from fast.lake.store import Lake
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState, Cell, ProposedTool
+
+if TYPE_CHECKING:
+    from fast.hardware.cell.cell import Item  # brings the whole bench, of which a status needs nothing
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class ToolWork:
     """
 
     tool: ProposedTool
-    items: Sequence[Item]
+    items: "Sequence[Item]"
     done: frozenset[Cell] = frozenset()
     attempts: Mapping[Cell | str, int] = field(default_factory=dict)
 

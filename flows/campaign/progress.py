@@ -25,6 +25,8 @@ class Workload:
     grasps_total: int
     simulated_done: int
     simulated_total: int
+    simulated_before: int = 0
+    """Of those done, by an older simulator version alone."""
 
     @property
     def fraction(self) -> float:
@@ -49,12 +51,14 @@ def count_work(campaign: Campaign, state: CampaignState) -> Workload:
         n_designs += n_tools + rejected
         designs |= {tool.design.design_id for tool in state.tools}
     wanted = set(campaign.object_ids)
-    simulated = (len(wanted & state.ever_simulated(design_id)) for design_id in designs)
+    simulated = sum(len(wanted & state.ever_simulated(design_id)) for design_id in designs)
+    by_present = sum(len(wanted & state.simulated.get(design_id, set())) for design_id in designs)
     return Workload(
         grasps_done=sum(len(cells) for cells in state.measured.values()),
         grasps_total=n_tools * per_tool - given_up - _count_left_out(campaign, state),
-        simulated_done=sum(simulated),
+        simulated_done=simulated,
         simulated_total=n_designs * len(wanted),
+        simulated_before=simulated - by_present,
     )
 
 

@@ -62,6 +62,7 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "state": describe_state(lake, campaign_id, is_complete),
         "grasps": f"{load.grasps_done}/{load.grasps_total}",
         "simulated": f"{load.simulated_done}/{load.simulated_total}",
+        "simulated_before": load.simulated_before,
         "waiting_for_print": [f"{campaign_id}/B{batch:02d}" for batch in waiting],
         "waiting_for_grasps": [f"{campaign_id}/B{batch:02d}" for batch in untold],
         "best_tool": tools[0]["tool_id"] if tools else None,
@@ -127,6 +128,8 @@ def format_status(status: dict[str, Any]) -> str:
         f"grasps     {status['grasps']}",
         f"simulated  {status['simulated']}",
     ]
+    if n_before := status.get("simulated_before"):
+        lines.append(f"           {n_before} of them by an older simulator version: forces are not quite the same")
     if status["fault"]:
         lines.append(f"fault      {status['fault']}")
         lines += [f"way on     {way['command']}: {way['moves']}" for way in status["ways_on"]]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fast.lake.provenance import Provenance, current_provenance
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import CampaignRow
+from fast.lake.tables.campaign import CampaignRow, SimulatorVersionRow
 from fast.models.design.space import DesignSpace
 from fast.models.ids import seed_from
 from fast.models.own_code import load_constraint
@@ -42,13 +42,20 @@ class Campaign:
         """The simulator that the scientist consults."""
         return self.versions[-1] if self.versions else self.config.simulator.version
 
+    @cached_property
+    def earlier_codes(self) -> tuple[SimulatorVersion, ...]:
+        """Its versions as earlier programs simulated them: all but the code is the same. Oldest first."""
+        own = self.versions or (self.version,)
+        known = [row.version for row in self.lake.records(SimulatorVersionRow) if row.tier == self.version.tier]
+        return tuple(one for one in known if one not in own and any(_is_other_code(one, version) for version in own))
+
     @property
     def older_versions(self) -> tuple[SimulatorVersion, ...]:
         """Those of its versions whose results are not those of the present one, newest first."""
         from fast.models.simulation.effects.scaling import force_ratio
 
         older: list[SimulatorVersion] = []
-        for version in reversed(self.versions):
+        for version in reversed((*self.earlier_codes, *self.versions)):
             if all(force_ratio(version, other) is None for other in (self.version, *older)):
                 older.append(version)
         return tuple(older)
@@ -90,7 +97,7 @@ class Campaign:
     def state(self) -> CampaignState:
         """Where the campaign stands now, from the lake."""
         present = frozenset(self.force_ratios(self.version))
-        older = frozenset(v.version_id for v in self.versions) - present
+        older = frozenset(v.version_id for v in (*self.earlier_codes, *self.versions)) - present
         return derive_state(self.lake, self.campaign_id, self.config.grasp.setup_id, present, older)
 
     def seed(self, *parts: str | int) -> int:
@@ -100,6 +107,10 @@ class Campaign:
     def provenance(self, seed: int = 0, parents: Sequence[str] = ()) -> Provenance:
         """Provenance of rows written for this campaign."""
         return current_provenance(self.config.config_hash, seed, parents)
+
+
+def _is_other_code(one: SimulatorVersion, other: SimulatorVersion) -> bool:
+    return one != other and one.model_copy(update={"fem_version": other.fem_version}) == other
 
 
 def read_own_designs(config_path: Path, config: CampaignConfig) -> Mapping[int, tuple[OwnDesign, ...]]:

@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from fast.flows.campaign.progress import count_work
+from fast.flows.campaign.status import format_status
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
 from fast.lake.tables.catalogue_rows import version_rows
@@ -55,21 +57,21 @@ def calibrate(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersion, 
     campaign.lake.append([*version_rows(new), row], campaign.provenance())
 
 
-def following(campaign: Campaign, max_designs: int = 0) -> Campaign:
+def following(campaign: Campaign, max_designs: int = 0, by: SimulatorVersion = BASE) -> Campaign:
     """The campaign with 12 random simulations and 4 random tools, all simulated and measured, that has nights."""
     night = NightSettings(active=True, max_designs=max_designs)
     schedule = Schedule(initial_tools=4, tools_per_batch=4, guided_batches=3, initial_simulations=12)
     campaign = Campaign(campaign.lake, campaign.config.model_copy(update={"night": night, "schedule": schedule}))
     propose_initial(campaign)
     confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
-    campaign.lake.append(version_rows(BASE), campaign.provenance())
+    campaign.lake.append(version_rows(by), campaign.provenance())
     state = campaign.state()
     for number, tool in enumerate(state.tools):
         for object_id, repeat in campaign.config.objects.cells(0):
             append_grasp(campaign, tool, object_id, repeat, 10.0 + number)
     for number, design in enumerate(all_designs(campaign)):
         for object_id in campaign.object_ids:
-            append_simulation(campaign, design, object_id, 4.0 + 0.5 * number)
+            append_simulation(campaign, design, object_id, 4.0 + 0.5 * number, by)
     return campaign
 
 
@@ -201,3 +203,21 @@ def test_a_design_of_two_older_versions_counts_once_by_the_newer(campaign):
     assert len(simulated(third)) == 16
     assert sorted(y for y, _ in simulated(third).values()) == pytest.approx([20.0 + n for n in range(len(numbered))])
     assert third.older_versions == (OTHER, BASE)
+
+
+def test_simulations_of_an_earlier_program_are_done_and_are_no_forces_of_this_one(campaign):
+    before = following(campaign, by=BASE.model_copy(update={"fem_version": "0"}))
+    done = Campaign(before.lake, before.config)  # as the present program opens it
+    work = count_work(done, done.state())
+    assert work.simulated_done == work.simulated_before == 16 * len(done.object_ids)
+    nothing = dict.fromkeys(("fault", "best_tool", "advice")) | {"waiting_for_print": [], "waiting_for_grasps": []}
+    told = {"campaign": "small", "state": "", "grasps": "", "simulated": "", "simulated_before": 32, **nothing}
+    assert "32 of them by an older simulator version" in format_status(told)
+    assert simulated(done) == {}  # nothing is known of what the present program would say
+    for place, design in enumerate(all_designs(done)[:LEAST_SHARED]):
+        for object_id in done.object_ids:
+            append_simulation(done, design, object_id, 4.04 + 0.505 * place)
+    assert sorted(y for y, _ in simulated(done).values()) == pytest.approx([4.04 + 0.505 * n for n in range(16)])
+    assert versions_used(done) == {BASE.version_id, done.earlier_codes[0].version_id}
+    shared = LEAST_SHARED * len(done.object_ids)
+    assert count_work(done, done.state()).simulated_before == work.simulated_before - shared

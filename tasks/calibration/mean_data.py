@@ -375,7 +375,7 @@ def _imported_thetas(lake: Lake) -> dict[str, Theta]:
 def _nothing_simulated(lake: Lake, base: SimulatorVersion, measured: MeasuredTools) -> str:
     versions = [row.version for row in lake.records(SimulatorVersionRow) if row.tier != "imported"]
     n_others = sum(describe_family(version) != describe_family(base) for version in versions)
-    others = f" ({n_others} simulator versions of another mesh, tier or effect are there)" if n_others else ""
+    others = f" ({n_others} simulator versions of another mesh, tier, effect or code are there)" if n_others else ""
     return (
         f"{lake.address} has no design that is simulated with a theta of its own on the {len(measured.object_ids)} "
         f"measured objects, grasped alike, by the simulator of {base.version_id}{others}; add --simulate 100."

@@ -148,7 +148,7 @@ ORDER BY s.version_id, m.batch, m.slot, m.object_id"""
 
 VERSIONS = f"""
 SELECT v.version_id, v.tier, v.young_modulus_mpa, v.friction, v.poisson_ratio, v.effects_json,
-       count(*) AS n_simulations, min(s.created_at) AS first_at
+       v.version_json ->> '$.fem_version' AS code, count(*) AS n_simulations, min(s.created_at) AS first_at
 FROM simulations s JOIN simulator_versions v USING (version_id)
 WHERE s.design_id IN {_ASKED}
 GROUP BY ALL

@@ -20,6 +20,7 @@ from fast.models.objects.catalogue import get_object
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup, Slopes
 from fast.models.simulation.slopes.parameters import ALL
+from fast.models.simulation.version import SimulatorVersion
 
 DENSE_PAIRS = 400
 
@@ -141,9 +142,11 @@ def describe_version(row: Mapping[str, Any]) -> str:
         "friction": "friction {:.3g}",
         "poisson_ratio": "Poisson's ratio {:.3g}",
     }
+    is_earlier = row["code"] not in (None, SimulatorVersion().fem_version)
+    code = [f"code {row['code']}, of an earlier program"] if is_earlier else []
     told = [words.format(row[name]) for name, words in names.items() if row[name] is not None]  # imports may not say
     effects = f"With: {'; '.join(added)}." if added else "No effect of the catalogue is in it."
-    return f"{row['version_id']} ({', '.join([row['tier'], *told])}). {effects}"
+    return f"{row['version_id']} ({', '.join([row['tier'], *code, *told])}). {effects}"
 
 
 def _describe_effect(name: str, parameters: Mapping[str, float]) -> str:

@@ -246,7 +246,8 @@ def test_a_new_simulator_is_told_of(tmp_path):
 
 def test_a_version_is_told_in_words():
     theta = {"young_modulus_mpa": 9.75, "friction": 0.7079, "poisson_ratio": None}
-    row = {"version_id": "V1", "tier": "production", "effects_json": "[]", **theta}
+    row = {"version_id": "V1", "tier": "production", "effects_json": "[]", "code": None, **theta}
+    assert "(production, code 0, of an earlier program, E" in describe_version({**row, "code": "0"})
     assert describe_version(row) == "V1 (production, E 9.75 MPa, friction 0.708). No effect of the catalogue is in it."
     stalls = {"effect": "force_limited_closing", "parameters": {"max_force_n": 16.8901}}
     told = describe_version({**row, "effects_json": json.dumps([stalls, {"effect": "x", "parameters": {}}])})

@@ -281,7 +281,7 @@ def test_nothing_measured_or_simulated_is_one_sentence(tmp_path):
     assert "add --simulate 100." in refused(lake)
     screening = SimulatorVersion(tier="screening")
     lake.append(simulated_rows(30, screening), PROVENANCE)
-    assert "(30 simulator versions of another mesh, tier or effect are there)" in refused(lake)
+    assert "(30 simulator versions of another mesh, tier, effect or code are there)" in refused(lake)
     lake.append(simulated_rows(8), PROVENANCE)
     assert "8 simulations, it needs at least 20" in refused(lake)
 

@@ -53,8 +53,7 @@ class SimulatorVersion(Record):
     mesh: MeshSettings = MeshSettings()
     contact: ContactSettings = ContactSettings()
     tier: Tier = "production"
-    fem_version: str = "4"
-    """Of the code. 4: contact points are staggered, which moves peaks by 0.1 to 3 %; forces of two are not the same."""
+    fem_version: str = "3"
 
     @property
     def version_id(self) -> str:

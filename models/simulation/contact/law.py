@@ -1,6 +1,6 @@
 """Penalty contact of surface points against a rigid obstacle given by its signed distance.
 
-Contact points are those of a fine subdivision of the quadratic faces, each with its reference area (`points`). With
+Contact points are midpoints of a fine subdivision of the quadratic faces, each with its reference area. With
 penetration d = -distance > 0 the pressure is p = kn d^2 / (2 d0) below d0 and kn (d - d0/2) above (continuous
 slope), the nodal force w (p n + t) and the tangent w (p'(d) n n^T + friction); the curvature of the obstacle is
 left out of the tangent, which stays positive semi-definite. The spacing along z must resolve the objects' edge

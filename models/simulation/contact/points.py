@@ -1,12 +1,4 @@
-"""Contact points of a body: one for each cell of a fine subdivision of its quadratic faces, in small patches.
-
-Points in straight rows across the finger let the force ripple: a straight rim touches one row or two, and the peak
-changes by up to 2.5 % with a period of one cell of placement or lift. Each column along the finger is therefore shifted
-by a part of a cell of its own, evenly spread over the columns and far from that of its neighbours (multiples of the
-golden ratio, ranked). The shift is one in space: a face's own coordinates run up in one face and down in the next, and
-points must run on evenly from face to face. Columns are counted from the middle plane y = 0 outwards, as the finger is
-symmetric. Across, nothing is shifted: an upright edge touches one column.
-"""
+"""Contact points of a body: midpoints of a fine subdivision of its quadratic faces, in small patches."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,9 +8,8 @@ import numpy as np
 
 from fast.models.simulation.body.shape_functions import face_shape
 
-KEPT_SUBDIVISIONS = 64  # of about twenty of a finger
+KEPT_SUBDIVISIONS = 64  # of about ten of a finger
 PATCH_CELLS = 4  # points along one side of a patch: few enough to be near together, many enough to skip at once
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -96,10 +87,10 @@ def _subdivide(corners: np.ndarray, spacing: PointSpacing) -> tuple[np.ndarray, 
     Patches are in a row, and their points from the middle outwards.
     """
     if len(corners) == 8:
-        along, across = corners[1] - corners[0], corners[3] - corners[0]
-        n_r = max(int(np.ceil(np.linalg.norm(along) / spacing.along_mm)), 1)
-        n_s = max(int(np.ceil(np.linalg.norm(across) / spacing.across_mm)), 1)
-        cells = _square_cells(n_r, n_s, along[np.abs(along).argmax()] < 0.0, abs(corners[3, 1]) < abs(corners[0, 1]))
+        along = np.linalg.norm(corners[1] - corners[0])
+        across = np.linalg.norm(corners[3] - corners[0])
+        n_r, n_s = max(int(np.ceil(along / spacing.along_mm)), 1), max(int(np.ceil(across / spacing.across_mm)), 1)
+        cells = _square_cells(n_r, n_s)
     else:
         longest = max(np.linalg.norm(corners[i] - corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
         n = max(int(np.ceil(longest / spacing.along_mm)), 1)
@@ -125,7 +116,7 @@ class _Cells(NamedTuple):
 
 
 def _cells(k: int, points: np.ndarray, cells: np.ndarray, share: float) -> _Cells:
-    """The subdivision of a face with k nodes into cells (p, 2) with a point (p, 2) each."""
+    """The subdivision of a face with k nodes into cells (p, 2) with midpoints (p, 2)."""
     values, gradients = face_shape(k, points)
     blocks = cells // PATCH_CELLS
     patch = np.unique(blocks[:, 0] * (blocks[:, 1].max() + 1) + blocks[:, 1], return_inverse=True)[1]
@@ -135,22 +126,10 @@ def _cells(k: int, points: np.ndarray, cells: np.ndarray, share: float) -> _Cell
 
 
 @lru_cache(maxsize=KEPT_SUBDIVISIONS)
-def _square_cells(n_r: int, n_s: int, is_down: bool, is_inwards: bool) -> _Cells:
-    """A face with 8 nodes in n_r cells along the finger by n_s across it.
-
-    is_down, is_inwards: where the face's coordinates run, against an axis in space, and to the middle plane.
-    """
+def _square_cells(n_r: int, n_s: int) -> _Cells:
+    """A face with 8 nodes in n_r by n_s cells."""
     cells = np.column_stack([np.repeat(np.arange(n_r), n_s), np.tile(np.arange(n_s), n_r)])
-    shift = _shifts(n_s)[::-1] if is_inwards else _shifts(n_s)
-    at = cells + 0.5
-    at[:, 0] += (-shift if is_down else shift)[cells[:, 1]]
-    return _cells(8, 2.0 * at / np.array([n_r, n_s]) - 1.0, cells, 4.0 / (n_r * n_s))
-
-
-def _shifts(n: int) -> np.ndarray:
-    """Shifts (n) of columns in cells, evenly spread over -0.5 to 0.5, neighbours far apart."""
-    rank = np.argsort(np.argsort(np.arange(n) * _GOLDEN % 1.0))
-    return np.asarray((rank + 0.5) / n - 0.5)
+    return _cells(8, 2.0 * (cells + 0.5) / np.array([n_r, n_s]) - 1.0, cells, 4.0 / (n_r * n_s))
 
 
 def _triangle_cells(n: int) -> np.ndarray:

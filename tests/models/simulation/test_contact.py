@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fast.models.design.space import BEST_PUBLISHED, numbered_design
+from fast.models.design.space import BEST_PUBLISHED
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.contact.friction import return_mapping
 from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, PointSpacing
@@ -86,29 +86,6 @@ def test_contact_points_cover_front_and_tip(solid: SolidMesh) -> None:
     front = (BEST_PUBLISHED.height_mm - 3.0) * BEST_PUBLISHED.width_mm / 2
     tip = (BEST_PUBLISHED.front_thickness_mm + 1.0) * BEST_PUBLISHED.width_mm / 2
     assert surface.areas.sum() == pytest.approx(front + tip)
-
-
-@pytest.mark.parametrize("design", [0, 1, 11])
-def test_points_run_on_evenly_from_face_to_face(design: int) -> None:
-    """Faces' own coordinates run up in one and down in the next; a corner would hook where a cell stays empty."""
-    finger = numbered_design(design)
-    mesh = build_mesh(finger, MeshSettings())
-    nodes = to_object_frame(mesh.nodes, finger.height_mm, 5.0)
-    surface = ContactSurface(ElasticBody(mesh, nodes, Material(11.5, 0.45)), nodes, ContactLaw(), PointSpacing())
-    at = surface.positions(nodes)
-    front = at[np.abs(at[:, 0]) < 1e-9]
-    columns = [np.sort(front[np.isclose(front[:, 1], y), 2]) for y in np.unique(front[:, 1].round(6))]
-    gaps = [np.diff(z) for z in columns]
-    assert len(columns) > 20
-    assert max(gap.max() for gap in gaps) < 0.26
-    assert np.std([z[0] for z in columns]) > 0.05  # and each column has a height of its own
-
-
-def test_a_finger_is_staggered_as_its_mirror_image() -> None:
-    mesh = build_mesh(BEST_PUBLISHED, MeshSettings(), full_width=True)
-    _, surface, nodes = finger_parts(mesh, PointSpacing())
-    at = surface.positions(nodes).round(6)
-    assert {tuple(p) for p in at} == {tuple(p) for p in (at * [1.0, -1.0, 1.0]).round(6)}
 
 
 def test_pressed_wall_gives_pressure_times_area(solid: SolidMesh) -> None:

@@ -2,7 +2,7 @@
 
 import json as json_module
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,8 +13,9 @@ from fast.flows.cli.simulate_output import make_folder, write_outputs
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import Design, GraspSetup, GraspSimulation, Placement, Slopes
-    from fast.models.simulation.slopes.tolerances import Tolerances
+    from fast.models.records import Design, GraspSetup, GraspSimulation, Placement
+    from fast.models.simulation.inputs import GraspInputs
+    from fast.models.simulation.tolerances import Tolerances
     from fast.models.simulation.version import SimulatorVersion
 
     Grasp = tuple[Design, RigidObject, SimulatorVersion, GraspSetup, Placement]
@@ -115,6 +116,7 @@ def simulate(
         simulate_file(designs, family, asked, workers, out, lake, json)
         return
     from fast.models.simulation.grasp import simulate_grasp
+    from fast.models.simulation.inputs import GraspInputs
     from fast.models.simulation.output.recording import GraspRecording
 
     design, met, simulator, setup, placement = asked.read(lake)
@@ -124,13 +126,9 @@ def simulate(
     recorder = None if out is None else recording.add
     names = () if along is None else tuple(name.strip() for name in along.split(","))
     tolerances = read_tolerances(tolerance or [])
-    needed = tolerances.names_for(design)
-    result = simulate_grasp(
-        design, met, simulator, setup, placement=placement, recorder=recorder, along=(*names, *needed)
-    )
-    scatter = {} if result.slopes is None else _scatter_of(tolerances, result.slopes)
-    if not names:
-        result = replace(result, slopes=None)
+    result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder, along=names)
+    inputs = GraspInputs(design, met, simulator, setup, placement)
+    scatter = _scatter_of(inputs, tolerances) if tolerances.stated else {}
     ids = {"design_id": design.design_id, "object_id": met.object_id, "version_id": simulator.version_id}
     data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **scatter, **_slopes_of(result)}
     show(data, describe_grasp(data), json)
@@ -196,7 +194,7 @@ def read_tolerances(values: list[str]) -> "Tolerances":
         UsageError: no NAME=MM, an unknown name, or a value out of its range.
     """
     from fast.models.errors import ConfigError, UsageError
-    from fast.models.simulation.slopes.tolerances import Tolerances
+    from fast.models.simulation.tolerances import Tolerances
     from fast.models.validation import load_record
 
     pairs = [value.partition("=") for value in values]
@@ -206,9 +204,11 @@ def read_tolerances(values: list[str]) -> "Tolerances":
         raise UsageError(str(error)) from error
 
 
-def _scatter_of(tolerances: "Tolerances", slopes: "Slopes") -> dict[str, Any]:
-    found = tolerances.find_scatter(slopes)
-    return {"peak_sd_n": found.sd_n, "sd_is_of": tolerances.describe(found), "sd_is_without": list(found.missing)}
+def _scatter_of(inputs: "GraspInputs", tolerances: "Tolerances") -> dict[str, Any]:
+    from fast.models.simulation.scatter import find_scatter
+
+    sd_n, missing = find_scatter(inputs, tolerances)
+    return {"peak_sd_n": sd_n, "sd_is_of": tolerances.describe(missing), "sd_is_without": list(missing)}
 
 
 def _slopes_of(result: "GraspSimulation") -> dict[str, Any]:

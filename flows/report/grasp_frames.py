@@ -184,7 +184,7 @@ def five_instants(recording: GraspRecording, trace: Trace) -> list[Instant]:
 class Simulated(NamedTuple):
     """The grasp in the simulator, step by step."""
 
-    version_id: str
+    version: SimulatorVersion
     result: GraspSimulation
     recording: GraspRecording
 
@@ -203,7 +203,7 @@ def simulate_again(
     except FastError as error:
         _LOG.warning("the grasp of %s on object %d is not drawn: %s", design_id, object_id, error)
         return None
-    return None if recording.is_empty else Simulated(version.version_id, result, recording)
+    return None if recording.is_empty else Simulated(version, result, recording)
 
 
 def find_newest_version(lake: Lake, design_id: str, object_id: int, setup: GraspSetup) -> SimulatorVersion:

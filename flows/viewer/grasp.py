@@ -118,8 +118,8 @@ def _about(title: str, trace: Trace, simulated: Simulated | None, frames: GraspF
         return f"### {title}\n\nMeasured peak {peak:.2f} N. Fingers are drawn undeformed."
     return (
         f"### {title}\n\nMeasured peak {peak:.2f} N, simulated {simulated.result.peak_force_n:.2f} N. Fingers are "
-        f"those of the simulation ({simulated.version_id}), {describe_fingers(frames)} The cursor in the curves is the "
-        "moment in the scene."
+        f"those of the simulation ({simulated.version.version_id}), {describe_fingers(frames)} The cursor in the "
+        "curves is the moment in the scene."
     )
 
 

@@ -16,7 +16,7 @@ from fast.models.material import TABLE_3, MaterialLot
 from fast.models.records import GraspSetup, Record
 from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
-from fast.models.simulation.slopes.tolerances import Tolerances
+from fast.models.simulation.tolerances import Tolerances
 from fast.models.validation import closest, load_record, parse_toml
 from fast.tasks.campaign.retired import drop_retired, refuse_retired
 from fast.tasks.campaign.settings import (

@@ -23,7 +23,7 @@ from fast.lake.tables.imported import is_imported
 from fast.models.design.space import DesignSpace, space_of
 from fast.models.errors import UsageError
 from fast.models.records import Design
-from fast.models.simulation.slopes.tolerances import Tolerances
+from fast.models.simulation.tolerances import Tolerances
 from fast.models.validation import closest, load_record
 from fast.tasks.campaign.night_story import read_nights
 from fast.tasks.campaign.settings import DesignSettings

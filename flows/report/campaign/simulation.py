@@ -18,7 +18,9 @@ from fast.lake.tables.campaign import GraspRow
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.objects.rigid import RigidObject
-from fast.models.records import GraspSetup, Slopes
+from fast.models.records import GraspSetup
+from fast.models.simulation.inputs import GraspInputs
+from fast.models.simulation.scatter import find_scatter
 from fast.models.simulation.slopes.parameters import ALL
 from fast.models.simulation.version import SimulatorVersion
 
@@ -39,13 +41,13 @@ def prepare_moments(content: Content, folder: Folder) -> dict[str, Any] | None:
         return {"drawn": {}}
     stage = Stage.of(obj.primitives, instants)
     folder.save(content.work)
-    slopes = simulated.result.slopes or Slopes(0.0, {}, {})
-    scatter = content.tolerances.find_scatter(slopes)
+    inputs = GraspInputs(content.design_of(best), obj, simulated.version, setup)
+    scatter = find_scatter(inputs, content.tolerances)
     title = f"What moves the simulated peak of {best.label} on {obj.name} ({obj.object_id})"
     return {
         "object_name": obj.name,
         "object_id": obj.object_id,
-        "version_id": simulated.version_id,
+        "version_id": simulated.version.version_id,
         "drawn": {
             instant.name: folder.draw(f"moments/{place}", draw_instant(stage, place, instant))
             for place, instant in enumerate(instants, start=1)
@@ -54,8 +56,8 @@ def prepare_moments(content: Content, folder: Folder) -> dict[str, Any] | None:
         "longest_n": stage.longest_n,
         "simulated_n": simulated.result.peak_force_n,
         "scatter_n": scatter.sd_n,
-        "scatter_of": content.tolerances.describe(scatter),
-        "changes": folder.draw("moments/changes", draw_peak_changes(simulated.result, title)) if slopes.by else None,
+        "scatter_of": content.tolerances.describe(scatter.missing),
+        "changes": folder.draw("moments/changes", draw_peak_changes(simulated.result, title)),
         "measured_n": row["peak_force_n"],
     }
 

@@ -15,8 +15,9 @@ from fast.models.simulation.contact.points import PointSpacing
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.problem import TIER_NUMERICS, Numerics
+from fast.models.simulation.scatter import find_scatter
 from fast.models.simulation.slopes.parameters import find_parameters
-from fast.models.simulation.slopes.tolerances import Tolerances
+from fast.models.simulation.tolerances import Tolerances
 from fast.models.simulation.version import TIERS, SimulatorVersion
 from fast.models.traces.step_features import step_means
 from tests.studies.benchmarks.base import Options, Rows, Tables
@@ -191,27 +192,24 @@ def _ripple_rows() -> Rows:
 
 
 def _tolerance_rows(cells: Sequence[_Cell], tell: Callable[[str], None]) -> Rows:
-    """Copies of every cell with walls, height and closing drawn by their tolerances: what slopes say of each."""
-    sds = Tolerances().stated
+    """Scatter that is said of every cell's peak, and that of copies with walls, height and closing drawn."""
+    tolerances = Tolerances()
     rows: Rows = []
     for cell in cells:
         tell(f"{N_COPIES} copies of design {cell.design} on object {cell.object_id}")
         inputs = GraspInputs(
             numbered_design(cell.design), get_object(cell.object_id), TIERS["production"], GraspSetup()
         )
-        nominal = cell.simulate(tuple(sds))
-        by = nominal.slopes.by if nominal.slopes else {}
-        drawn = np.random.default_rng(cell.object_id).normal(size=(N_COPIES, len(sds))) * list(sds.values())
+        rng, sds = np.random.default_rng(cell.object_id), tolerances.stated
+        drawn = rng.normal(size=(N_COPIES, len(sds))) * list(sds.values())
         peaks = np.array([_simulate_moved(inputs, dict(zip(sds, moves, strict=True))) for moves in drawn])
-        said = drawn @ [by[name].peak_n if name in by else 0.0 for name in sds]
-        rows.append({
-            "design": cell.design, "object_id": cell.object_id, "peak_force_n": nominal.peak_force_n,
-            "sd_said_n": float(np.linalg.norm([sd * by[name].peak_n for name, sd in sds.items() if name in by])),
-            "sd_simulated_n": float(peaks.std(ddof=1)), "correlation": float(np.corrcoef(said, peaks)[0, 1]),
-            "sd_ratio": float(said.std() / peaks.std()),
-        })  # fmt: skip
-    middle = {key: float(np.median([row[key] for row in rows])) for key in ("correlation", "sd_ratio")}
-    return [{"design": "median", **middle}, *rows]
+        said_n = find_scatter(inputs, tolerances).sd_n or np.nan
+        simulated_n = float(peaks.std(ddof=1))
+        numbers = {"sd_said_n": said_n, "sd_simulated_n": simulated_n, "ratio": said_n / simulated_n}
+        rows.append({"design": cell.design, "object_id": cell.object_id, "mean_peak_n": float(peaks.mean()), **numbers})
+    ratios = [float(str(row["ratio"])) for row in rows]
+    ends = [{"design": word, "ratio": value} for word, value in (("least", min(ratios)), ("largest", max(ratios)))]
+    return [{"design": "median", "ratio": float(np.median(ratios))}, *ends, *rows]
 
 
 def _simulate_moved(inputs: GraspInputs, moves: Mapping[str, float]) -> float:

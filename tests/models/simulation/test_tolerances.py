@@ -46,7 +46,7 @@ def test_what_cannot_be_simulated_is_missing(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_scatter_is_that_of_simulated_copies() -> None:
-    """Of the cube, whose corners hook: the derivative says a quarter of it. One tolerance, to keep it short."""
+    """Of one tolerance and eight copies, to keep it short: so few know their own spread to a quarter."""
     assert find_scatter(GRASP, Tolerances(wall_offset_mm=0.0, closed_gap_mm=0.0)).sd_n == pytest.approx(
         np.std([scatter._find_peak(copy) for copy in _copies()], ddof=1), rel=0.5
     )

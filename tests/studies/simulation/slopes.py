@@ -73,7 +73,7 @@ class _Cell:
 
 
 def measure_slopes(options: Options) -> Tables:
-    """Cost and truth of slopes, ripple of the peak, error of trace and peak by contact points and tier, CPU time."""
+    """Cost and truth of slopes, ripple and scatter of the peak, errors by contact points and tier, CPU time."""
     objects = options.objects or OBJECTS
     cells = [_Cell(design, object_id) for design, object_id in enumerate(objects)]
     cells[0].simulate(SIX)  # compiled, and all code loaded

@@ -4,10 +4,16 @@ from pathlib import Path
 
 import pytest
 
+from fast.flows.report.campaign.content import Content
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import CampaignRow
 from fast.models.errors import ConfigError
+from fast.models.simulation.tolerances import Tolerances
+from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig, differences, load_config, read_stored_config
 from fast.tasks.campaign.retired import RETIRED
 from fast.tasks.campaign.settings import NightSettings, ObjectPlan, Schedule
+from fast.tasks.campaign.setup import register
 
 ROOT = Path(__file__).parents[3]
 QUICK = ROOT / "campaigns" / "quick.toml"
@@ -145,3 +151,13 @@ def test_objectives_need_enough_first_tools(tmp_path: Path, first: str, wanted: 
     )
     with pytest.raises(ConfigError, match=message) if message else nullcontext():
         load_config(path)
+
+
+def test_tolerances_may_change_and_a_report_reads_the_new_ones(tmp_path: Path) -> None:
+    lake, path = Lake.open(tmp_path / "lake", create=True), edited(tmp_path, "seed = 1", "seed = 1")
+    text = path.read_text()
+    for size_mm, n_written in ((0.1, 1), (0.3, 2), (0.3, 2)):
+        path.write_text(f"{text}\n[tolerances]\nwall_offset_mm = {size_mm}\n")
+        register(Campaign(lake, load_config(path)), path.read_text())
+        assert Content.load(lake, "quick").tolerances == Tolerances(wall_offset_mm=size_mm)
+        assert len(list((tmp_path / "lake" / CampaignRow.table).rglob("*.parquet"))) == n_written

@@ -96,6 +96,11 @@ class DesignSpace:
         """Columns of the parameters with levels: whole numbers and choices."""
         return tuple(column for column, n in enumerate(self.n_levels) if n)
 
+    @cached_property
+    def walls(self) -> tuple[int, ...]:
+        """Columns of the thicknesses of walls and ribs."""
+        return tuple(column for column, name in enumerate(self.names) if name.endswith("_thickness_mm"))
+
     def to_unit(self, designs: Sequence[Design]) -> np.ndarray:
         """Designs as points of the unit cube, n x d; k levels are equally spaced from 0 to 1."""
         values = np.array([self._values(design) for design in designs], dtype=float).reshape(-1, self.n_dims)

@@ -75,7 +75,10 @@ class BenchChoice(Record):
 
 
 class CampaignConfig(Record):
-    """Everything that defines a campaign. All but `execution`, `lab` and `tolerances` is part of its hash."""
+    """Everything that defines a campaign.
+
+    All but `execution` and `lab` is part of its hash; of `tolerances` the walls, where `robust_peak_n` is wanted.
+    """
 
     name: str = Field(pattern=NAME, description="lower-case letters, digits, hyphens")
     lab: str | None = Field(
@@ -104,7 +107,7 @@ class CampaignConfig(Record):
     gap: GapSettings = GapSettings()
     """Whether the campaign looks for what its simulator misses."""
     tolerances: Tolerances = Tolerances()
-    """How prints and mountings scatter, for the +- of simulated peaks; changes no result."""
+    """How prints and mountings scatter, for the +- of simulated peaks and for `robust_peak_n`."""
     night: NightSettings = NightSettings()
     """Whether it simulates with a new simulator between batches."""
     bench: BenchChoice
@@ -130,6 +133,11 @@ class CampaignConfig(Record):
         return id_in_lab(self.name, self.lab)
 
     @property
+    def wants_copies(self) -> bool:
+        """Whether an objective or limit is of what most copies of a drawing hold."""
+        return any(OUTCOMES[name].is_of_copies for name in self.scientist.wanted & set(OUTCOMES))
+
+    @property
     def n_simulated_first(self) -> int:
         """Designs that are simulated before the first guided batch."""
         return self.schedule.initial_simulations + self.simulator.simulate_tools * self.schedule.initial_tools
@@ -144,7 +152,8 @@ class CampaignConfig(Record):
         """The part that decides results, as JSON data."""
         # What a config does not use of later sections and keys leaves it the hash that it had before there were any.
         # The lab is no part of it: two labs with one config do the same.
-        unused: dict[str, Any] = {"execution": True, "lab": True, "tolerances": True}
+        unused: dict[str, Any] = {"execution": True, "lab": True}
+        unused["tolerances"] = {"offset_z_mm", "closed_gap_mm"} if self.wants_copies else True
         unused |= {"material": True} if not self.material else {}
         unused |= {"designs": True} if self.designs is None else {}
         unused |= {"bench": {"kind", "name", "max_force_n"} if not self.bench.is_folder else {"max_force_n"}}
@@ -356,8 +365,9 @@ def _check_recipe(config: CampaignConfig) -> None:
         return
     largest = dict(zip(space.names, space.upper, strict=True))
     check_bed(largest["length_mm"], largest["height_mm"], recipe.bed_mm, "the largest sizes of [design]")
-    for name, lowest in zip(space.names, space.lower, strict=True):
-        if name.endswith("_thickness_mm") and lowest < recipe.wall_mm - _ROUNDING_MM:
+    for column in space.walls:
+        name, lowest = space.names[column], space.lower[column]
+        if lowest < recipe.wall_mm - _ROUNDING_MM:
             raise UsageError(
                 f"the recipe {recipe.name} prints walls from {recipe.wall_mm:g} mm ({recipe.wall_rule}), `{name}` may "
                 f"be {lowest:g} mm; set design.ranges.{name} = [{recipe.wall_mm:g}, "
@@ -369,8 +379,10 @@ def _check_objectives(config: CampaignConfig) -> None:
     """Refuse objectives and limits of which the first batches teach too little.
 
     Raises:
-        UsageError: with the name, and what to raise.
+        UsageError: with the name, and what to raise or to take instead.
     """
+    if config.wants_copies:
+        _check_copies(config)
     if not config.schedule.guided_batches:
         return
     for name in sorted(config.scientist.wanted & set(OUTCOMES) - {MEAN_PEAK.name}):
@@ -382,6 +394,25 @@ def _check_objectives(config: CampaignConfig) -> None:
                 f"the objective or limit `{name}` is learned from {MIN_OBSERVATIONS} {of} at least, there are {n} "
                 f"before the first guided batch; raise schedule.{key}."
             )
+
+
+def _check_copies(config: CampaignConfig) -> None:
+    """Refuse to ask what prints of a drawing hold where nothing is known of how they differ.
+
+    Raises:
+        UsageError: with what to set or to take instead.
+    """
+    wants = "`robust_peak_n` is of prints with thicker and thinner walls"
+    if not config.design.space.walls:
+        family = config.design.space.family.family
+        raise UsageError(
+            f"{wants}, and the family `{family}` has no parameter that ends in `_thickness_mm`; take `mean_peak_n`."
+        )
+    if not config.tolerances.wall_offset_mm:
+        raise UsageError(
+            f"{wants}, and tolerances.wall_offset_mm is 0; set it to the standard deviation of your walls in mm, or "
+            "take `mean_peak_n`."
+        )
 
 
 def _check_design(config: CampaignConfig) -> None:

@@ -1,13 +1,21 @@
 """What the scientist learns from: mean forces per measured tool and per simulated design, from the lake."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from fast.models.records import Design
 from fast.models.scientist.objectives import MEAN_PEAK, Outcome
-from fast.models.scientist.surrogate.observations import FIRST_PRIOR, REAL, SIM, ObjectValues, ObservationSet
+from fast.models.scientist.surrogate.observations import (
+    FIRST_PRIOR,
+    MIN_OBSERVATIONS,
+    REAL,
+    SIM,
+    ObjectValues,
+    ObservationSet,
+)
 from fast.models.scientist.surrogate.version_map import VersionMap, fit_version_map
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.bench.again import is_owed
@@ -65,6 +73,8 @@ def observe(
     Simulations of an older simulator version are scaled, mapped or left out, never taken as they are. Tools of prior
     campaigns are fidelities of their own, 2 and up, of mean peak forces alone. `outcome`: what `y` is.
     """
+    if outcome.is_of_copies:
+        return _of_copies(campaign, observe(campaign, state, batches).of_this_campaign())
     tools, designs = _measured_tools(state, batches), _simulated_designs(campaign, state)
     point_of = {t.tool_id: t.mounted_point(campaign.space) for t in tools} | dict(
         zip(designs, campaign.space.to_unit(list(designs.values())), strict=True)
@@ -83,6 +93,20 @@ def observe(
         y=np.concatenate([*(means.y for _, means in parts), *(one.mean_n for one in prior)]),
         noise_variance=np.concatenate([*(means.variance for _, means in parts), *(one.variance_n2 for one in prior)]),
     )
+
+
+def _of_copies(campaign: Campaign, data: ObservationSet) -> ObservationSet:
+    """Mean peak forces less what copies of the same drawings lose, by a surrogate of the forces; none of too few."""
+    # A second of imports that a status does without.
+    from fast.models.scientist.copies import lose_in_copies
+    from fast.models.scientist.surrogate.fit import fit_surrogate
+    from fast.tasks.scientist.fit import in_units_of
+
+    if len(data) < MIN_OBSERVATIONS:
+        return data.take(np.zeros(0, dtype=int))
+    surrogate = fit_surrogate(in_units_of(campaign, data), None, seed=campaign.seed("copies"))
+    sd_mm = campaign.config.tolerances.wall_offset_mm
+    return replace(data, y=data.y - lose_in_copies(surrogate, data.x, data.s, campaign.space, sd_mm))
 
 
 def observe_objects(campaign: Campaign, state: CampaignState, batches: Iterable[int], outcome: Outcome) -> ObjectValues:
@@ -172,7 +196,10 @@ def outcomes_of_tools(campaign: Campaign, state: CampaignState, outcome: Outcome
         of_design = dict(zip(found.ids, found.y.tolist(), strict=True))
         return {t.tool_id: of_design[t.design.design_id] for t in tools if t.design.design_id in of_design}
     means = _means([t.tool_id for t in tools], _tool_forces(campaign, tools, outcome), outcome)
-    return dict(zip(means.ids, means.y.tolist(), strict=True))
+    if not outcome.is_of_copies:
+        return dict(zip(means.ids, means.y.tolist(), strict=True))
+    data = observe(campaign, state, {tool.batch for tool in tools}, outcome)
+    return dict(zip(means.ids, data.y[data.s == REAL].tolist(), strict=True)) if len(data) else {}
 
 
 def means_of_simulations(

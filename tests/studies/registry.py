@@ -24,6 +24,7 @@ from tests.studies.gap.shapes import measure_gap_shapes
 from tests.studies.gap.truth import measure_gap_truth
 from tests.studies.landscapes.compare import measure_landscapes
 from tests.studies.landscapes.make_bank import measure_landscape_bank
+from tests.studies.landscapes.robust import measure_robust
 from tests.studies.platform.day import measure_day
 from tests.studies.platform.environments import measure_environments
 from tests.studies.platform.feature_pairs import measure_feature_pairs
@@ -67,6 +68,7 @@ STUDIES: dict[str, Benchmark] = {
     "insights": benchmark(measure_insights, "n", "results", "limit_minutes"),
     "lab-world": benchmark(measure_lab_world, "designs", "objects", "results", "n"),
     "landscapes": benchmark(measure_landscapes, "n", "results", "workers", "figure"),
+    "robust": benchmark(measure_robust, "n", "workers"),
     "landscape-bank": benchmark(measure_landscape_bank, "results", "limit_minutes"),
     "identification": benchmark(measure_identification, *_KEPT, "figure"),
     "anomalies": benchmark(measure_anomalies, *_KEPT, "worlds"),

@@ -161,3 +161,22 @@ def test_tolerances_may_change_and_a_report_reads_the_new_ones(tmp_path: Path) -
         register(Campaign(lake, load_config(path)), path.read_text())
         assert Content.load(lake, "quick").tolerances == Tolerances(wall_offset_mm=size_mm)
         assert len(list((tmp_path / "lake" / CampaignRow.table).rglob("*.parquet"))) == n_written
+
+
+ROBUST = '[scientist]\nobjectives = ["robust_peak_n"]'
+
+
+def test_tolerances_of_walls_decide_a_campaign_that_wants_what_prints_hold(tmp_path: Path) -> None:
+    path = tmp_path / "robust.toml"
+
+    def hash_of(scientist: str, tolerances: str) -> str:
+        first = 'name = "robust"\n[schedule]\ninitial_tools = 3\n[bench]\nkind = "folder"'
+        path.write_text(f"{first}\n{scientist}\n[tolerances]\n{tolerances}\n")
+        return load_config(path).config_hash
+
+    usual = hash_of(ROBUST, "wall_offset_mm = 0.1")
+    assert hash_of(ROBUST, "wall_offset_mm = 0.2") != usual
+    assert hash_of(ROBUST, "offset_z_mm = 1.0") == usual
+    assert hash_of("", "wall_offset_mm = 0.2") == hash_of("", "wall_offset_mm = 0.1")
+    with pytest.raises(ConfigError, match=r"tolerances.wall_offset_mm is 0; set it to the standard deviation"):
+        hash_of(ROBUST, "wall_offset_mm = 0")

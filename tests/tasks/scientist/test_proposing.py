@@ -12,6 +12,7 @@ from fast.models.design.printability import PrintingRules, broken_rules
 from fast.models.design.space import random_designs, random_unit, to_unit
 from fast.models.errors import UsageError
 from fast.models.records import Design
+from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.tasks.bench.measured_tools import MeasuredTool
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
@@ -20,7 +21,7 @@ from fast.tasks.campaign.own_designs import OwnDesign
 from fast.tasks.campaign.settings import ScientistSettings
 from fast.tasks.scientist.criteria import list_outcomes
 from fast.tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_for_simulation
-from fast.tasks.scientist.observe import closed_batches, observe
+from fast.tasks.scientist.observe import closed_batches, observe, outcomes_of_tools
 from fast.tasks.scientist.propose import (
     HYPERVOLUME,
     pending_points,
@@ -209,6 +210,18 @@ def test_tools_are_chosen_by_objectives_and_limits_and_their_fits_are_kept(measu
     assert {"mean_work_j", "mass_g", "worst_peak_n", "keeps_limits", "on_front"} <= set(rows[0])
     best_work = max(rows, key=lambda row: row["mean_work_j"])
     assert best_work["on_front"] == best_work["keeps_limits"]
+
+
+def test_what_prints_of_a_drawing_hold_is_learnt_and_less_than_the_force_of_the_drawing(measured_campaign):
+    campaign = with_criteria(measured_campaign, objectives=["robust_peak_n"])
+    propose_guided(campaign, 2)
+    assert {row["outcome"] for row in campaign.lake.rows(FitRow, purpose="tools")} == {None, "robust_peak_n"}
+    state = campaign.state()
+    forces = outcomes_of_tools(campaign, state, MEAN_PEAK)
+    robust = outcomes_of_tools(campaign, state, OUTCOMES["robust_peak_n"])
+    assert robust.keys() == forces.keys()
+    assert all(robust[tool_id] <= force_n for tool_id, force_n in forces.items())
+    assert robust != forces
 
 
 def test_an_objective_that_the_grasps_do_not_have_is_one_sentence(measured_campaign):

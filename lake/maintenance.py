@@ -36,6 +36,8 @@ _LOG = logging.getLogger(__name__)
 _OF_FAST = frozenset({"outputs", ".state", LEASES, ".lock"})  # no rows; the last is a lock of version 0.1
 _OLD_TABLES = frozenset({"diagnostics", "simulation_branches"})  # of version 0.2: nothing reads them, their files stay
 TARGET_BYTES = 64 * 2**20  # of a merged file, 14,000 traces; files over half of it are left alone
+# Of a merged file before its stage ends: those of four tools. What is read at once stays small in memory.
+LOOSE_BYTES = 2 * 2**20
 _ALWAYS_MERGED = 16  # files below this part of the target are merged whatever the others are
 _READ_AT_ONCE, _READERS = 50, 2
 _NEEDS_SAMPLES = (

@@ -15,6 +15,8 @@ from fast.flows.progress import ProgressReporter
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.safe_state import Verb
+from fast.lake.maintenance import LOOSE_BYTES, compact
+from fast.lake.tables.campaign import DesignRow, ProposalRow, SimTraceRow, SimulationRow
 from fast.models.records import Design
 from fast.tasks.bench.folder import is_told
 from fast.tasks.bench.live import live_path, show_live
@@ -29,6 +31,9 @@ from fast.tasks.campaign.state import CampaignState, ProposedTool
 from fast.tasks.scientist import propose as proposing
 from fast.tasks.scientist.observe import unfinished_tools
 from fast.tasks.simulation.engine import Engine
+
+# Designs after which their files are merged: each leaves about ten, and every file makes a look at the lake dearer.
+MERGED_DESIGNS = 8
 
 
 @dataclass
@@ -225,6 +230,7 @@ class SimulationLoop:
         self._batch = self._batches[-1]
         self._budget = schedule.simulations_of(stage)
         self._running: dict[Any, SimulationJob] = {}
+        self._n_finished = 0
 
     def advance(self, state: CampaignState) -> bool:
         """Fill idle workers; True while simulations are running."""
@@ -246,6 +252,10 @@ class SimulationLoop:
         if job is None:
             return False
         n_failed = future.result()
+        self._n_finished += 1
+        if self._n_finished % MERGED_DESIGNS == 0:
+            for row_type in (DesignRow, ProposalRow, SimulationRow, SimTraceRow):
+                compact(self._run.campaign.lake, row_type, LOOSE_BYTES)
         if not self._run.should_stop():
             self._run.on_simulated(job.label, n_failed)
         return True

@@ -9,7 +9,7 @@ from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.hardware.grasp_bench import GraspBench
 from fast.lake.leases import exclusive
-from fast.lake.maintenance import compact
+from fast.lake.maintenance import LOOSE_BYTES, compact
 from fast.lake.tables.campaign import GraspRow, TraceRow
 from fast.lake.tables.requests import setup_columns
 from fast.models.ids import canonical_json
@@ -39,9 +39,6 @@ _SINCE_LAST_CHECK = f"""
     )
     SELECT id FROM made, last WHERE checked IS NULL OR place > checked ORDER BY place, id
 """
-
-# Of a merged file before its stage ends: those of four tools. What is read at once stays small in memory.
-_MERGED_BYTES = 2 * 2**20
 
 logger = logging.getLogger(__name__)
 
@@ -79,7 +76,7 @@ def measure_batch(
         measure(bench, work, lambda grasp: on_grasp(work.tool, grasp))
         # A file for each grasp makes every look at the lake dearer: a batch would leave two thousand.
         for row_type in (GraspRow, TraceRow):
-            compact(campaign.lake, row_type, _MERGED_BYTES)
+            compact(campaign.lake, row_type, LOOSE_BYTES)
 
     verbs = note_verbs(campaign.lake, campaign.campaign_id)
     owned = exclusive(campaign.lake.storage, GANTRY_LEASE, "the gantry of this lake is in use")

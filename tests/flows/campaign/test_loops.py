@@ -1,11 +1,19 @@
 """The two loops of a stage, with ones that follow a script instead of Prefect and a bench."""
 
+from concurrent.futures import Future
+from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from fast.flows.campaign import flow as campaign_flow
+from fast.flows.campaign.loops import MERGED_DESIGNS, SimulationJob, SimulationLoop
+from fast.lake.query.engine import list_files
+from fast.lake.tables.campaign import SimulationRow
 from fast.models.errors import DeviceError, LakeError
+from tests.tasks.campaign.small_campaign import small_campaign
+from tests.tasks.simulation.made_up import append_simulation
 
 
 class ScriptedLoop:
@@ -62,3 +70,25 @@ def test_a_lake_that_stays_unreadable_ends_the_wheel(run):
     with pytest.raises(LakeError, match="unreadable"):
         drive(run, ScriptedLoop(1, advance_error=LakeError("unreadable")), ScriptedLoop(1))
     assert run.stopping.is_set()
+
+
+def test_files_of_finished_designs_are_merged(tmp_path: Path) -> None:
+    campaign = small_campaign(tmp_path)
+    designs = campaign.space.random_designs(2 * MERGED_DESIGNS, np.random.default_rng(0))
+    futures = {design.design_id: Future() for design in designs}
+    run = SimpleNamespace(
+        campaign=campaign,
+        on_simulated=lambda label, n_failed: None,
+        should_stop=lambda: False,
+        submit_simulation=lambda label, design: futures[design.design_id],
+    )
+    loop, n_files = SimulationLoop(run, 0), []
+    for design in designs:
+        loop._submit(SimulationJob(design, "simulated"))
+        append_simulation(campaign, design, 4, 5.0)
+        futures[design.design_id].set_result(0)
+        assert loop.finish(futures[design.design_id])
+        n_files.append(len(list_files(campaign.lake.root / SimulationRow.table)))
+    assert max(n_files) == MERGED_DESIGNS
+    assert n_files[-1] == 1
+    assert len(campaign.lake.rows(SimulationRow)) == 2 * MERGED_DESIGNS

@@ -1,7 +1,7 @@
 """How far a grasp departs from its repeats, as p-values."""
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr, stdtrit
 
 _BIN = 60  # departures that a scale is estimated from
 _MOST_BINS = 8
@@ -42,7 +42,7 @@ def p_values(shortfalls: np.ndarray, level: np.ndarray, least_scale: float, free
     if is_known.sum() < _BIN:
         return found
     scale = _scale(shortfalls[is_known], level[is_known], freedom)
-    found[is_known] = student.sf(shortfalls[is_known] / np.maximum(scale, least_scale), freedom)
+    found[is_known] = stdtr(freedom, -shortfalls[is_known] / np.maximum(scale, least_scale))
     return found
 
 
@@ -51,6 +51,6 @@ def _scale(shortfalls: np.ndarray, level: np.ndarray, freedom: float) -> np.ndar
     n_bins = int(np.clip(len(shortfalls) // _BIN, 1, _MOST_BINS))
     parts = np.array_split(np.argsort(level, kind="stable"), n_bins)
     middles = np.array([np.median(level[part]) for part in parts])
-    far = student.ppf(1.0 - _TAIL, freedom)
+    far = stdtrit(freedom, 1.0 - _TAIL)
     scales = np.array([np.quantile(-np.minimum(shortfalls[part], 0.0), 1.0 - _TAIL) / far for part in parts])
     return np.interp(level, middles, scales)

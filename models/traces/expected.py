@@ -13,7 +13,7 @@ faults: these make a quantity fall and never rise, so that what rises says how f
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import gammaln, stdtr
 
 LEAST_CELLS = 30  # fewer do not say how wide the tails are
 _FIT_FREEDOM = 4.0  # of the weights of the fit; the tails that p-values use are fitted afterwards
@@ -33,7 +33,7 @@ class Chance:
 
     def p_of(self, shortfall: np.ndarray) -> np.ndarray:
         """Probability that chance falls as short, or shorter."""
-        return np.asarray(student.sf(shortfall / self.scale, self.freedom))
+        return np.asarray(stdtr(self.freedom, -shortfall / self.scale))
 
 
 def predict_cells(difference: np.ndarray, tool: np.ndarray, object_id: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +83,7 @@ def fit_chance(shortfall: np.ndarray, least_scale: float) -> Chance:
     of_fault = np.where(shortfall > 0, 1.0 / far, 0.0)
     best, chance = -np.inf, Chance(usual, _FREEDOMS[0], 0.0)
     for freedom in _FREEDOMS:
-        sound = student.pdf(shortfall[None, :] / scales[:, None], freedom) / scales[:, None]
+        sound = _density(shortfall[None, :] / scales[:, None], freedom) / scales[:, None]
         mixed = (1.0 - _SHARES)[:, None, None] * sound + _SHARES[:, None, None] * of_fault
         likelihood = np.log(mixed).sum(axis=2)
         share, scale = np.unravel_index(int(likelihood.argmax()), likelihood.shape)
@@ -120,3 +120,9 @@ def find_shortfalls(
     usual, _ = predict_cells(sizes, tool, object_id)
     own = np.exp(usual - np.median(usual)) * growth
     return shortfall, own, fit_chance(shortfall / own, least_scale)
+
+
+def _density(x: np.ndarray, freedom: float) -> np.ndarray:
+    """Density of the t-distribution."""
+    log_scale = gammaln(0.5 * (freedom + 1.0)) - gammaln(0.5 * freedom) - 0.5 * np.log(np.pi * freedom)
+    return np.asarray(np.exp(log_scale - 0.5 * (freedom + 1.0) * np.log1p(x**2 / freedom)))

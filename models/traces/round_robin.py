@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from fast.models.traces.quality import Interval, mean_of_tools
 
@@ -157,4 +156,6 @@ def _pair(first: str, second: str, means: Mapping[Cell, Mapping[str, float]]) ->
     if n < MIN_ORDERED:
         return LabPair(first, second, n, None)
     a, b = np.array([np.mean(values, axis=0) for values in by_finger.values()]).T
+    from scipy.stats import spearmanr  # half a second, which most commands do not wait for
+
     return LabPair(first, second, n, float(spearmanr(a, b).statistic))

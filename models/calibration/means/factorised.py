@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.stats import gamma, norm
+from scipy.special import gammaincinv, ndtri
 
 from fast.models.blas import one_blas_thread
 from fast.models.calibration.inference.optimise import (
@@ -235,9 +235,9 @@ def find_first_box(measured: Measurements, psi: np.ndarray, covariance: np.ndarr
 def _prior_range(measured: Measurements, tail: float) -> tuple[np.ndarray, np.ndarray]:
     """Unconstrained theta (3) between which the prior has all but `tail` of its mass on either side."""
     priors = measured.parameters.priors
-    reach = norm.isf(tail) * priors.young_modulus_log_sd
+    reach = -ndtri(tail) * priors.young_modulus_log_sd
     modulus = np.log(priors.young_modulus_median_mpa)
-    friction = np.log(gamma.ppf([tail, 1.0 - tail], priors.friction_shape) / priors.friction_rate)
+    friction = np.log(gammaincinv(priors.friction_shape, [tail, 1.0 - tail]) / priors.friction_rate)
     poisson = -np.log(tail)
     return np.array([modulus - reach, friction[0], -poisson]), np.array([modulus + reach, friction[1], poisson])
 

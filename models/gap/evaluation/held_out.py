@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, spearmanr
+from scipy.special import ndtri
 
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
@@ -14,7 +14,7 @@ from fast.models.traces.step_features import STEP_MM
 
 BLOCKS = ("all held out", "new designs", "new objects", "both new")
 _N_MM_PER_J = 1e3
-_Z90 = float(norm.ppf(0.95))
+_Z90 = float(ndtri(0.95))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +177,8 @@ def _means(values: np.ndarray, group: np.ndarray) -> np.ndarray:
 def _rank(a: np.ndarray, b: np.ndarray) -> float | None:
     if len(a) < 3 or np.ptp(a) == 0 or np.ptp(b) == 0:
         return None
+    from scipy.stats import spearmanr  # half a second, which most commands do not wait for
+
     return float(spearmanr(a, b).statistic)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fast.models.gap.evidence.candidates import (
     QUANTITY,
@@ -32,7 +32,7 @@ N_DESCRIBED = 4
 LEAST_NATS, LEAST_OMNIBUS = 60.0, 2.5
 _USUAL_NATS = 100.0
 # An effect whose law would have to go farther than one law in a hundred goes, is another one that has its form alone.
-LARGEST_DEPARTURE = float(chi2.isf(0.01, N_KNOTS))
+LARGEST_DEPARTURE = float(chdtri(N_KNOTS, 0.01))
 _LEAST_SHARE, _MOST_SHARE = 0.02, 2.0  # of evidence: less is nothing, more is as good as that
 
 

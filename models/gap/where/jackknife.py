@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 
 def jackknife(
@@ -25,5 +25,5 @@ def jackknife(
         if len(left) > 1:
             variance = variance + (len(left) - 1) / len(left) * ((left - left.mean(axis=0)) ** 2).sum(axis=0)
             fewest = min(fewest, len(left) - 1)
-    half = student.ppf(0.5 + level / 2, max(fewest, 1) if np.isfinite(fewest) else 1) * np.sqrt(variance)
+    half = stdtrit(max(fewest, 1) if np.isfinite(fewest) else 1, 0.5 + level / 2) * np.sqrt(variance)
     return value, value - half, value + half

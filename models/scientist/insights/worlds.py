@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve
-from scipy.special import ndtri
-from scipy.stats import chi2
+from scipy.special import gammaincinv, ndtri
 
 from fast.models.gaussian_process.matern import matern52
 from fast.models.scientist.surrogate.fit import SUBSET_SIZE
@@ -51,7 +50,7 @@ class _Prior:
     def draw(cls, lengthscales: np.ndarray, sd: float, n: int, rng: np.random.Generator) -> "_Prior":
         # Every stretch of the heavy tail once: what is left of a variance near data hangs on it.
         strata = (rng.permutation(_N_FREQUENCIES) + rng.random(_N_FREQUENCIES)) / _N_FREQUENCIES
-        radii = np.sqrt(_DEGREES / chi2.ppf(strata, _DEGREES))
+        radii = np.sqrt(_DEGREES / (2.0 * gammaincinv(0.5 * _DEGREES, strata)))
         frequencies = rng.normal(size=(_N_FREQUENCIES, len(lengthscales))) * radii[:, None] / lengthscales
         scale = sd / np.sqrt(_N_FREQUENCIES)
         return cls(frequencies, scale * rng.normal(size=(2 * _N_FREQUENCIES, n)))

@@ -1,7 +1,7 @@
 """The health card of a surrogate: how well it predicts what it has seen, and whether simulation helps it."""
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtr
 
 from fast.models.records import Record
 from fast.models.scientist.surrogate.fit import fit_surrogate
@@ -65,7 +65,7 @@ class SurrogateHealth(Record):
 
 def is_overconfident(coverage_90: float, n: int) -> bool:
     """Whether so few of n observations lie in their 90 % interval that chance explains it in under 1 % of cases."""
-    return bool(binom.cdf(round(coverage_90 * n), n, LEAST_COVERAGE) < MOST_OUTSIDE_P)
+    return bool(bdtr(round(coverage_90 * n), n, LEAST_COVERAGE) < MOST_OUTSIDE_P)
 
 
 def health_of(surrogate: Surrogate) -> SurrogateHealth:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from fast.flows.challenge.answers import Answers, WorldAnswer, read_forces
 from fast.flows.challenge.keys import SealedKey, find_keys, open_keys
@@ -92,8 +92,8 @@ def make_tables(graded: Sequence[Graded]) -> dict[str, Rows]:
 
 def clopper_pearson(k: int, n: int) -> tuple[float, float]:
     """95 % interval of a share of which k of n were seen."""
-    low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
-    high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
+    low = float(betaincinv(k, n - k + 1, 0.025)) if k else 0.0
+    high = float(betaincinv(k + 1, n - k, 0.975)) if k < n else 1.0
     return low, high
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import ttest_1samp
 
 from fast.flows.report.style import INK, MUTED, new_figure
 from fast.flows.scientist.campaign_runs import StrategyRun
@@ -53,7 +53,7 @@ def _gain(name: str, differences_n: np.ndarray) -> dict[str, Any]:
     """Mean, 95 % interval and median of paired differences (n) in N."""
     interval = None
     if len(differences_n) > 1 and np.ptp(differences_n) > 0:
-        low, high = ttest_1samp(differences_n, 0.0).confidence_interval(0.95)
+        low, high = scipy.stats.ttest_1samp(differences_n, 0.0).confidence_interval(0.95)
         interval = f"{low:.2f} to {high:.2f}"
     return {
         f"{name}_gain_n": float(np.mean(differences_n)),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from fast.models.traces.quality import Interval, mean_of_tools
 
@@ -156,6 +157,4 @@ def _pair(first: str, second: str, means: Mapping[Cell, Mapping[str, float]]) ->
     if n < MIN_ORDERED:
         return LabPair(first, second, n, None)
     a, b = np.array([np.mean(values, axis=0) for values in by_finger.values()]).T
-    from scipy.stats import spearmanr  # half a second, which most commands do not wait for
-
-    return LabPair(first, second, n, float(spearmanr(a, b).statistic))
+    return LabPair(first, second, n, float(scipy.stats.spearmanr(a, b).statistic))

@@ -1,6 +1,7 @@
 """What a night of a campaign has done, in numbers and in words: events of the lake, read by page and report."""
 
 import numpy as np
+import scipy
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
@@ -172,11 +173,9 @@ def _compare_ranks(campaign: Campaign, old: SimulatorVersion) -> tuple[int, floa
 
 
 def _rank(simulated: np.ndarray, measured: np.ndarray) -> float | None:
-    from scipy.stats import spearmanr  # half a second, which a page without nights does not wait for
-
     if not np.ptp(simulated) or not np.ptp(measured):
         return None
-    return float(spearmanr(simulated, measured).statistic)
+    return float(scipy.stats.spearmanr(simulated, measured).statistic)
 
 
 def _find_verdict(campaign: Campaign, old: SimulatorVersion, new: SimulatorVersion) -> Verdict | None:

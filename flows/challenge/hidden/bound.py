@@ -9,7 +9,7 @@ share of alarms at a share of false ones is a normal probability (Neyman and Pea
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from fast.flows.challenge.hidden.panels import bank_slopes, modulus_factor
 from fast.flows.challenge.hidden.true_sets import MODULUS_MPA
@@ -52,7 +52,7 @@ class Bound:
         """With what probability what the world of a key hides is seen in these grasps of it; 0 where nothing is."""
         if not key.effects:
             return 0.0
-        return float(norm.cdf(self._measure_distance(key, grasps) - norm.ppf(1.0 - FALSE_ALARMS)))
+        return float(ndtr(self._measure_distance(key, grasps) - ndtri(1.0 - FALSE_ALARMS)))
 
     def _measure_distance(self, key: WorldKey, grasps: Grasps) -> float:
         """Standard deviations by which a world is from one with nothing hidden, at the best theta and moduli."""

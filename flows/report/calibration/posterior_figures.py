@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import rankdata, rv_continuous
 
 from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
 from fast.models.calibration.inference.result import CalibrationResult
@@ -136,7 +136,7 @@ def _legend(figure: Figure, margin: Axes, joint: Axes) -> None:
     figure.legend(lines, labels, loc="outside upper left", ncols=4, handlelength=1.6)
 
 
-def density_figure(draws: np.ndarray, x_label: str, prior: rv_continuous | None = None) -> Figure:
+def density_figure(draws: np.ndarray, x_label: str, prior: "scipy.stats.rv_continuous | None" = None) -> Figure:
     """Posterior density of one positive parameter, its mode marked, the prior behind it."""
     figure, axes = new_axes(WIDTH_IN, 2.7, grid="")
     grid, density = curve = estimate_density(draws)
@@ -181,7 +181,7 @@ def _trace(axes: Axes, draws: np.ndarray) -> None:
 
 
 def _ranks(axes: Axes, draws: np.ndarray) -> None:
-    ranks = rankdata(draws).reshape(draws.shape)
+    ranks = scipy.stats.rankdata(draws).reshape(draws.shape)
     edges = np.linspace(0.5, ranks.size + 0.5, _N_BINS + 1)
     expected = draws.shape[1] / _N_BINS
     for chain, values in enumerate(ranks):

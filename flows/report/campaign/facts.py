@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from fast.lake.tables.campaign import design_of_columns
 from fast.models.design.reference import find_reference
@@ -93,7 +93,7 @@ def read_tools(rows: Sequence[Mapping[str, Any]], references: Mapping[str, str] 
 def _half_width(standard_error: float | None, n_freedom: int | None) -> float | None:
     if standard_error is None or not n_freedom:
         return None
-    return float(stats.t.ppf(0.5 + CONFIDENCE / 2, n_freedom)) * standard_error
+    return float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, n_freedom)) * standard_error
 
 
 def find_best_tool(tools: Sequence[Tool]) -> Tool | None:
@@ -159,8 +159,8 @@ def measure_agreement(pairs: Sequence[Mapping[str, Any]]) -> Agreement:
     has_spread = len(pairs) >= 3 and np.ptp(simulated) > 0 and np.ptp(measured) > 0
     return Agreement(
         n=len(pairs),
-        pearson=float(stats.pearsonr(simulated, measured)[0]) if has_spread else float("nan"),
-        spearman=float(stats.spearmanr(simulated, measured)[0]) if has_spread else float("nan"),
+        pearson=float(scipy.stats.pearsonr(simulated, measured)[0]) if has_spread else float("nan"),
+        spearman=float(scipy.stats.spearmanr(simulated, measured)[0]) if has_spread else float("nan"),
         rmse_n=float(np.sqrt(np.mean(error**2))),
         bias_n=float(np.mean(error)),
     )

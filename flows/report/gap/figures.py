@@ -5,8 +5,8 @@ from textwrap import wrap
 from typing import Any
 
 import numpy as np
+import scipy
 from matplotlib.figure import Figure
-from scipy.stats import binned_statistic_2d
 
 from fast.flows.report.gap.answer import describe_effect, shorten_tool
 from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, WIDTH_IN, new_axes
@@ -69,7 +69,7 @@ def _table(residuals: Residuals, place: int) -> tuple[np.ndarray, list[str], lis
     u = residuals.relative[:, place]
     is_there = np.isfinite(u)
     places, bins = (residuals.tool[is_there], residuals.obj[is_there]), (np.arange(t + 1), np.arange(o + 1))
-    table = binned_statistic_2d(*places, u[is_there], "mean", bins).statistic
+    table = scipy.stats.binned_statistic_2d(*places, u[is_there], "mean", bins).statistic
     rows, columns = (np.flatnonzero(np.isfinite(table).any(axis=axis)) for axis in (1, 0))
     names = [residuals.tools[r] for r in rows], [residuals.objects[c] for c in columns]
     return table[np.ix_(rows, columns)], *names

@@ -1,9 +1,11 @@
 """What a calibration found, in numbers: Table 2 of the paper, densities, and whether anything may be built on it."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 from scipy.ndimage import gaussian_filter
 
 from fast.models.calibration.inference.libraries import quiet_import
@@ -38,7 +40,7 @@ class ParameterSummary(Record):
     """Area under the lower of the two densities: 1 means that nothing was learned; None as above."""
 
 
-def summarise(draws: np.ndarray, prior: stats.rv_continuous | None = None) -> ParameterSummary:
+def summarise(draws: np.ndarray, prior: scipy.stats.rv_continuous | None = None) -> ParameterSummary:
     """Summary of draws of one parameter (any shape); `prior` is a frozen distribution of scipy."""
     values = np.ravel(draws)
     q05, median, q95 = np.quantile(values, (0.05, 0.5, 0.95))
@@ -69,17 +71,17 @@ def summarise_theta(result: CalibrationResult) -> dict[str, ParameterSummary]:
     return {name: summarise(result.of(name), find_prior(name, result.settings.priors)) for name in THETA}
 
 
-def find_prior(name: str, priors: ThetaPriors, force_scale_n: float | None = None) -> stats.rv_continuous | None:
+def find_prior(name: str, priors: ThetaPriors, force_scale_n: float | None = None) -> scipy.stats.rv_continuous | None:
     """Prior of a parameter as a frozen distribution of scipy, in the unit of its draws; None where it has none."""
     if name == "young_modulus_mpa":
-        return stats.lognorm(priors.young_modulus_log_sd, scale=priors.young_modulus_median_mpa)
+        return scipy.stats.lognorm(priors.young_modulus_log_sd, scale=priors.young_modulus_median_mpa)
     if name == "friction":
-        return stats.gamma(priors.friction_shape, scale=1.0 / priors.friction_rate)
+        return scipy.stats.gamma(priors.friction_shape, scale=1.0 / priors.friction_rate)
     if name == "poisson_ratio":
         lower = priors.poisson_ratio_lower
-        return stats.uniform(lower, priors.poisson_ratio_upper - lower)
+        return scipy.stats.uniform(lower, priors.poisson_ratio_upper - lower)
     if name == "rho":
-        return stats.norm(RHO_MEAN, RHO_SD)
+        return scipy.stats.norm(RHO_MEAN, RHO_SD)
     if name.startswith("lengthscale_"):
         return _log_normal(LENGTHSCALE)
     if name in ("sd_h", "nugget"):
@@ -92,7 +94,7 @@ def find_prior(name: str, priors: ThetaPriors, force_scale_n: float | None = Non
 def correlate_ranks(result: CalibrationResult) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and Spearman's correlations, k x k, of theta, rho where it is free, discrepancy and noise."""
     names = tuple(name for name in (*THETA, "rho", "sd_e_n", "noise_sd_n") if name in result.names)
-    ranks = np.apply_along_axis(stats.rankdata, 0, result.flat(*names))
+    ranks = np.apply_along_axis(scipy.stats.rankdata, 0, result.flat(*names))
     return names, np.corrcoef(ranks.T)
 
 
@@ -201,6 +203,6 @@ def estimate_density_map(x: np.ndarray, y: np.ndarray, n_cells: int = 128) -> De
     return DensityMap(middles[0], middles[1], smooth.T)
 
 
-def _log_normal(parameters: tuple[float, float], scale: float = 1.0) -> stats.rv_continuous:
+def _log_normal(parameters: tuple[float, float], scale: float = 1.0) -> scipy.stats.rv_continuous:
     mean, sd = parameters
-    return stats.lognorm(sd, scale=scale * np.exp(mean))
+    return scipy.stats.lognorm(sd, scale=scale * np.exp(mean))

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.stats import qmc
 
 from fast.models.calibration.means.problem import THETA, THETA_LOWER, THETA_UPPER, friction_at
 from fast.models.design.space import N_RIB_LEVELS, PARAMETERS, RIB_COUNT_COLUMN, from_unit
@@ -48,7 +48,7 @@ def draw_hypercube(plan: HypercubePlan) -> list[HypercubePoint]:
     columns is stratified: one point in each n-th of its range, the rib count as evenly as whole numbers allow.
     """
     rng = np.random.default_rng([plan.seed, plan.n])
-    unit = qmc.LatinHypercube(d=len(PARAMETERS) + len(THETA), rng=rng).random(plan.n)
+    unit = scipy.stats.qmc.LatinHypercube(d=len(PARAMETERS) + len(THETA), rng=rng).random(plan.n)
     x, theta = unit[:, : len(PARAMETERS)], unit[:, len(PARAMETERS) :]
     # Equal parts of the range for each of the ten counts; rounding would give the first and last half as much.
     levels = np.minimum(np.floor(x[:, RIB_COUNT_COLUMN] * N_RIB_LEVELS), N_RIB_LEVELS - 1)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.special import ndtri
 
 from fast.models.errors import UsageError
@@ -177,9 +178,7 @@ def _means(values: np.ndarray, group: np.ndarray) -> np.ndarray:
 def _rank(a: np.ndarray, b: np.ndarray) -> float | None:
     if len(a) < 3 or np.ptp(a) == 0 or np.ptp(b) == 0:
         return None
-    from scipy.stats import spearmanr  # half a second, which most commands do not wait for
-
-    return float(spearmanr(a, b).statistic)
+    return float(scipy.stats.spearmanr(a, b).statistic)
 
 
 def _rank_within(a: np.ndarray, b: np.ndarray, tool: np.ndarray, obj: np.ndarray) -> float | None:

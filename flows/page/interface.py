@@ -75,10 +75,16 @@ class WantedGrasp(BaseModel):
 
 
 class SimulatedGrasp(BaseModel):
-    """A simulated grasp, in N."""
+    """A simulated grasp, in N.
+
+    peak_sd_n: standard deviation of the peak between prints and mountings, None where it is not known; sd_is_of: of
+    which tolerances.
+    """
 
     title: str
     peak_force_n: float
+    peak_sd_n: float | None
+    sd_is_of: str
     measured_n: list[float | None]
     version_id: str
 

@@ -249,23 +249,29 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     from fast.lake.tables.campaign import GraspRow
     from fast.models.design.space import BEST_PUBLISHED
     from fast.models.objects.catalogue import get_object
-    from fast.models.records import Design, Placement
+    from fast.models.records import Design, GraspSetup, Placement
     from fast.models.simulation.grasp import simulate_grasp
+    from fast.models.simulation.inputs import GraspInputs
     from fast.models.simulation.output.recording import GraspRecording
     from fast.models.simulation.placement import place
+    from fast.models.simulation.scatter import find_scatter
+    from fast.models.simulation.tolerances import Tolerances
     from fast.models.simulation.version import SimulatorVersion
     from fast.models.traces import peak_force_n
 
     lake, version = Lake.open(lake_address), SimulatorVersion()
     design: Design = BEST_PUBLISHED
+    setup, tolerances = GraspSetup(), Tolerances()
     if tool_id:
         campaign = at_present(read_campaign(lake, tool_id.rpartition("/")[0]))
         found = next((tool for tool in campaign.state().tools if tool.tool_id == tool_id), None)
         if found is None:
             raise UsageError(f"campaign {campaign.campaign_id} has no tool {tool_id}.")
         design, version = found.design, campaign.version
+        setup, tolerances = campaign.config.grasp, campaign.config.tolerances
     obj, recording = get_object(object_id), GraspRecording()
-    result = simulate_grasp(design, obj, version, recorder=recording.add, deadline_s=60.0)
+    result = simulate_grasp(design, obj, version, setup, recorder=recording.add, deadline_s=60.0)
+    scatter = find_scatter(GraspInputs(design, obj, version, setup), tolerances)
     file, title = io.BytesIO(), f"{tool_id or 'best published finger'} on {obj.name} ({object_id})"
     with figure_style():
         draw_instants(place(obj, Placement()), five_instants(recording, result.trace), title).savefig(file, dpi=110)
@@ -279,6 +285,8 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
         "title": title,
         "picture": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}",
         "peak_force_n": peak_force_n(result.trace),
+        "peak_sd_n": scatter.sd_n,
+        "sd_is_of": tolerances.describe(scatter.missing),
         "measured_n": [row.peak_force_n for row in measured],
         "version_id": version.version_id,
         "traces": [{"label": "simulated", "colour": 2, "simulated": True, "lift": lift, "force": force}],

@@ -20,7 +20,8 @@ SEPARATORS = (";", "\t", "|", ",", SPACES)
 _SPREADSHEET = b"PK\x03\x04"
 _OLD_SPREADSHEET = b"\xd0\xcf\x11\xe0"
 _BOMS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
-_EAST_ASIAN = ("cp932", "gb18030", "cp949")
+_OTHER_ALPHABETS = ("cp932", "gb18030", "cp949", "cp1251")
+_NOTHING = frozenset({"nan", "-nan", "n/a", "#n/a", "null", "none"})  # what programs write for no number
 _CONTROL = re.compile("[\x00-\x08\x0e-\x19\x1b-\x1f\x7f]")
 _LINES_LOOKED_AT = 2000  # for the separator
 
@@ -68,14 +69,14 @@ def _decode(path: Path, data: bytes, encoding: str | None) -> tuple[str, str]:
     """Text and encoding: what is said, what a mark at the beginning says, UTF-8, or what Windows writes."""
     marked = next((name for mark, name in _BOMS if data.startswith(mark)), None)
     bare = "utf-16-le" if _has_zeros(data[1::2]) else "utf-16-be" if _has_zeros(data[::2]) else None
-    for name in filter(None, (marked, encoding, bare, "utf-8", *_EAST_ASIAN, "cp1252", "latin-1")):
+    for name in filter(None, (marked, encoding, bare, "utf-8", *_OTHER_ALPHABETS, "cp1252", "latin-1")):
         try:
             text = data.decode(name)
         except LookupError as error:
             raise UsageError(f"{path}: the encoding `{name}` is unknown; correct the format file.") from error
         except UnicodeError:
             continue
-        if name in _EAST_ASIAN and name != encoding and not holds_word(text[:10_000]):
+        if name in _OTHER_ALPHABETS and name != encoding and not holds_word(text[:10_000]):
             continue
         if not _CONTROL.search(text):
             return text.rstrip("\x1a"), name
@@ -88,12 +89,13 @@ def _has_zeros(data: bytes) -> bool:
 
 def _split(lines: Sequence[str], mark: str) -> list[list[str]]:
     if mark == SPACES:
-        return [_split_at_spaces(line) for line in lines]
+        return [[_clean(cell) for cell in _split_at_spaces(line)] for line in lines]
     return [[_clean(cell) for cell in row] for row in csv.reader(io.StringIO("\n".join(lines)), delimiter=mark)]
 
 
 def _clean(cell: str) -> str:
-    return " ".join(cell.split()) if "\n" in cell or "\t" in cell else cell.strip()
+    plain = " ".join(cell.split()) if "\n" in cell or "\t" in cell else cell.strip()
+    return "" if plain.lower() in _NOTHING else plain
 
 
 def _split_at_spaces(line: str) -> list[str]:

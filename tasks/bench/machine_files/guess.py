@@ -40,7 +40,8 @@ def guess_format(paths: Sequence[Path], tool_names: Iterable[str] = ()) -> str:
     )
     channels = read_channels(path, block, places, machine)
     cycle = _find_cycle(block)
-    parts, _ = split_pulls(channels.lift_mm, None, channels.starts)
+    is_down = _points_down(channels.lift_mm - channels.lift_mm[0])
+    parts, _ = split_pulls(-channels.lift_mm if is_down else channels.lift_mm, None, channels.starts)
     lines = [f"# Guessed from {path.name}: look at it, and correct what is wrong."]
     lines += [f"# {LIST_NAME} says which file is which grasp."] if is_listed else [_name_line(path, tool_names, parts)]
     lines += _separator_lines(grid, block)
@@ -48,7 +49,7 @@ def guess_format(paths: Sequence[Path], tool_names: Iterable[str] = ()) -> str:
         lines += ["", f"[{quantity}]", _say_column(block, place) + _say_others(block, place, quantity)]
         unit = unit_of(block, place, quantity)
         lines.append(f"unit = {_quote(unit or assumed[quantity])}" + ("" if unit else "  # the file does not say it"))
-        lines += _sign_lines(quantity, channels, parts)
+        lines += _sign_lines(quantity, channels, parts, is_down)
     lines += [] if cycle is None else ["", "[cycle]", _say_column(block, cycle)]
     return "\n".join(lines) + "\n"
 
@@ -90,9 +91,8 @@ def _say_others(block: Block, place: int, quantity: Quantity) -> str:
     return f"  # or {', '.join(sorted(names))}" if names else ""
 
 
-def _sign_lines(quantity: Quantity, channels: Channels, parts: Sequence[slice]) -> list[str]:
+def _sign_lines(quantity: Quantity, channels: Channels, parts: Sequence[slice], is_down: bool) -> list[str]:
     if quantity == "lift":
-        is_down = _points_down(channels.lift_mm - channels.lift_mm[0])
         return ['zero = "first sample"', *(["sign = -1  # the file counts the lift downwards"] if is_down else [])]
     if quantity == "force" and _points_down(np.concatenate([channels.force_n[part] for part in parts])):
         return ["sign = -1  # the file counts the pull as negative"]

@@ -12,6 +12,7 @@ _MOST_EMPTY = 3  # samples in a row that may lack a cell
 _HEAD_ROWS = 6  # above the samples in which names and units are looked for
 _OTHER_UNITS = frozenset({"%", "mpa", "pa", "kpa", "psi", "°c", "v", "mv", "a", "hz", "j", "mj", "1", "mm/mm", "mm/min",
                           "mm/s", "n/mm", "n/mm2", "n/mm²", "cycle", "count", "-"})  # fmt: skip
+_COMMENT = re.compile(r"^\s*(?:#+|%+|//+)\s*")
 _SAID_UNIT = re.compile(
     r"\b(?:units?|einheit|unité|unidad|unidade|unità)\b[^:;=,\t]*[:;=,\s]\s*[\[(]?([^\W\d_]+)", re.IGNORECASE
 )
@@ -81,10 +82,11 @@ def find_block(grid: Sequence[Sequence[str]], decimal: str | None = None, wanted
         if table.broken:
             raise BrokenRow(table.broken[0])
     places = [place for table in chosen for run in table.runs for place in range(*run)]
+    beside = _read_units_beside([grid[place] for place in places], columns)
     n_heads = sum(2 if any(table.units) else 1 for table in chosen[1:])
     return Block(
         longest.names,
-        longest.units,
+        [beside.get(column, unit) for column, unit in enumerate(longest.units)],
         [list(grid[place]) for place in places],
         [place + 1 for place in places],
         [places.index(table.runs[0][0]) for table in chosen],
@@ -160,7 +162,7 @@ def _find_broken(
 
 def _read_head(rows: Sequence[Sequence[str]], width: int, wanted: Sequence[str]) -> tuple[list[str], list[str | None]]:
     """Names and units from the rows above samples: a row of units, a row of names, or one row with both."""
-    above = [[*row, *[""] * width][:width] for row in rows[-_HEAD_ROWS:]]
+    above = [[*_strip_comment(row, width), *[""] * width][:width] for row in rows[-_HEAD_ROWS:]]
     above = [row for row in above if sum(bool(cell) for cell in row) >= 2 and not _looks_like_samples(row)]
     units: list[str | None] = [None] * width
     place = next((place for place in reversed(range(len(above))) if _is_units(above[place])), None)
@@ -177,6 +179,30 @@ def _read_head(rows: Sequence[Sequence[str]], width: int, wanted: Sequence[str])
         names.append(name)
         units[column] = units[column] or unit
     return names, units
+
+
+def _strip_comment(row: Sequence[str], width: int) -> list[str]:
+    """A head without the mark of a comment, as numerical programs write it: `# time lift force`.
+
+    A mark alone is a name (of the column that counts) unless there is a cell too many.
+    """
+    if not row:
+        return []
+    first = _COMMENT.sub("", row[0])
+    if first or not row[0]:
+        return [first, *row[1:]]
+    return list(row[1:] if sum(bool(cell) for cell in row) > width else row)
+
+
+def _read_units_beside(rows: Sequence[Sequence[str]], columns: Sequence[int]) -> dict[int, str]:
+    """Units of columns of numbers that stand in each row beside the number, as gauges write them."""
+    found = {}
+    for column in columns:
+        cells = {row[column + 1] for row in rows if column + 1 < len(row)}
+        unit = cells.pop() if len(cells) == 1 else ""
+        if quantity_of_unit(unit):
+            found[column] = unit
+    return found
 
 
 def _is_units(row: Sequence[str]) -> bool:

@@ -8,7 +8,8 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 _DATE = r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]+)?"
-_CLOCK = re.compile(_DATE + r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
+_ZONE = r"(?:Z|[+-]\d{2}:?\d{2})?"
+_CLOCK = re.compile(_DATE + r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)" + _ZONE)
 _SHAPE = str.maketrans("23456789", "11111111")  # what is a number, and with which marks, does not depend on these
 _SPACES = "\u00a0\u202f\u2009 '’"  # between groups of three digits, in some countries
 

@@ -22,6 +22,7 @@ from fast.tasks.bench.told_files import read_object
 from fast.tasks.campaign.csv_file import read_rows
 
 LIST_NAME = "files.csv"
+_LONGEST_WAIT_S = 3600.0  # before the first sample: a later one is a time of the day, or since 1970
 _SPEED = re.compile(r"speed|geschwindigkeit|vitesse|velocit|velocidad|速度", re.IGNORECASE)
 _PER_S = {"mm/s": 1.0, "mm/min": 1 / 60.0, "in/min": 25.4 / 60.0, "m/s": 1000.0, "cm/min": 10.0 / 60.0}
 _UNIT = "(" + "|".join(_PER_S) + ")"
@@ -186,7 +187,9 @@ def _make_traces(
         if channels.time_s is None:
             time_s = np.maximum.accumulate(lift_mm - lift_mm[0]) / speed
         else:
-            time_s = channels.time_s[part] - (channels.time_s[part][0] if len(parts) > 1 else 0.0)
+            time_s = channels.time_s[part]
+            if len(parts) > 1 or time_s[0] > _LONGEST_WAIT_S:
+                time_s = time_s - time_s[0]
         lift_mm = lift_mm - lift_mm[0] if machine.lift is None or machine.lift.zero == "first sample" else lift_mm
         force_n = force_n - force_n[0] if machine.force and machine.force.zero == "first sample" else force_n
         yield Trace(time_s=time_s, lift_mm=lift_mm, force_n=force_n)

@@ -14,12 +14,13 @@ Quantity = Literal["time", "lift", "force"]
 UNITS: dict[Quantity, dict[str, float]] = {
     "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "sek": 1.0, "sekunden": 1.0,
              "secondes": 1.0, "secondi": 1.0, "segundos": 1.0, "秒": 1.0, "ms": 1e-3, "msec": 1e-3, "min": 60.0,
-             "minutes": 60.0, "分": 60.0, "h": 3600.0, "hh:mm:ss": 1.0},
+             "minutes": 60.0, "分": 60.0, "h": 3600.0, "hh:mm:ss": 1.0, "с": 1.0, "сек": 1.0, "мс": 1e-3, "мин": 60.0},
     "lift": {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4,
-             "inches": 25.4, '"': 25.4, "毫米": 1.0, "ミリ": 1.0},
+             "inches": 25.4, '"': 25.4, "毫米": 1.0, "ミリ": 1.0, "мм": 1.0, "см": 10.0, "мкм": 1e-3},
     "force": {"n": 1.0, "newton": 1.0, "newtons": 1.0, "牛": 1.0, "牛顿": 1.0, "cn": 1e-2, "dan": 10.0, "kn": 1000.0,
               "g": 9.80665e-3, "gf": 9.80665e-3, "kg": 9.80665, "kgf": 9.80665, "kp": 9.80665,
-              "lbf": 4.4482216152605, "lb": 4.4482216152605, "lbs": 4.4482216152605, "ozf": 0.27801385095378},
+              "lbf": 4.4482216152605, "lb": 4.4482216152605, "lbs": 4.4482216152605, "ozf": 0.27801385095378,
+              "н": 1.0, "кн": 1000.0, "кгс": 9.80665, "гс": 9.80665e-3},
 }  # fmt: skip
 USUAL_UNITS: dict[Quantity, str] = {
     "time": "s, ms, min",
@@ -28,8 +29,8 @@ USUAL_UNITS: dict[Quantity, str] = {
 }
 _EXACT = {"mN": 1e-3, "MN": 1e6}
 WORDS: dict[Quantity, tuple[str, ...]] = {
-    "time": ("time", "elapsed", "zeit", "temps", "tempo", "tiempo", "tijd", "czas", "zaman", "время", "時間", "时间",
-             "시간"),
+    "time": ("time", "elapsed", "timestamp", "datetime", "zeit", "temps", "tempo", "tiempo", "tijd", "czas", "zaman",
+             "время", "時間", "时间", "시간"),
     "lift": ("extension", "displacement", "crosshead", "travel", "position", "stroke", "lift", "deformation",
              "deflection", "elongation", "weg", "verformung", "traverse", "déplacement", "deplacement", "course",
              "allongement", "spostamento", "corsa", "allungamento", "desplazamiento", "carrera", "extensión",
@@ -41,6 +42,8 @@ WORDS: dict[Quantity, tuple[str, ...]] = {
 }  # fmt: skip
 # The last part of compound words: Standardkraft, Traversenweg, Prüfzeit.
 _ENDINGS: dict[str, Quantity] = {"kraft": "force", "weg": "lift", "zeit": "time"}
+# Whole names: symbols, and LabVIEW's first column, which is the time unless the head says otherwise.
+_NAMES: dict[str, Quantity] = {"t": "time", "X_Value": "time", "F": "force"}
 # Words that say that a column holds something else, whatever else stands in its name.
 _OTHERS = re.compile(
     r"strain|stress|rate|speed|modul|energy|dehnung|spannung|geschwindigkeit|contrainte|vitesse|rapport|"
@@ -65,6 +68,8 @@ def quantity_of_unit(unit: str) -> Quantity | None:
 def quantity_of_name(name: str) -> Quantity | None:
     """What a column's name says that it holds; `None` for names of other things, such as `Strain`."""
     plain = unicodedata.normalize("NFKC", name).strip().lower()
+    if name.strip() in _NAMES:
+        return _NAMES[name.strip()]
     if _OTHERS.search(plain):
         return None
     parts = [part for part in re.split(r"[\W\d_]+", plain) if part]
@@ -82,8 +87,9 @@ def _is_compact(part: str) -> bool:
 
 
 def holds_word(text: str) -> bool:
-    """Whether a word of Japanese, Chinese or Korean for a column stands in a text."""
-    return any(len(word) > 1 and _is_compact(word) and word in text for words in WORDS.values() for word in words)
+    """Whether a word of another alphabet for a column stands in a text."""
+    plain = text.lower()
+    return any(len(word) > 1 and ord(word[0]) > 0x3FF and word in plain for words in WORDS.values() for word in words)
 
 
 def split_unit(name: str) -> tuple[str, str | None]:

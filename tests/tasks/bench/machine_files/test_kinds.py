@@ -273,3 +273,55 @@ def test_a_comma_before_three_digits_is_what_a_person_says() -> None:
     assert find_marks(["1,009", "2,500"]) == Marks(".", ",")
     assert find_marks(["1,009", "2,500"], ",") == Marks(",")
     assert find_marks(["0,009", "2,500"]) == Marks(",")
+
+
+def rows(*columns, separator: str = ",") -> str:
+    """Cells of these columns, numbers with four decimals."""
+    return "".join(
+        separator.join(cell if isinstance(cell, str) else f"{cell:.4f}" for cell in row) + "\n"
+        for row in zip(*columns, strict=True)
+    )
+
+
+DAY = [f"2026-11-28T23:59:5{8 + k // 20}.{k % 20 * 5:02d}0Z" for k in range(N)]  # a sample each 50 ms
+CYRILLIC = "Время, с;Перемещение, мм;Нагрузка, Н\n" + table(";", ",")
+
+
+@pytest.mark.parametrize(
+    ("content", "last_s"),
+    [
+        ("t [s],pos [mm],F [N]\n" + rows(TIME_S, -LIFT_MM, -FORCE_N), 3.9),
+        ("Time (s),Position (mm),Load (N)\n" + rows(TIME_S, 312.4 - LIFT_MM, FORCE_N), 3.9),
+        ("timestamp,crosshead_mm,load_N\n" + rows(DAY, LIFT_MM, FORCE_N), 1.95),
+        ("time,position,force\n" + rows(1.764e9 + TIME_S, LIFT_MM, FORCE_N), 3.9),
+        ("X_Value\tForce (N)\tPosition (mm)\tComment\n" + rows(TIME_S, FORCE_N, LIFT_MM, separator="\t"), 3.9),
+        ("# gauge: any\n# t_s lift_mm force_N\n" + rows(TIME_S, LIFT_MM, FORCE_N, separator=" "), 3.9),
+        ("#,Time (s),Weg (mm),Kraft (N)\n" + rows(np.arange(N), TIME_S, LIFT_MM, FORCE_N), 3.9),
+        (CYRILLIC.encode("cp1251"), 3.9),
+        (CYRILLIC.encode(), 3.9),
+    ],
+    ids=["down", "from above", "of the day", "since 1970", "LabVIEW", "numpy", "counted", "cp1251", "Cyrillic"],
+)
+def test_files_of_other_programs_are_read(tmp_path: Path, content: str | bytes, last_s: float) -> None:
+    (grasp,) = read(tmp_path, content).grasps
+    assert grasp.trace.force_n.max() == pytest.approx(PEAK_N, abs=1e-3)
+    assert (grasp.trace.lift_mm[0], grasp.trace.lift_mm[-1]) == pytest.approx((0.0, LIFT_MM[-1]))
+    assert (grasp.trace.time_s[0], grasp.trace.time_s[-1]) == pytest.approx((0.0, last_s), abs=1e-6)
+
+
+def test_units_that_stand_beside_each_number_tell_the_columns(tmp_path: Path) -> None:
+    content = "Reading,Units,Travel,Units\n" + rows(FORCE_N, ["N"] * N, LIFT_MM, ["mm"] * N)
+    with pytest.raises(UsageError, match="neither times nor the speed of the lift"):
+        read(tmp_path, content)
+    found = read_pulls(
+        [tmp_path / "B01T0_2.csv"], MachineFormat(file_name="{tool}_{object}.csv", lift_speed_mm_per_s=5.0)
+    )
+    assert peaks(found) == [round(PEAK_N, 3)]
+    assert found.grasps[0].trace.time_s[-1] == pytest.approx(LIFT_MM[-1] / 5.0)
+
+
+def test_a_sample_that_is_no_number_to_the_program_is_left_out_and_counted(tmp_path: Path) -> None:
+    forces = ["NaN" if k in (7, 8) else f"{force_n:.4f}" for k, force_n in enumerate(FORCE_N)]
+    found = read(tmp_path, PLAIN + rows(TIME_S, LIFT_MM, forces))
+    assert len(found.grasps[0].trace.time_s) == N - 2
+    assert found.notes == ["B01T0_2.csv: 2 samples lack a number and were left out"]

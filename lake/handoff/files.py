@@ -128,7 +128,11 @@ def read_handoff(directory: Path, known_designs: Set[str]) -> Handoff:
     reader = Reader(directory)
     designs = _read_designs(reader)
     objects = _read_objects(reader)
+    if reader.faults and not designs:
+        raise HandoffError(directory, reader.faults)  # what names designs would be wrong in every row
     grasps = _read_grasps(reader, set(designs) | known_designs, {obj.object_id for obj in objects})
+    if reader.faults and not grasps:
+        raise HandoffError(directory, reader.faults)
     are_traced = any(needs_samples(values) for _, values in grasps.values()) or not grasps
     traces = read_traces(reader, set(grasps), is_needed=are_traced)
     simulations = _read_simulations(reader, grasps)

@@ -1,12 +1,17 @@
 """CSV tables of a hand-off folder as text, and the faults that are found while they are read."""
 
 import csv
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from fast.models.errors import UsageError
+
+_MOST_SHOWN = 40  # faults in one message
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,9 @@ class HandoffError(UsageError):
 
     def __init__(self, directory: Path, faults: Sequence[Fault]) -> None:
         self.faults = tuple(faults)
-        lines = "\n".join(f"  {fault}" for fault in self.faults)
+        lines = "\n".join(f"  {fault}" for fault in self.faults[:_MOST_SHOWN])
+        if len(faults) > _MOST_SHOWN:
+            lines += f"\n  and {len(faults) - _MOST_SHOWN} more"
         noun = "fault" if len(faults) == 1 else "faults"
         super().__init__(
             f"{directory} was not imported, nothing was written: {len(faults)} {noun} to correct.\n{lines}"
@@ -72,20 +79,34 @@ class Reader:
 
 
 def read_csv(reader: Reader, name: str, columns: tuple[str, ...], optional: tuple[str, ...] = ()) -> Table:
-    """Cells of a CSV file; an empty table and faults where it cannot be used."""
+    """Cells of a CSV file; an empty table and faults where it cannot be used.
+
+    Cells are separated by commas, or by semicolons with commas or points in the numbers, as spreadsheets of many
+    countries do; names of columns may be in capitals.
+    """
     empty = Table(name, {column: [] for column in columns}, [])
     try:
         with (reader.directory / name).open(encoding="utf-8-sig", newline="") as file:
-            lines = csv.reader(file, strict=True)
-            header = [cell.strip() for cell in next(lines, [])]
+            first = file.readline()
+            separator = ";" if first.count(";") > first.count(",") else ","
+            lines = csv.reader(chain([first], file), delimiter=separator, strict=True)
+            header = [cell.strip().lower() for cell in next(lines, [])]
             if not has_columns(reader, name, header, columns, optional):
                 return empty
-            return _cells(reader, name, header, lines)
+            table = _cells(reader, name, header, lines)
+            return _with_points(table) if separator == ";" else table
     except FileNotFoundError:
         reader.fault(name, None, None, None, "is missing; add it to the folder.")
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reader.fault(name, None, None, None, f"is not a readable CSV file in UTF-8 ({error}).")
     return empty
+
+
+def _with_points(table: Table) -> Table:
+    """The table with decimal points in its numbers."""
+    for column, cells in table.columns.items():
+        table.columns[column] = [c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in cells]
+    return table
 
 
 def _cells(reader: Reader, name: str, header: list[str], lines: Any) -> Table:

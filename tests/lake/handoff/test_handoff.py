@@ -46,6 +46,40 @@ def faults_of(lake, folder):
     return [str(fault) for fault in caught.value.faults]
 
 
+@pytest.mark.parametrize("is_upper", [False, True])
+def test_a_folder_that_a_spreadsheet_wrote_is_the_same(lake, folder, tmp_path, is_upper):
+    for path in folder.glob("*.csv"):
+        rows = read_csv(path)
+        names = [name.upper() if is_upper else name for name in rows[0]]
+        lines = [
+            ";".join(names),
+            *(
+                ";".join(str(cell).replace(".", ",") if is_decimal(cell) else cell for cell in row.values())
+                for row in rows
+            ),
+        ]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
+    own = Lake.open(tmp_path / "own", create=True)
+    import_handoff(own, good_folder(tmp_path / "good"), PROVENANCE)
+    import_handoff(lake, folder, PROVENANCE)
+    found = [[(row["peak_force_n"], row["work_j"]) for row in one.rows(GraspRow)] for one in (lake, own)]
+    assert found[0] == found[1]
+    assert [row["length_mm"] for row in lake.rows(DesignRow)] == [DESIGN["length_mm"]]
+
+
+def is_decimal(cell: str) -> bool:
+    return cell.replace(".", "", 1).replace("-", "", 1).isdigit()
+
+
+def test_a_missing_column_is_one_fault_and_not_one_in_every_row(lake, folder):
+    rows = read_csv(folder / "designs.csv")
+    write_csv(
+        folder / "designs.csv", [{name: cell for name, cell in row.items() if name != "width_mm"} for row in rows]
+    )
+    (fault,) = faults_of(lake, folder)
+    assert fault.startswith("designs.csv, width_mm: the column is missing")
+
+
 def test_a_good_folder_is_imported_whole(lake, folder):
     assert import_handoff(lake, folder, PROVENANCE) == (1, 2, 2, 20, 0)
     row = lake.rows(GraspRow, grasp_id="a")[0]

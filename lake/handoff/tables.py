@@ -11,6 +11,7 @@ from typing import Any
 from fast.models.errors import UsageError
 
 _MOST_SHOWN = 40  # faults in one message
+_NUMBERS_OF_ROWS = re.compile(r"|unnamed: \d+|__index_level_\d+__")  # what pandas calls them
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 
 
@@ -112,7 +113,7 @@ def _with_points(table: Table) -> Table:
 def _cells(reader: Reader, name: str, header: list[str], lines: Any) -> Table:
     rows, body = [], []
     for row, line in enumerate(lines, start=2):
-        if not line:
+        if not any(cell.strip() for cell in line):
             continue
         if len(line) != len(header):
             reader.fault(name, row, None, None, f"has {len(line)} cells, the header has {len(header)}.")
@@ -130,11 +131,13 @@ def _cells(reader: Reader, name: str, header: list[str], lines: Any) -> Table:
 def has_columns(
     reader: Reader, name: str, header: Sequence[str], columns: tuple[str, ...], optional: tuple[str, ...]
 ) -> bool:
-    """Whether a file has its columns, each once and no others; names what is wrong."""
+    """Whether a file has its columns, each once and no others but the numbers of rows; names what is wrong."""
     missing = [column for column in columns if column not in header and column not in optional]
     for column in missing:
         reader.fault(name, None, column, None, f"the column is missing; the columns are {', '.join(columns)}.")
     for column in dict.fromkeys(header):
+        if _NUMBERS_OF_ROWS.fullmatch(column):
+            continue
         if column not in columns:
             reader.fault(name, None, column, None, f"unknown column; the columns are {', '.join(columns)}.")
         elif list(header).count(column) > 1:

@@ -71,6 +71,17 @@ def is_decimal(cell: str) -> bool:
     return cell.replace(".", "", 1).replace("-", "", 1).isdigit()
 
 
+def test_numbers_and_empty_rows_of_a_table_program_are_left_out(lake, folder):
+    rows = read_csv(folder / "grasps.csv")
+    lines = [",".join(["", *rows[0]]), *(",".join([str(n), *row.values()]) for n, row in enumerate(rows))]
+    (folder / "grasps.csv").write_text("\n".join([*lines, "," * len(rows[0]), ""]))
+    found = [one for grasp_id in ("a", "b", "s", "t") for one in samples(grasp_id)]
+    table = pa.Table.from_pylist(found).append_column("__index_level_0__", pa.array(range(len(found))))
+    (folder / "traces.csv").unlink()
+    pq.write_table(table, folder / "traces.parquet")
+    assert import_handoff(lake, folder, PROVENANCE) == (1, 2, 2, 20, 0)
+
+
 def test_a_missing_column_is_one_fault_and_not_one_in_every_row(lake, folder):
     rows = read_csv(folder / "designs.csv")
     write_csv(

@@ -54,7 +54,11 @@ class CsvRow(dict[str, str]):
 
 
 def read_rows(
-    path: Path, needed: Sequence[str], optional: Sequence[str], ignored: list[str] | None = None
+    path: Path,
+    needed: Sequence[str],
+    optional: Sequence[str],
+    ignored: list[str] | None = None,
+    most_rows: int = _MOST_ROWS,
 ) -> list[CsvRow]:
     """Rows of a CSV file, separated by commas, or by semicolons with commas or points in the numbers.
 
@@ -73,7 +77,8 @@ def read_rows(
         raise UsageError(f"{path} is not a text file in UTF-8; save it as CSV in UTF-8.")
     lines = text.splitlines()
     separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
-    return list(_rows(path, csv.reader(lines, delimiter=separator, strict=True), separator, needed, optional, ignored))
+    reader = csv.reader(lines, delimiter=separator, strict=True)
+    return list(_rows(path, reader, separator, needed, optional, ignored, most_rows))
 
 
 def _rows(
@@ -83,6 +88,7 @@ def _rows(
     needed: Sequence[str],
     optional: Sequence[str],
     ignored: list[str] | None,
+    most_rows: int,
 ) -> Iterator[CsvRow]:
     try:
         header = [cell.strip() for cell in next(reader, [])]
@@ -90,8 +96,8 @@ def _rows(
         for number, cells in enumerate(reader, start=2):
             if not any(cell.strip() for cell in cells):
                 continue
-            if number > _MOST_ROWS:
-                raise UsageError(f"{path} has more than {_MOST_ROWS} rows; nothing was written: give it in parts.")
+            if number > most_rows:
+                raise UsageError(f"{path} has more than {most_rows} rows; nothing was written: give it in parts.")
             if len(cells) != len(header):
                 raise UsageError(
                     f"{path} row {number} has {len(cells)} cells, the header has {len(header)}; nothing was written: "

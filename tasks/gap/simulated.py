@@ -1,7 +1,5 @@
 """Forces that a lab's own simulator predicts, from a CSV file: a curve for each tool on each object."""
 
-import csv
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +7,14 @@ import numpy as np
 from fast.models.errors import UsageError
 from fast.models.gap.grasps import Grasps
 from fast.models.traces.step_features import N_STEPS, STEP_MM
+from fast.tasks.campaign.csv_file import read_rows
 
 COLUMNS = ("tool_id", "object_id", "lift_mm", "force_n")
 _FINER = 10  # points of a step over which a curve is averaged
 _MOST_FORCE_N, _MOST_LIFT_MM = 2000.0, 1000.0
 _FEWEST_POINTS = 10
 _MOST_NAMED = 3
+_MOST_ROWS = 2_000_000
 
 
 def read_simulated(path: Path, grasps: Grasps) -> np.ndarray:
@@ -41,30 +41,15 @@ def read_simulated(path: Path, grasps: Grasps) -> np.ndarray:
 
 def _read_points(path: Path) -> dict[tuple[str, int], list[tuple[float, float]]]:
     found: dict[tuple[str, int], list[tuple[float, float]]] = {}
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = csv.DictReader(file)
-            if rows.fieldnames is None or not set(COLUMNS) <= set(rows.fieldnames):
-                raise UsageError(f"{path} lacks some of the columns {', '.join(COLUMNS)}; write all four.")
-            for number, row in enumerate(rows, start=2):
-                tool, obj, point = _read_row(path, number, row)
-                found.setdefault((tool, obj), []).append(point)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UsageError(f"{path} is no readable CSV file in UTF-8 ({error}); correct it.") from error
+    for row in read_rows(path, COLUMNS, (), ignored=[], most_rows=_MOST_ROWS):
+        lift_mm, force_n = row.number("lift_mm"), row.number("force_n")
+        if not (0.0 <= lift_mm <= _MOST_LIFT_MM and abs(force_n) <= _MOST_FORCE_N):
+            raise UsageError(
+                f"{row.place}: lift_mm is {lift_mm:g} and force_n is {force_n:g}; lifts go from 0 to "
+                f"{_MOST_LIFT_MM:g} mm, forces to {_MOST_FORCE_N:g} N; correct it."
+            )
+        found.setdefault((row["tool_id"], row.integer("object_id")), []).append((lift_mm, force_n))
     return found
-
-
-def _read_row(path: Path, number: int, row: Mapping[str, str]) -> tuple[str, int, tuple[float, float]]:
-    try:
-        obj, lift_mm, force_n = int(row["object_id"]), float(row["lift_mm"]), float(row["force_n"])
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"{path} row {number}: object_id, lift_mm and force_n must be numbers; correct it.") from error
-    if not (0.0 <= lift_mm <= _MOST_LIFT_MM and abs(force_n) <= _MOST_FORCE_N):
-        raise UsageError(
-            f"{path} row {number}: lift_mm is {lift_mm:g} and force_n is {force_n:g}; lifts go from 0 to "
-            f"{_MOST_LIFT_MM:g} mm, forces to {_MOST_FORCE_N:g} N; correct it."
-        )
-    return row["tool_id"], obj, (lift_mm, force_n)
 
 
 def _average(points: np.ndarray) -> np.ndarray:

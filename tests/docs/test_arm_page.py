@@ -53,7 +53,7 @@ def test_a_campaign_is_measured_by_the_arm(arm: None, capsys: pytest.CaptureFixt
     assert "a rehearsal: all its addresses are virtual" in done.err
     lake = Lake.open("lake-data")
     grasps = lake.query("SELECT batch, status, bench, peak_force_n FROM grasps").to_pylist()
-    assert sorted(row["batch"] for row in grasps) == [1, 1, 1, 2]
+    assert sorted(row["batch"] for row in grasps) == [1, 2, 3, 4]
     assert {(row["status"], row["bench"]) for row in grasps} == {("ok", "real")}
     assert len({round(row["peak_force_n"], 1) for row in grasps}) == 4  # the lake's own designs hang in the rack
     assert Path("lake-data/outputs/by-arm/report/index.html").exists()

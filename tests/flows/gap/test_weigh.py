@@ -21,6 +21,7 @@ from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.mean_data import TooLittleDataError
 from fast.tasks.gap.data import read_grasps
 from fast.tasks.gap.panel import PanelSize
+from fast.tasks.gap.simulated import read_simulated
 from fast.tasks.simulation.plan import SimulationPlan
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, measured_rows, plan_rows, simulated_trace
@@ -117,8 +118,19 @@ def test_curves_that_are_missing_or_no_forces_are_named(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="row 2: lift_mm is -3"):
         weigh_panel(lake, ORDER, silent(), file)
     file.write_text("tool_id,object_id,lift_mm\nT,1,3\n")
-    with pytest.raises(UsageError, match="lacks some of the columns"):
+    with pytest.raises(UsageError, match="the column `force_n` is missing"):
         weigh_panel(lake, ORDER, silent(), file)
+
+
+def test_curves_that_a_spreadsheet_wrote_are_the_same(tmp_path: Path) -> None:
+    lake = small_lake(tmp_path / "lake", 2)
+    file, grasps = write_simulated(tmp_path / "own.csv", lake, BASE, 2), read_grasps(lake, "demo").grasps
+    wanted = read_simulated(file, grasps)
+    header, *lines = file.read_text().splitlines()
+    cells = [(place, *line.split(",")) for place, line in enumerate(lines)]
+    rows = [f"{n};{tool};{obj}.0;{lift};{force}".replace(".", ",") for n, tool, obj, lift, force in cells]
+    file.write_text("\n".join([";" + header.replace(",", ";"), *rows]))  # numbers of rows, decimal commas
+    np.testing.assert_array_equal(read_simulated(file, grasps), wanted)
 
 
 def test_a_panel_of_a_larger_lake_may_be_asked_for() -> None:

@@ -89,7 +89,7 @@ def read_csv(reader: Reader, name: str, columns: tuple[str, ...], optional: tupl
     try:
         with (reader.directory / name).open(encoding="utf-8-sig", newline="") as file:
             first = file.readline()
-            separator = ";" if first.count(";") > first.count(",") else ","
+            separator = find_separator(first)
             lines = csv.reader(chain([first], file), delimiter=separator, strict=True)
             header = [cell.strip().lower() for cell in next(lines, [])]
             if not has_columns(reader, name, header, columns, optional):
@@ -101,6 +101,11 @@ def read_csv(reader: Reader, name: str, columns: tuple[str, ...], optional: tupl
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reader.fault(name, None, None, None, f"is not a readable CSV file in UTF-8 ({error}).")
     return empty
+
+
+def find_separator(header: str) -> str:
+    """What separates the cells of a table with this first line: commas, or semicolons."""
+    return ";" if header.count(";") > header.count(",") else ","
 
 
 def _with_points(table: Table) -> Table:

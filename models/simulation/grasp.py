@@ -139,6 +139,20 @@ def simulate_grasp(
     return replace(result, cpu_s=time.process_time() - started)
 
 
+def simulate_inputs(inputs: GraspInputs, along: Sequence[str] | str = ()) -> GraspSimulation:
+    """Simulate the grasp of these inputs; see `simulate_grasp`."""
+    return simulate_grasp(
+        inputs.design,
+        inputs.obj,
+        inputs.version,
+        inputs.setup,
+        placement=inputs.placement,
+        context=inputs.context,
+        effects=inputs.effects,
+        along=along,
+    )
+
+
 def compile_simulator() -> None:
     """Have the simulator compiled on this computer; every simulation does. A whole grasp calls every kernel."""
     compile_once(lambda: simulate_grasp(BEST_PUBLISHED, get_object(30)))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
-from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.grasp import simulate_inputs
 from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.slopes.parameters import find_parameters
 from fast.models.simulation.tolerances import Tolerances
@@ -60,12 +60,4 @@ def _move(inputs: GraspInputs, sides: Mapping[str, float], tolerances: Tolerance
 
 
 def _find_peak(grasp: GraspInputs) -> float:
-    return simulate_grasp(
-        grasp.design,
-        grasp.obj,
-        grasp.version,
-        grasp.setup,
-        placement=grasp.placement,
-        context=grasp.context,
-        effects=grasp.effects,
-    ).peak_force_n
+    return simulate_inputs(grasp).peak_force_n

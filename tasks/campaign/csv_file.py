@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from fast.lake.handoff.tables import find_separator
 from fast.models.errors import UsageError
 from fast.models.validation import closest, is_text
 
@@ -76,7 +77,7 @@ def read_rows(
     if not is_text(text):
         raise UsageError(f"{path} is not a text file in UTF-8; save it as CSV in UTF-8.")
     lines = text.splitlines()
-    separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
+    separator = find_separator(lines[0] if lines else "")
     reader = csv.reader(lines, delimiter=separator, strict=True)
     return list(_rows(path, reader, separator, needed, optional, ignored, most_rows))
 

@@ -129,7 +129,7 @@ def register(campaign: Campaign, config_toml: str) -> None:
     if known and not is_adopted:
         before = read_stored_config(known[-1]["config_toml"], name)
         changes = differences(before.science, campaign.config.science)
-        has_told_same = before.tolerances == campaign.config.tolerances  # what reports read, and no part of the hash
+        has_told_same = before.tolerances == campaign.config.tolerances  # what reports read; hardly part of the hash
         if not changes and has_told_same and known[-1]["config_hash"] == campaign.config.config_hash:
             return  # an older program gave the same config another hash: rows of now are found by a row of its own
         if not all(change.startswith(GROWABLE) for change in changes):

@@ -2,11 +2,12 @@
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
 
-from fast.models.simulation.grasp import simulate_grasp
+from fast.models.simulation.grasp import simulate_inputs
 from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.slopes.parameters import find_parameters
 from fast.models.validation import load_record
@@ -43,16 +44,7 @@ class PeakFunction:
                 inputs = find_parameters(inputs, (name,))[name].put(value)
         numbers = inputs.design.model_dump() | whole
         design = load_record(type(inputs.design), numbers, "grasp_function")
-        result = simulate_grasp(
-            design,
-            inputs.obj,
-            inputs.version,
-            inputs.setup,
-            placement=inputs.placement,
-            context=inputs.context,
-            effects=inputs.effects,
-            along=self._along if has_slopes else (),
-        )
+        result = simulate_inputs(replace(inputs, design=design), self._along if has_slopes else ())
         if result.slopes is None:
             return result.peak_force_n, [0.0] * len(row)
         for name, why in result.slopes.lost.items():

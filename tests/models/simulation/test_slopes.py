@@ -40,6 +40,7 @@ def with_effect(effect: str, **parameters: float) -> GraspInputs:
 @pytest.fixture(scope="module")
 def walked() -> tuple[GraspSimulation, list[Step], int]:
     """A grasp with its slopes, its steps, and how many of them close the jaws."""
+    grasp_module.compile_simulator()  # by a grasp, whose steps would be noted, too
     steps: list[tuple[str, Step]] = []
     add = grasp_module._Observed.add
 

@@ -46,6 +46,18 @@ def test_a_position_is_true_or_unknown_and_nothing_moves_on(rig, case):
     assert row_beginning(case, outcome.words()) in PAGE.read_text(encoding="utf-8"), "what the page says of it"
 
 
+def test_a_reset_in_motion_costs_the_position_also_where_the_firmware_does_not_say_its_alarm(rig):
+    rig.gantry.home()
+    rig.gantry.start_lift(-100, 5)
+    rig.clock.sleep(1)
+    rig.gantry.sample()
+    rig.line.replace(b"ALARM:3", b"")
+    rig.line.replace(b"<Alarm", lambda line: line.replace(b"Alarm", b"Idle"), 99)  # then it is not locked either
+    rig.gantry._driver.session.reset("testing")
+    assert rig.gantry._driver.session.link.alarm_since(0) is None
+    assert not rig.gantry.is_position_known
+
+
 def check(case, outcome):
     assert type(outcome.error) in [error or type(None) for error in case.ends], repr(outcome.error)
     if outcome.is_trusted:

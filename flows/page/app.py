@@ -14,7 +14,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, RedirectRespons
 from starlette.staticfiles import StaticFiles
 
 from fast.flows.campaign.status import read_campaign
-from fast.flows.page.interface import add_interface
+from fast.flows.page.interface import VERSION, add_interface, refuse_program
 from fast.flows.page.lab import LabPage
 from fast.flows.page.proposals import settle_proposal
 from fast.flows.page.shown import add_bench, add_results, add_start
@@ -57,6 +57,8 @@ def make_app(lake: Lake, login: str) -> App:
     async def show_error(request: Request, error: Exception) -> Response:
         if not isinstance(error, FastError):
             raise error
+        if request.url.path.startswith(f"{VERSION}/"):
+            return refuse_program(error)
         is_page = request.method == "GET" and "text/html" in request.headers.get("accept", "")
         if not is_page or "hx-request" in request.headers:
             return refuse(error)

@@ -3,7 +3,10 @@
 It is a client of the page's interface with a key that lets it say and not move: the gate is on the server.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import httpx
 
@@ -34,7 +37,7 @@ def make_server(api: Api) -> "MCPServer":
 
         Forces are in N.
         """
-        return page.get(f"campaigns/{campaign_id}")
+        return page.get(f"campaigns/{quote(campaign_id, safe='')}")
 
     @server.tool()
     def list_tools() -> list[dict[str, Any]]:
@@ -94,8 +97,23 @@ class _Page:
             token = _read(client.get("me"))["token"]
             return _read(client.post(path, json=body, headers={"X-Fast-Token": token}))
 
-    def _open(self) -> httpx.Client:
-        return httpx.Client(base_url=self._address, auth=self._login, timeout=_LIMIT_S, trust_env=False)
+    @contextmanager
+    def _open(self) -> Iterator[httpx.Client]:
+        """The page, whose refusals an agent reads: of another error it is told the tool's name alone."""
+        from mcp.server.mcpserver.exceptions import ToolError
+
+        try:
+            with httpx.Client(base_url=self._address, auth=self._login, timeout=_LIMIT_S, trust_env=False) as client:
+                yield client
+        except FastError as error:
+            raise ToolError(str(error)) from error
+        except httpx.TransportError as error:
+            raise ToolError(f"The lab's page does not answer ({error}); is `fast serve` still running?") from error
+
+
+def _describe(fault: dict[str, Any]) -> str:
+    """A fault of the schema's check: where and what."""
+    return f"{'.'.join(str(part) for part in fault['loc'][1:])}: {fault['msg']}"
 
 
 def _read(answer: httpx.Response) -> Any:
@@ -105,5 +123,7 @@ def _read(answer: httpx.Response) -> Any:
         FastError: the page refused, in its sentence.
     """
     if answer.is_error:
-        raise FastError(answer.text)
+        is_json = answer.headers.get("content-type", "").startswith("application/json")
+        detail = answer.json()["detail"] if is_json else answer.text
+        raise FastError(detail if isinstance(detail, str) else "; ".join(_describe(fault) for fault in detail))
     return answer.json()

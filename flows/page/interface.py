@@ -2,21 +2,44 @@
 
 from typing import Any
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, FastAPI, Security
+from fastapi.security import APIKeyHeader, HTTPBasic
 from pydantic import BaseModel, Field
 from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
 
 from fast.flows.page import results
 from fast.flows.page.lab import LabPage
 from fast.flows.page.proposals import Proposal, list_open, write_proposal
 from fast.flows.page.start import simulate_one
 from fast.flows.page.todo import BenchTodo, MountTodo, PrintTodo, ReadingTodo, Todo, list_campaigns
-from fast.flows.page.web import NotAllowedError, require_token, visitor_of
+from fast.flows.page.web import HEADERS, TOKEN_HEADER, NotAllowedError, require_token, visitor_of
 from fast.flows.server.access import Role
 from fast.flows.server.server import address_for_others
-from fast.models.errors import UsageError
+from fast.models.errors import FastError, UsageError
 
 VERSION = "/api/v1"
+_KEY = Security(HTTPBasic(auto_error=False, description="user `fast`, and the key of a link as password"))
+_TOKEN = Security(APIKeyHeader(name=TOKEN_HEADER, auto_error=False, description="of `GET /me`; a write carries it"))
+
+
+class UnknownError(UsageError):
+    """The lake has nothing of this name."""
+
+
+class Refusal(BaseModel):
+    """Why something was refused; nothing was done."""
+
+    detail: str
+
+
+_REFUSALS: dict[int | str, dict[str, Any]] = {
+    400: {"model": Refusal, "description": "what was sent cannot be used"},
+    401: {"content": {"text/plain": {}}, "description": "the key is missing or wrong"},
+    403: {"model": Refusal, "description": "this key may not do it, or the token is missing"},
+    404: {"model": Refusal, "description": "the lake has nothing of this name"},
+    409: {"model": Refusal, "description": "it cannot be done now"},
+}
 
 
 class CampaignState(BaseModel):
@@ -112,7 +135,7 @@ class Finding(BaseModel):
 
 def add_interface(app: FastAPI, page: LabPage) -> None:
     """Add the routes for programs."""
-    router = APIRouter(prefix=VERSION)
+    router = APIRouter(prefix=VERSION, dependencies=[_KEY], responses=_REFUSALS)
 
     @router.get("/campaigns")
     def read_campaigns() -> list[str]:
@@ -125,7 +148,7 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
         now = page.read_now(campaign_id) if campaign_id in list_campaigns(page.lake) else None
         strip = page.read_strip(campaign_id, now) if now is not None else None
         if now is None or strip is None:
-            raise UsageError(f"This lake has no campaign `{campaign_id}` that can be shown.")
+            raise UnknownError(f"This lake has no campaign `{campaign_id}` that can be shown.")
         return CampaignState(
             campaign_id=campaign_id,
             state=strip.word,
@@ -188,7 +211,7 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
         """What the bearer of this key may do, and the token that a write carries in `X-Fast-Token`."""
         return Visit(role=visitor_of(request).role, token=page.token)
 
-    @router.post("/simulate")
+    @router.post("/simulate", dependencies=[_TOKEN])
     def simulate(wanted: WantedGrasp, request: Request) -> SimulatedGrasp:
         """Simulate one grasp with the simulator of the tool's campaign; takes seconds."""
         require_token(request, page.token)
@@ -201,7 +224,7 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
         """Proposals that wait for a person, by id."""
         return list_open(page.lake)
 
-    @router.post("/proposals")
+    @router.post("/proposals", dependencies=[_TOKEN])
     def propose(proposal: Proposal, request: Request) -> Proposed:
         """Propose something to a person, who accepts or denies it on the page; nothing is started by this."""
         require_token(request, page.token)
@@ -212,6 +235,13 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
         return Proposed(proposal_id=proposal_id, sentence="A person decides on the lab's page, tab To do.")
 
     app.include_router(router)
+
+
+def refuse_program(error: FastError) -> Response:
+    """An error as a program is told of it: `Refusal`, with the status of its kind."""
+    kinds = {NotAllowedError: 403, UnknownError: 404, UsageError: 400}
+    status = next((status for kind, status in kinds.items() if isinstance(error, kind)), 409)
+    return JSONResponse({"detail": str(error)}, status, HEADERS)
 
 
 def describe_todo(todo: Todo) -> AskedOfPerson:

@@ -2,8 +2,9 @@
 
 import difflib
 import json
+import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -18,6 +19,7 @@ _KIND_WORDS = {
     "float_type": "a number",
     "finite_number": "a finite number",
     "int_parsing": "a whole number",
+    "int_parsing_size": "a smaller whole number",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
     "bool_parsing": "true or false",
@@ -29,6 +31,8 @@ _KIND_WORDS = {
     "dict_type": "a table of keys and values",
     "model_type": "a table of keys and values",
 }
+_TYPE = re.compile(r"[a-z-]+\[.*\]")  # how pydantic writes a type into a path
+LONGEST_VALUE = 80
 _TOO_DEEP = "its tables or lists are nested too deeply; correct it"
 _LIMIT_WORDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 
@@ -82,11 +86,34 @@ def load_record(record_type: type[R], data: Any, source: str) -> R:
 
 def describe_faults(record_type: type[BaseModel], error: ValidationError) -> str:
     """What is wrong with the values of a record: a sentence each, with value, limit, unit and what to do."""
-    faults = error.errors()
+    faults = _join_choices(error.errors())
     absent = [_path(fault) for fault in faults if fault["type"] == "missing"]
     sentences = [_missing_sentence(absent)] if absent else []
     sentences += [_sentence(record_type, fault) for fault in faults if fault["type"] != "missing"]
     return " ".join(" ".join(sentences).split())  # values may hold line breaks
+
+
+def _join_choices(faults: Sequence[Any]) -> list[Any]:
+    """Faults by the keys that people know: of a value that fits none of several types, one instead of one for each.
+
+    pydantic puts the type into the path, as in `('objects', 'ids', 'tuple[int, ...]', 1)`.
+    """
+    joined: list[Any] = []
+    for fault in faults:
+        path = tuple(part for part in fault["loc"] if not _is_type(part))
+        fault = {**fault, "loc": path, "is_choice": len(path) < len(fault["loc"])}
+        last = joined[-1] if joined else None
+        if last is None or not (last["is_choice"] and fault["is_choice"]) or path[: len(last["loc"])] != last["loc"]:
+            joined.append(fault)
+        elif len(path) > len(last["loc"]):  # it fits this type but for one of its parts
+            joined[-1] = fault
+        else:
+            last["also"] = [*last.get("also", ()), fault]
+    return joined
+
+
+def _is_type(part: int | str) -> bool:
+    return isinstance(part, str) and (part in ("int", "float", "str", "bool") or bool(_TYPE.fullmatch(part)))
 
 
 def is_text(value: str) -> bool:
@@ -134,16 +161,29 @@ def _sentence(record_type: type[BaseModel], fault: Any) -> str:
     for key, words in _LIMIT_WORDS.items():
         if key in limits:
             return f"`{path}` is {value}{suffix}, it must be {words} {limits[key]}{suffix}; change it."
-    what = f"`{path}` is {value!r}" if path else f"the content is {value!r}"
-    if kind in _KIND_WORDS:
-        return f"{what}, it must be {_KIND_WORDS[kind]}; change it."
-    if kind == "literal_error":
-        return f"{what}, it must be {limits['expected']}; change it."
+    shown = _shorten(value)
+    what = f"`{path}` is {shown}" if path else f"the content is {shown}"
+    wanted = [words for choice in (fault, *fault.get("also", ())) if (words := _wanted(choice))]
+    if wanted:
+        return f"{what}, it must be {' or '.join(wanted)}; change it."
     if kind == "string_pattern_mismatch":
         rule = _fields_at(record_type, fault["loc"][:-1])[fault["loc"][-1]].description
         return f"{what}, it must match {limits['pattern']} ({rule}); change it."
     reason = fault["msg"].removeprefix("Value error, ")
-    return f"`{path}` is {value!r}: {reason[:1].lower()}{reason[1:]}." if path else f"{reason}."
+    return f"`{path}` is {shown}: {reason[:1].lower()}{reason[1:]}." if path else f"{reason}."
+
+
+def _wanted(fault: Any) -> str:
+    """What a value must be, in words; empty where the fault is of another kind."""
+    if fault["type"] == "literal_error":
+        return str(fault["ctx"]["expected"])
+    return _KIND_WORDS.get(fault["type"], "")
+
+
+def _shorten(value: Any) -> str:
+    """A value as it was written, its beginning if it is long."""
+    text = repr(value)
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
 def _path(fault: Any) -> str:

@@ -7,7 +7,7 @@ import io
 import os
 import sys
 
-from cyclopts import App
+from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
 from fast.flows.server.loopback import settle
@@ -29,6 +29,7 @@ app = App(
     version=_read_version,
     version_flags=["--version"],
     suppress_keyboard_interrupt=False,
+    default_parameter=Parameter(json_list=False, json_dict=False),  # a word in brackets is a word; `[]` raised
 )
 for _name, _target, _help in (
     ("init", "fast.flows.cli.init:init", "Make a project folder: configs, worlds, material data, first commands."),

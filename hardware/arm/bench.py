@@ -2,7 +2,6 @@
 
 import logging
 import math
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -10,7 +9,8 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from fast.hardware.arm.link import ArmLink, ArmState, write_output
+from fast.hardware.arm.link import ArmState
+from fast.hardware.arm.motion import SETTLE_S, ArmMotion
 from fast.hardware.arm.settings import ArmSettings, Point
 from fast.hardware.cell.cell import CLOSED_SETTLE_S, Item, MeasuredGrasp, closing_s
 from fast.hardware.cell.live import GraspInView, read_samples
@@ -18,7 +18,7 @@ from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM
 from fast.hardware.cell.recorder import CONTACT_READINGS
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.grasp_bench import Leave
-from fast.hardware.parts.safe_state import MEANINGS, StopAskedError, Verb
+from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import Ask
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
@@ -27,7 +27,6 @@ from fast.models.records import BENCH_FAULT, GraspRequest, GraspSetup, Placement
 
 logger = logging.getLogger(__name__)
 
-SETTLE_S = 0.3  # after travelling, before the tare
 BASELINE_S = 0.6
 NOT_RELEASED_N = 1.0  # left on the open gripper: an object came along
 LEAST_WEIGHT_SHARE = 0.3  # of the tool's expected weight, that the wrist must feel after it was picked
@@ -44,27 +43,20 @@ class ArmBench:
         self.settings = settings
         self._tools = dict(tools)
         self._present: GraspInView | None = None
-        self._link = ArmLink(settings, self._hear)
-        self._leave: Leave = lambda: None
-        self._asked: Verb | None = None
+        self._motion = ArmMotion(settings, _REMEDY)
+        self._link = self._motion.link
         self._hanging_n = 0.0  # pull of the open gripper after its tool was picked
-        self._at_work: int | None = None  # thread that hears what a person asks
 
     def set_leave(self, leave: Leave) -> None:
         """Have `leave` asked before every motion from now on."""
-        self._leave = leave
+        self._motion.leave = leave
 
     def set_ask(self, ask: Ask) -> None:
         """An arm asks nothing: what it cannot decide ends its work."""
 
     def ask(self, verb: Verb) -> None:
         """Stop or abort now, from any thread."""
-        if MEANINGS[verb].commands_safe_state:
-            self._asked = verb
-
-    def _hear(self) -> None:
-        if self._asked is not None and self._at_work == threading.get_ident():
-            raise StopAskedError(self._asked, _REMEDY)
+        self._motion.ask(verb)
 
     def open(self) -> None:
         """Connect, and see that nothing hangs on the arm.
@@ -121,7 +113,7 @@ class ArmBench:
         tool = self._check_plan(slot, plan, setup)
         if not plan or should_stop():
             return
-        with self._guarded():
+        with self._motion.guarded():
             self._pick(slot, tool)
             for item in plan:
                 if should_stop():
@@ -151,67 +143,19 @@ class ArmBench:
         grasp.details["arm"] = self.settings.host
         return grasp
 
-    @contextmanager
-    def _guarded(self) -> Iterator[None]:
-        """Whatever ends the work early ends in the safe state: motion stops, grip and lock stay as they are."""
-        self._at_work = threading.get_ident()
-        try:
-            yield
-        except BaseException as error:
-            logger.warning("The arm stops: %s", error)
-            self._at_work = None  # a person was heard; the stop itself is not to be interrupted
-            try:
-                self._link.halt()
-            except FastError as silent:
-                logger.warning("The arm did not take the stop: %s", silent)
-            raise
-        finally:
-            self._at_work = None
-
-    # Motion
-
-    def _move(self, place_mm: Point, speed_mm_per_s: float, yaw_deg: float = 0.0) -> ArmState:
-        """Go straight there; returns the state at the end."""
-        self._leave()
-        here = self._link.read().position_mm
-        distance_mm = float(np.linalg.norm(np.array(place_mm) - here))
-        return self._link.run([self._link.write_move(place_mm, speed_mm_per_s, yaw_deg)], distance_mm / speed_mm_per_s)
-
-    def _travel(self, x_mm: float, y_mm: float, yaw_deg: float = 0.0) -> None:
-        """Up to travel height, then over the place."""
-        settings, here = self.settings, self._link.read().position_mm
-        if here[2] < settings.travel_z_mm - 0.5:
-            self._move((float(here[0]), float(here[1]), settings.travel_z_mm), settings.travel_speed_mm_per_s)
-        self._move((x_mm, y_mm, settings.travel_z_mm), settings.travel_speed_mm_per_s, yaw_deg)
-
-    def _switch(self, output: int, is_on: bool) -> None:
-        self._leave()
-        self._link.run([write_output(output, is_on)], 1.0)
-
-    def _wait(self, duration_s: float) -> list[ArmState]:
-        """All states of the next seconds of the arm's time."""
-        state = self._link.read()
-        states, end_s = [], state.time_s + duration_s
-        while state.time_s < end_s:
-            state = self._link.next(state.time_s)
-            states.append(state)
-        return states
-
-    def _feel_n(self, duration_s: float) -> np.ndarray:
-        """Downward pulls on the flange over some time, N."""
-        return np.array([-state.force_n[2] for state in self._wait(duration_s)])
+    # Tools
 
     def _pick(self, slot: int, tool: MountedTool) -> None:
         x, y, z = self.settings.rack_mm[slot]
-        self._travel(x, y)
-        self._wait(SETTLE_S)
-        before_n = float(self._feel_n(BASELINE_S).mean())
-        self._move((x, y, z), self.settings.dock_speed_mm_per_s)
-        self._switch(self.settings.lock_output, True)
-        self._wait(self.settings.air_s)
-        self._move((x, y, self.settings.travel_z_mm), self.settings.dock_speed_mm_per_s)
-        self._wait(SETTLE_S)
-        self._hanging_n = float(self._feel_n(BASELINE_S).mean())
+        self._motion.travel(x, y)
+        self._motion.wait(SETTLE_S)
+        before_n = float(self._motion.feel_n(BASELINE_S).mean())
+        self._motion.move((x, y, z), self.settings.dock_speed_mm_per_s)
+        self._motion.switch(self.settings.lock_output, True)
+        self._motion.wait(self.settings.air_s)
+        self._motion.move((x, y, self.settings.travel_z_mm), self.settings.dock_speed_mm_per_s)
+        self._motion.wait(SETTLE_S)
+        self._hanging_n = float(self._motion.feel_n(BASELINE_S).mean())
         gained_n = self._hanging_n - before_n
         least_n = LEAST_WEIGHT_SHARE * tool.expected_mass_kg * _G
         if gained_n < least_n:
@@ -222,11 +166,11 @@ class ArmBench:
 
     def _hang_back(self, slot: int) -> None:
         x, y, z = self.settings.rack_mm[slot]
-        self._travel(x, y)
-        self._move((x, y, z), self.settings.dock_speed_mm_per_s)
-        self._switch(self.settings.lock_output, False)
-        self._wait(self.settings.air_s)
-        self._move((x, y, self.settings.travel_z_mm), self.settings.dock_speed_mm_per_s)
+        self._motion.travel(x, y)
+        self._motion.move((x, y, z), self.settings.dock_speed_mm_per_s)
+        self._motion.switch(self.settings.lock_output, False)
+        self._motion.wait(self.settings.air_s)
+        self._motion.move((x, y, self.settings.travel_z_mm), self.settings.dock_speed_mm_per_s)
 
     # A grasp
 
@@ -245,15 +189,15 @@ class ArmBench:
         settings, setup, placement = self.settings, grasp.setup, grasp.placement
         x, y, z = settings.grasp_mm(tool.design, grasp.object_id, setup)
         x, y = x - placement.offset_x_mm, y - placement.offset_y_mm
-        self._travel(x, y, -placement.yaw_deg)
-        self._wait(SETTLE_S)
-        free_n = self._feel_n(BASELINE_S)
+        self._motion.travel(x, y, -placement.yaw_deg)
+        self._motion.wait(SETTLE_S)
+        free_n = self._motion.feel_n(BASELINE_S)
         grasp.tare_n, grasp.sd_n = float(free_n.mean()), float(free_n.std())
         self._check_free(grasp, grasp.tare_n - self._hanging_n)
-        state = self._move((x, y, z), settings.dock_speed_mm_per_s, -placement.yaw_deg)
+        state = self._motion.move((x, y, z), settings.dock_speed_mm_per_s, -placement.yaw_deg)
         grasp.z_mm = float(state.position_mm[2])
         self._close(grasp)
-        grasp.add(self._wait(closing_s(setup) + CLOSED_SETTLE_S + setup.dwell_s))
+        grasp.add(self._motion.wait(closing_s(setup) + CLOSED_SETTLE_S + setup.dwell_s))
         grasp.end = self._lift(grasp, (x, y, z), -placement.yaw_deg)
         if not grasp.reason and not grasp.is_contact_seen():
             grasp.reason = (
@@ -264,25 +208,10 @@ class ArmBench:
 
     def _close(self, grasp: "_ArmGrasp") -> None:
         """Close the gripper and wait for its air."""
-        settings = self.settings
-        self._leave()
-        number = self._link.start([write_output(settings.grip_output, True)])
-        start = state = self._link.read()
-        grasp.start_s = start.time_s
-        while state.done != number or not self._has_air(state, start):
-            if state.time_s - start.time_s > settings.pressure_time_out_s + settings.air_s:
-                limit_s, output = settings.pressure_time_out_s, settings.grip_output
-                raise DeviceError(
-                    f"The gripper's line has no pressure {limit_s:g} s after output {output} was switched on; look at "
-                    f"the air and at input {settings.pressure_input}."
-                )
-            state = self._link.next(state.time_s)
+        states = self._motion.grip()
+        grasp.start_s = next(states).time_s
+        for state in states:
             grasp.add([state])
-
-    def _has_air(self, state: ArmState, start: ArmState) -> bool:
-        if self.settings.pressure_input is None:
-            return state.time_s - start.time_s >= self.settings.air_s
-        return state.is_input_on(self.settings.pressure_input)
 
     def _lift(self, grasp: "_ArmGrasp", place_mm: Point, yaw_deg: float) -> str:
         """Lift and record until the fingers have left the object; says how it ended."""
@@ -291,7 +220,7 @@ class ArmBench:
         top_mm = (place_mm[0], place_mm[1], place_mm[2] + setup.max_lift_mm)
         height_mm = get_object(grasp.object_id).height_mm
         least_mm = min(setup.tip_below_mm + height_mm + TOP_MARGIN_MM, setup.max_lift_mm)
-        self._leave()
+        self._motion.leave()
         number = self._link.start([self._link.write_move(top_mm, speed, yaw_deg)])
         state = self._link.read()
         deadline_s = state.time_s + setup.max_lift_mm / speed + 10.0
@@ -303,25 +232,25 @@ class ArmBench:
                 self._link.halt()
                 limit_n = settings.most_force_n
                 grasp.reason = f"The pull of {force_n:.0f} N is above most_force_n, {limit_n:g} N; the grasp was ended."
-                self._wait(SETTLE_S)
+                self._motion.wait(SETTLE_S)
                 return "overload"
             if state.done == number:
                 return "max_lift"
             if lift_mm >= least_mm and is_free(grasp.recent_n(WINDOW_MM / speed), grasp.sd_n):
                 self._link.halt()
-                self._wait(SETTLE_S)
+                self._motion.wait(SETTLE_S)
                 return "separated"
         raise DeviceError(f"The lift reached {grasp.lifts_mm[-1]:.1f} of {setup.max_lift_mm:g} mm and did not end.")
 
     def _release(self, grasp: "_ArmGrasp", place_mm: Point) -> None:
         """Lower what may still hang, open, go up, and make sure that nothing came along."""
         if grasp.end != "separated":
-            self._move(place_mm, self.settings.dock_speed_mm_per_s)
-        self._switch(self.settings.grip_output, False)
-        self._wait(self.settings.air_s)
-        self._travel(place_mm[0], place_mm[1])
-        self._wait(SETTLE_S)
-        left_n = float(self._feel_n(BASELINE_S).mean()) - grasp.tare_n
+            self._motion.move(place_mm, self.settings.dock_speed_mm_per_s)
+        self._motion.switch(self.settings.grip_output, False)
+        self._motion.wait(self.settings.air_s)
+        self._motion.travel(place_mm[0], place_mm[1])
+        self._motion.wait(SETTLE_S)
+        left_n = float(self._motion.feel_n(BASELINE_S).mean()) - grasp.tare_n
         grasp.details["after_release_n"] = left_n
         self._check_free(grasp, left_n)
 

@@ -1,66 +1,40 @@
-"""A bench moved by hand, one small step after the other, each refused where something could fall or be hit."""
+"""A gantry moved by hand, one small step after the other, each refused where something could fall or be hit."""
 
-from dataclasses import dataclass
-from typing import Literal
-
-from pydantic import Field
+import math
 
 from fast.hardware.bench import Bench
 from fast.hardware.click import tags
+from fast.hardware.grasp_bench import Leave
+from fast.hardware.hand import HELD_MM, LONGEST_STEP_MM, LOW_STEP_MM, BenchReading, HandStep
+from fast.hardware.parts.safe_state import Verb
 from fast.models.errors import UsageError
-from fast.models.records import GraspSetup, Record
+from fast.models.records import GraspSetup
 
-Verb = Literal["home", "tare", "jog", "open", "close", "park", "recover"]
-LONGEST_STEP_MM = {"x": 100.0, "y": 100.0, "z": 20.0}
-LOW_STEP_MM = 5.0  # of x and y with the fingers among the objects
 LONGEST_FINGER_MM = 120.0
 _SPEED_MM_PER_S = {"x": 50.0, "y": 50.0, "z": 10.0}
-_HELD_MM = 0.5  # above where the gripper was closed, from which on something hangs in the air
-
-
-class HandStep(Record):
-    """One step by hand."""
-
-    verb: Verb
-    axis: Literal["x", "y", "z"] = "z"
-    distance_mm: float = Field(default=0.0, description="of a jog; up is positive")
-    is_held: bool = Field(default=False, description="a person holds what hangs in the gripper")
-
-
-@dataclass(frozen=True)
-class BenchReading:
-    """What the bench shows now."""
-
-    x_mm: float
-    """Of the head in the box, from the left."""
-    y_mm: float
-    """From the front."""
-    z_mm: float
-    """Up."""
-    force_n: float
-    """Net force of the load cell."""
-    pressure_psi: float
-    """Of the gripper."""
-    is_gripping: bool
-    """The gripper valve is on."""
-    has_tool: bool
-    """A tool hangs on the head."""
-    fault: str
-    """Why it stands in its safe state; empty: it may move."""
 
 
 class ByHand:
-    """Steps on a connected bench; a campaign's plan is not touched by them."""
+    """Steps on a connected gantry; see `Hand`."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
 
-    def read(self) -> BenchReading:
-        """Place, force, pressure and sensors as they are now.
+    def set_leave(self, leave: Leave) -> None:
+        """See `Hand`."""
+        self._bench.set_leave(leave)
 
-        Raises:
-            DeviceError: a device does not answer.
-        """
+    def ask(self, verb: Verb) -> None:
+        """See `Hand`."""
+        self._bench.ask(verb)
+
+    def pass_time(self, duration_s: float) -> None:
+        """See `Hand`."""
+        if math.isinf(self._bench.clock.wall_s(1.0)):
+            self._bench.clock.sleep(duration_s)
+
+    def read(self) -> BenchReading:
+        """See `Hand`; the place is that of the head in the box."""
         bench = self._bench
         x_mm, y_mm, z_mm = bench.gantry.position_mm()
         has_tool = bench.plc.read_bit(tags.TOOL_PRESENT_INPUT)
@@ -68,12 +42,7 @@ class ByHand:
         return BenchReading(x_mm, y_mm, z_mm, force_n, psi, is_gripping, has_tool, bench.supervisor.cause)
 
     def do(self, step: HandStep) -> str:
-        """Make a step; a sentence says what was done.
-
-        Raises:
-            UsageError: something could fall or be hit; nothing moved.
-            DeviceError: the bench could not, and stands in its safe state.
-        """
+        """See `Hand`."""
         if step.verb != "recover":
             self._bench.supervisor.require_ok()
         if step.verb in ("home", "tare", "park") and self._is_gripping():
@@ -133,7 +102,7 @@ class ByHand:
         if not self._is_gripping():
             return "the gripper is open already"
         rest_z_mm = bench.supervisor.rest_z_mm
-        if not is_held and (rest_z_mm is None or z_mm > rest_z_mm + _HELD_MM):
+        if not is_held and (rest_z_mm is None or z_mm > rest_z_mm + HELD_MM):
             where = f"to z {rest_z_mm:.1f} mm, where it closed" if rest_z_mm is not None else "onto something"
             raise UsageError(
                 f"something may hang in the closed gripper at z {z_mm:.1f} mm: lower it {where}, or say that you hold "

@@ -7,7 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fast.flows.server.server import address_for_others
-from fast.hardware.bench import Bench, LogFolders, open_real_bench, open_virtual_bench
+from fast.hardware.arm.by_hand import open_arm_by_hand
+from fast.hardware.arm.settings import ArmSettings
+from fast.hardware.bench import LogFolders, open_real_bench, open_virtual_bench
+from fast.hardware.by_hand import ByHand
+from fast.hardware.hand import Hand
 from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.store import Lake
@@ -17,7 +21,7 @@ from fast.models.ids import tool_label
 from fast.tasks.bench.lend import Lender
 from fast.tasks.campaign.config import load_config, relative_to
 from fast.tasks.campaign.requests import bench_log_folder
-from fast.tasks.campaign.setup import read_bench, read_world
+from fast.tasks.campaign.setup import read_real_bench, read_world
 
 
 def lend_bench(
@@ -32,18 +36,23 @@ def lend_bench(
     tools = {slot: MountedTool(tool_label(0, slot), BEST_PUBLISHED) for slot in range(N_SLOTS)}
     file = world if real is None else real
     given = file.read_bytes() if file.is_file() else b""
-    read_world(world) if real is None else read_bench(real)  # its faults are said before anything is lent
+    read_world(world) if real is None else read_real_bench(real)  # its faults are said before anything is lent
 
     @contextmanager
-    def open_bench(may_vent: bool) -> Iterator[Bench]:
+    def open_bench(may_vent: bool) -> Iterator[Hand]:
         if real is None:
             kept = LogFolders(on_a_fault=logs)
             with open_virtual_bench(read_world(world), tools, wires="memory", logs=kept) as bench:
-                yield bench
+                yield ByHand(bench)
             return
         _require_same(real, given)
-        with open_real_bench(read_bench(real), tools, may_vent=may_vent, log_folder=logs) as bench:
-            yield bench
+        settings = read_real_bench(real)
+        if isinstance(settings, ArmSettings):
+            with open_arm_by_hand(settings, may_grip=may_vent) as arm:
+                yield arm
+            return
+        with open_real_bench(settings, tools, may_vent=may_vent, log_folder=logs) as bench:
+            yield ByHand(bench)
 
     def run(config: str) -> str:
         if real is None:

@@ -129,11 +129,11 @@ def lend(*, bench: ChosenBench = VIRTUAL_BENCH, lake: LakePath = DEFAULT_LAKE, j
     from fast.flows.cli.real import ask_leave
     from fast.flows.cli.virtual import watch_signals
     from fast.lake.store import Lake
-    from fast.tasks.campaign.setup import read_bench
+    from fast.tasks.campaign.setup import read_real_bench
 
     found = Lake.open(lake, create=True)
     if bench.real is not None:
-        ask_leave(bench.real, read_bench(bench.real), None, bench.yes_move)
+        ask_leave(bench.real, read_real_bench(bench.real), None, bench.yes_move)
     asked = watch_signals()
     tell(f"lent to the page of {found.address} until Ctrl-C")
     sentence = lend_bench(found, bench.world, bench.real, asked.is_set)

@@ -16,7 +16,7 @@ from fast.models.errors import DeviceError, FastError
 logger = logging.getLogger(__name__)
 
 SETTLE_S = 0.3  # after travelling, before the tare
-_LOW_MM = 0.5  # below travel height
+LOW_MM = 0.5  # below travel height
 
 
 class ArmMotion:
@@ -71,7 +71,7 @@ class ArmMotion:
     def rise(self) -> None:
         """Straight up to travel height, unless it is there."""
         x_mm, y_mm, z_mm = self.link.read().position_mm.tolist()
-        if z_mm < self.settings.travel_z_mm - _LOW_MM:
+        if z_mm < self.settings.travel_z_mm - LOW_MM:
             self.move((x_mm, y_mm, self.settings.travel_z_mm), self.settings.travel_speed_mm_per_s)
 
     def travel(self, x_mm: float, y_mm: float, yaw_deg: float = 0.0) -> None:

@@ -138,7 +138,11 @@ class GrblDriver:
                 self._is_homing = False
             report = self.session.poll("homing")
             if report.state != "Idle":
-                raise SilentControllerError(f"Homing was answered ok but the state is {report.state}; home again.")
+                told = f"Homing was answered ok but the state is {report.state}"
+                if report.is_moving:
+                    self.session.reset("stopping a homing that goes on after its answer")
+                    told += "; it was stopped"
+                raise SilentControllerError(f"{told}; home again.")
             self.session.trust()
             self._homed_mm = _place(report)
             return self._homed_mm

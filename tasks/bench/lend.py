@@ -8,7 +8,6 @@ at a time, and who wants it asks.
 import contextlib
 import json
 import logging
-import math
 import os
 import queue
 import threading
@@ -22,8 +21,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
-from fast.hardware.bench import Bench
-from fast.hardware.by_hand import ByHand, HandStep
+from fast.hardware.hand import Hand, HandStep
 from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import exclusive, holder_of
 from fast.lake.order import OLDEST_FIRST
@@ -180,7 +178,7 @@ class Lender:
     name: str
     file: str
     is_real: bool
-    open_bench: Callable[[bool], AbstractContextManager[Bench]]
+    open_bench: Callable[[bool], AbstractContextManager[Hand]]
     run: Callable[[str], str]
     should_end: Callable[[], bool]
 
@@ -224,25 +222,23 @@ class Lender:
         path.parent.mkdir(parents=True, exist_ok=True)
         owned = exclusive(self.lake.storage, GANTRY_LEASE, "the bench of this lake is in use")
         try:
-            with owned as gantry, self.open_bench(taken.may_vent) as bench:
-                bench.set_leave(gantry.require)
+            with owned as gantry, self.open_bench(taken.may_vent) as hand:
+                hand.set_leave(gantry.require)
                 orders.drop()  # given before anything could be seen
-                orders.bench = bench
-                self._tell(taken.session, f"{self.name} is connected and homed")
-                return self._follow_steps(taken.session, bench, orders, path)
+                orders.hand = hand
+                self._tell(taken.session, f"{self.name} is connected")
+                return self._follow_steps(taken.session, hand, orders, path)
         finally:
-            orders.bench = None
+            orders.hand = None
             orders.drop()
             path.unlink(missing_ok=True)
 
-    def _follow_steps(self, session: str, bench: Bench, orders: "_Orders", path: Path) -> str:
-        hand, last_s = ByHand(bench), time.monotonic()
-        is_lockstep = math.isinf(bench.clock.wall_s(1.0))
+    def _follow_steps(self, session: str, hand: Hand, orders: "_Orders", path: Path) -> str:
+        last_s = time.monotonic()
         while not self.should_end():
             if time.monotonic() - last_s > IDLE_S:
                 return f"{self.name} was given back, since nobody moved it for {IDLE_S / 60:.0f} minutes"
-            if is_lockstep:  # its time moves while somebody waits
-                bench.clock.sleep(LOOK_S)
+            hand.pass_time(LOOK_S)
             order = orders.next()
             if order is not None:
                 last_s = time.monotonic()
@@ -253,7 +249,7 @@ class Lender:
             _write_reading(path, hand)
         return f"{self.name} is lent no more"
 
-    def _make(self, hand: ByHand, operator: str, step: HandStep) -> str:
+    def _make(self, hand: Hand, operator: str, step: HandStep) -> str:
         lent = read_lent(self.lake)
         if lent is None or lent.holder != operator:
             return f"{operator} does not hold the bench any more; nothing was moved"
@@ -266,7 +262,7 @@ class Lender:
         append_event(self.lake, "", DONE, sentence, session=session, sentence=sentence, is_over=is_over)
 
 
-def _write_reading(path: Path, hand: ByHand) -> None:
+def _write_reading(path: Path, hand: Hand) -> None:
     """What the bench reads, for who looks on; a bench that does not answer is said so."""
     try:
         values: dict[str, Any] = asdict(hand.read())
@@ -281,7 +277,7 @@ class _Orders:
     """Orders for this process as they come; a stop reaches the bench at once and drops what waits."""
 
     def __init__(self, lake: Lake, session: str) -> None:
-        self.bench: Bench | None = None
+        self.hand: Hand | None = None
         self._lake, self._session = lake, session
         self._seen: set[str] = set()
         self._mark: Mark | None = None
@@ -319,9 +315,9 @@ class _Orders:
             return
         if order.verb == "stop":
             self.drop()
-            if self.bench is not None:
-                self.bench.ask(Verb.STOP)
-        elif order.verb in ("release", "step", "run") or (order.verb == "take" and self.bench is None):
+            if self.hand is not None:
+                self.hand.ask(Verb.STOP)
+        elif order.verb in ("release", "step", "run") or (order.verb == "take" and self.hand is None):
             self._waiting.put(order)
 
 

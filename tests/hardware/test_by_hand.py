@@ -2,7 +2,8 @@
 
 import pytest
 
-from fast.hardware.by_hand import ByHand, HandStep
+from fast.hardware.by_hand import ByHand
+from fast.hardware.hand import HandStep
 from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.models.errors import InterlockError, UsageError
 from tests.hardware.safety.scenario_bench import open_bench

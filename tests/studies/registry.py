@@ -29,6 +29,7 @@ from tests.studies.platform.day import measure_day
 from tests.studies.platform.environments import measure_environments
 from tests.studies.platform.feature_pairs import measure_feature_pairs
 from tests.studies.platform.page_cost import measure_page_cost
+from tests.studies.platform.page_pace import measure_page_pace
 from tests.studies.platform.page_story import measure_page_story
 from tests.studies.platform.paper_schedule import measure_paper_schedule
 from tests.studies.scientist.insights import measure_insights
@@ -79,6 +80,7 @@ STUDIES: dict[str, Benchmark] = {
     "server-kills": benchmark(measure_server_kills, "n", "results", "limit_minutes"),
     "day": benchmark(measure_day, "figure"),
     "page-cost": benchmark(measure_page_cost),
+    "page-pace": benchmark(measure_page_pace, "n"),
     "page-story": benchmark(measure_page_story, "figure"),
     "environments": benchmark(measure_environments, "n", "results", "workers", "limit_minutes"),
     "feature-pairs": benchmark(measure_feature_pairs, "n", "results"),

@@ -247,7 +247,7 @@
       if (!$("#bench-steps")) return;
       $("#bench-place").textContent = isThere ? `x ${now.x_mm.toFixed(1)}, y ${now.y_mm.toFixed(1)}, z ${now.z_mm.toFixed(1)} mm` : "not connected yet";
       $("#bench-force").textContent = isThere ? `${(Math.round(10 * now.force_n) / 10 + 0).toFixed(1)} N` : "";
-      $("#bench-grip").textContent = isThere ? `${now.is_gripping ? "closed" : "open"}, ${now.pressure_psi.toFixed(0)} psi; ${now.has_tool ? "a tool" : "no tool"} on the head` : "";
+      $("#bench-grip").textContent = isThere ? `${now.is_gripping ? "closed" : "open"}${now.pressure_psi === null ? "" : `, ${now.pressure_psi.toFixed(0)} psi`}; ${now.has_tool ? "a tool" : "no tool"} on the head` : "";
       for (const button of card.querySelectorAll("#bench-steps button")) button.disabled = !isThere;
       $("#bench-fault").textContent = now.fault ?? "";
       $("#bench-fault").hidden = !now.fault;

@@ -7,7 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from fast.hardware.grbl.errors import ControllerResetError, GrblAlarmError, LostAlarmError, ProfileMismatchError
+from fast.hardware.grbl.errors import (
+    ControllerResetError,
+    GrblAlarmError,
+    LostAlarmError,
+    ProfileMismatchError,
+    SilentControllerError,
+)
 from fast.hardware.grbl.profile import HAL_BUILD, LAB_SETTINGS, GrblProfile
 from fast.hardware.grbl.session import GrblSession
 from fast.hardware.parts.gantry import Gantry
@@ -90,6 +96,23 @@ def test_power_that_was_gone_costs_the_position_and_nothing_moves_before_homing(
     assert gantry.status().state == "Alarm"
     with pytest.raises(InterlockError, match="home first"):
         gantry.move_to(*TARGET_MM)
+
+
+@needs_simulator
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_a_homing_that_goes_on_after_an_answer_that_nobody_gave_is_stopped(homing_rig):
+    """GRBL answers no question while it homes, so it is found silent and reset; grblHAL tells that it homes."""
+    homing_rig.gantry.home()
+    homing_rig.gantry.move_to(*START_MM)
+    homing_rig.at(1.0, lambda: homing_rig.line.say(b"ok\r\n"))
+    with pytest.raises(SilentControllerError, match="the state is Home; it was stopped; home again"):
+        homing_rig.gantry.home()
+    assert not homing_rig.gantry.is_position_known
+    before_mm = homing_rig.true_mm()
+    homing_rig.clock.sleep(0.5)
+    assert homing_rig.true_mm() == before_mm
+    homing_rig.gantry.home()
 
 
 @needs_simulator

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import psutil
 
+from fast.flows.server.access import Api
 from fast.flows.server.page_port import PageServer, listen
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, SimulationRow, TraceRow
@@ -130,13 +131,13 @@ def _simulation(campaign: Campaign, design_id: str, object_id: int, rng: np.rand
 def _measure_paint(campaign: Campaign, page: PageServer) -> dict[str, Any]:
     """The first page of a new process, and pages after something was written."""
     begun_s = time.monotonic()
-    _get(page, "/start")  # the process starts, and has read nothing of the campaign's grasps yet
+    _get(page.api, "/start")  # the process starts, and has read nothing of the campaign's grasps yet
     start_s = time.monotonic() - begun_s
-    first = _cost(page, lambda: _get(page, "/?campaign=paper"))
-    known = _cost(page, lambda: _get(page, "/?campaign=paper"))
+    first = _cost(page, lambda: _get(page.api, "/?campaign=paper"))
+    known = _cost(page, lambda: _get(page.api, "/?campaign=paper"))
     _append(campaign, 0)
     time.sleep(1.0)
-    again = _cost(page, lambda: _get(page, "/?campaign=paper"))
+    again = _cost(page, lambda: _get(page.api, "/?campaign=paper"))
     return {
         "what": "first paint",
         "process_starts_s": start_s,
@@ -153,7 +154,7 @@ def _watch(campaign: Campaign, page: PageServer, n_pages: int, is_busy: bool) ->
     """CPU of the page's process while pages are open, in % of a core."""
     with ExitStack() as stack:
         for _ in range(n_pages):
-            stack.enter_context(_open_page(page))
+            stack.enter_context(open_page(page.api))
         time.sleep(5.0)
         before_s, begun_s, number = _cpu_s(page), time.monotonic(), 1
         while time.monotonic() - begun_s < WATCHED_S:
@@ -166,7 +167,7 @@ def _watch(campaign: Campaign, page: PageServer, n_pages: int, is_busy: bool) ->
 
 
 @contextmanager
-def _open_page(page: PageServer) -> Iterator[None]:
+def open_page(page: Api) -> Iterator[None]:
     """A page that follows the campaign, and asks what its script asks when there is news, at most every two seconds."""
     asked = _request(page, "/events?campaign=paper")
     connection = http.client.HTTPConnection(asked.host, timeout=600)
@@ -206,15 +207,15 @@ def _append(campaign: Campaign, number: int) -> None:
     campaign.lake.append([row], campaign.provenance())
 
 
-def _get(page: PageServer, path: str) -> bytes:
+def _get(page: Api, path: str) -> bytes:
     with urllib.request.urlopen(_request(page, path), timeout=600) as answer:
         content: bytes = answer.read()
         return content
 
 
-def _request(page: PageServer, path: str) -> urllib.request.Request:
-    login = base64.b64encode((page.api.login or "").encode()).decode()
-    return urllib.request.Request(page.api.url.removesuffix("/api") + path, headers={"Authorization": f"Basic {login}"})
+def _request(page: Api, path: str) -> urllib.request.Request:
+    login = base64.b64encode((page.login or "").encode()).decode()
+    return urllib.request.Request(page.url.removesuffix("/api") + path, headers={"Authorization": f"Basic {login}"})
 
 
 def _cost(page: PageServer, work: Any) -> tuple[float, float]:

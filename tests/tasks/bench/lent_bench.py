@@ -3,13 +3,20 @@
 import threading
 from contextlib import contextmanager
 
+from fast.hardware.by_hand import ByHand
 from fast.tasks.bench.lend import Lender, read_lent
 from tests.flows.server.on_server import wait_for
 from tests.hardware.safety.scenario_bench import open_bench
 
 
 @contextmanager
-def lent(lake, first_holder="", open_it=lambda may_vent: open_bench(), file="turin.toml"):
+def open_gantry(may_vent):
+    with open_bench() as bench:
+        yield ByHand(bench)
+
+
+@contextmanager
+def lent(lake, first_holder="", open_it=open_gantry, file="turin.toml"):
     """A bench that another thread lends; `runs` are the campaigns that it was to start."""
     is_over, runs = threading.Event(), []
     run = lambda config: runs.append(config) or "ran"  # noqa: E731 - read beside what it fills

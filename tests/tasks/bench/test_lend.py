@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from fast.hardware.by_hand import HandStep
+from fast.hardware.hand import HandStep
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
@@ -35,7 +35,7 @@ def test_a_bench_is_taken_moved_and_given_back_by_one_person_at_a_time(lake):
         with pytest.raises(UsageError, match="nobody holds the bench, not ada"):
             order(lake, "step", step=up)
         assert order(lake, "take") == "ada takes turin by hand."
-        wait_said(lake, "connected and homed")
+        wait_said(lake, "turin is connected")
         wait_for(reading_path(lake).exists, 10.0)
         assert order(lake, "step", step=up) == "ada: jog z -5 mm."
         wait_said(lake, "the head is at")
@@ -105,7 +105,7 @@ def test_a_bench_that_cannot_be_opened_is_free_again_and_says_why(lake):
 
 def test_a_bench_that_is_lent_for_one_person_ends_with_that_person(lake):
     with lent(lake, "ada"):
-        wait_said(lake, "connected and homed")
+        wait_said(lake, "turin is connected")
         order(lake, "release")
         wait_for(lambda: read_lent(lake) is None, 30.0)
     assert "ada gave turin back" in [row.payload["sentence"] for row in lake.records(EventRow, kind=DONE)]

@@ -53,8 +53,16 @@ def test_last_initial_tray_may_be_partly_filled():
     [
         ("repeats = 2", "repeat = 2", r"unknown key `objects\.repeat`; did you mean `repeats`\?"),
         ("ids = [2,", "ids = [36,", "object 36 does not exist, ids are 0 to 35"),
-        ("ids = [2,", 'ids = ["cube", 2,', r"toml: `objects\.ids\.0` is 'cube', it must be a whole number; change it\.$"),
-        ("seed = 1", f'seed = "{200 * "1,"}"', r"`seed` is '(1,){39}1\.\.\., it must be a whole number; change it\.$"),
+        (
+            "ids = [2,",
+            'ids = ["cube", 2,',
+            r"toml: `objects\.ids\.0` is 'cube', it must be a whole number; change it\.$",
+        ),
+        (
+            "seed = 1",
+            f'seed = "{200 * "1,"}"',
+            r"`seed` is '(1,){39}1\.\.\., it must be a whole number; change it\.$",
+        ),
         ("tools_per_batch = 4", "tools_per_batch = 11", r"`schedule\.tools_per_batch` is 11, it must be at most 10"),
         ("friction = 0.56", "friction = 2.5", r"`simulator\.theta\.friction` is 2\.5, it must be at most 2"),
         ('name = "quick"', 'name = "Quick!"', "`name` is 'Quick!'"),

@@ -366,7 +366,8 @@ class GrblSession:
             SilentControllerError: no banner; the link counts as lost.
         """
         last = self.link.report
-        was_known = self.is_position_known and not (last is not None and last.is_moving)
+        was_moving = self.link.alarm is None and last is not None and last.is_moving  # in an alarm it stands
+        was_known = self.is_position_known and not was_moving
         epoch = self.link.epoch
         self.link.send_real_time(RealTime.RESET)
         if not self._wait_for_banner(epoch):

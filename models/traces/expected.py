@@ -46,27 +46,31 @@ def predict_cells(difference: np.ndarray, tool: np.ndarray, object_id: np.ndarra
     """
     tools, row = np.unique(tool, return_inverse=True)
     objects, column = np.unique(object_id, return_inverse=True)
-    n, n_tools, n_terms = len(difference), len(tools), 1 + len(tools) + len(objects)
-    design = np.zeros((n, n_terms))
-    design[:, 0] = design[np.arange(n), 1 + row] = design[np.arange(n), 1 + n_tools + column] = 1.0
-    weight, middle = np.ones(n), float(np.median(difference))
+    n_tools, n_objects = len(tools), len(objects)
+    at = np.stack([np.zeros_like(row), 1 + row, 1 + n_tools + column])  # the terms of a cell: all, its tool, its object
+    weight, middle = np.ones(len(difference)), float(np.median(difference))
     variance = max(float(np.median(np.abs(difference - middle))) * 1.4826, 1e-6) ** 2
     spread = np.array([variance, variance])  # of tools, of objects
     for _ in range(_N_ROUNDS):
-        ridge = np.concatenate([[1e-9], np.full(n_tools, 1.0 / spread[0]), np.full(len(objects), 1.0 / spread[1])])
-        inverse = np.linalg.inv((design.T * weight) @ design / variance + np.diag(ridge))
-        terms = inverse @ ((design.T * weight) @ (difference - middle)) / variance
-        rest = difference - middle - design @ terms
+        ridge = np.concatenate([[1e-9], np.full(n_tools, 1.0 / spread[0]), np.full(n_objects, 1.0 / spread[1])])
+        n_terms = len(ridge)
+        pairs = (n_terms * at[:, None] + at[None, :]).reshape(9, -1)  # nine entries of the normal matrix for each cell
+        normal = np.bincount(pairs.ravel(), np.tile(weight, 9), n_terms**2).reshape(n_terms, n_terms)
+        inverse = np.linalg.inv(normal / variance + np.diag(ridge))
+        sums = np.bincount(at.ravel(), np.tile(weight * (difference - middle), 3), n_terms)
+        terms = inverse @ sums / variance
+        rest = difference - middle - terms[at].sum(axis=0)
         weight = (_FIT_FREEDOM + 1.0) / (_FIT_FREEDOM + rest**2 / variance)
         diagonal = np.diag(inverse)
-        variance = max(float((weight * (rest**2 + ((design @ inverse) * design).sum(axis=1))).mean()), 1e-9)
+        unsure = inverse.ravel()[pairs].sum(axis=0)  # variance of a cell's sum of terms
+        variance = max(float((weight * (rest**2 + unsure)).mean()), 1e-9)
         spread = np.array(
             [
                 max(float((terms[part] ** 2 + diagonal[part]).mean()), 1e-6 * variance)
                 for part in (slice(1, 1 + n_tools), slice(1 + n_tools, None))
             ]
         )
-    leverage = np.clip(weight * ((design @ inverse) * design).sum(axis=1) / variance, 0.0, 0.95)
+    leverage = np.clip(weight * unsure / variance, 0.0, 0.95)
     return difference - rest / (1.0 - leverage), 1.0 / np.sqrt(1.0 - leverage)
 
 

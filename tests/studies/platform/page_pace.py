@@ -48,7 +48,7 @@ simulation_workers = 1
 
 
 @dataclass(frozen=True)
-class _Pace:
+class Pace:
     """From the end of a grasp to the end of the next one of the same tool, on the wall."""
 
     duration_s: float
@@ -68,7 +68,7 @@ def measure_page_pace(options: Options) -> Tables:
     return {"page-pace": [summarise(paces)]}
 
 
-def summarise(paces: list[_Pace]) -> dict[str, Any]:
+def summarise(paces: list[Pace]) -> dict[str, Any]:
     """Means of later repeats without and with pages, and their difference in percent with its 90 % interval."""
     later = [pace for pace in paces if not pace.is_first]
     off, on = (np.array([p.duration_s for p in later if (p.n_pages > 0) == is_on]) for is_on in (False, True))
@@ -86,7 +86,7 @@ def summarise(paces: list[_Pace]) -> dict[str, Any]:
     }
 
 
-def _watch(root: Path, campaign: "subprocess.Popen[bytes]", options: Options) -> Iterator[_Pace]:
+def _watch(root: Path, campaign: "subprocess.Popen[bytes]", options: Options) -> Iterator[Pace]:
     """Open and close pages of the campaign while it measures."""
     while not Lake.exists(root):
         time.sleep(LOOK_S)
@@ -100,7 +100,7 @@ def _watch(root: Path, campaign: "subprocess.Popen[bytes]", options: Options) ->
             for row in rows[n_seen:]:
                 ended_s = row["created_at"].timestamp()
                 if last is not None and last[0] == row["tool_id"]:
-                    yield _Pace(ended_s - last[1], row["repeat"] == 0, n_pages)
+                    yield Pace(ended_s - last[1], row["repeat"] == 0, n_pages)
                 last = row["tool_id"], ended_s
                 n_seen += 1
                 page = find_page(root)

@@ -88,9 +88,11 @@ class ArmByHand:
             if step.verb == "tare":
                 return self._tare()
             if step.verb == "jog":
-                self._motion.move(self._target_mm(step), SPEED_MM_PER_S[step.axis])
+                self._motion.shift("xyz".index(step.axis), step.distance_mm, SPEED_MM_PER_S[step.axis])
                 return f"the flange is at {self._place()}"
-            self._motion.rise()
+            left_mm = self._settings.travel_z_mm - float(self._motion.link.read().position_mm[2])
+            if left_mm > LOW_MM:
+                self._motion.shift(2, left_mm, self._settings.dock_speed_mm_per_s)
             return f"raised to travel height; the flange is at {self._place()}"
 
     @contextmanager
@@ -109,17 +111,12 @@ class ArmByHand:
         self._tare_n = float(free_n.mean())
         return f"tared: {self._tare_n:.2f} N hang free, noise {float(free_n.std()):.3f} N"
 
-    def _target_mm(self, step: HandStep) -> tuple[float, float, float]:
-        x_mm, y_mm, z_mm = self._motion.link.read().target_mm.tolist()
-        by_mm = {step.axis: step.distance_mm}
-        return x_mm + by_mm.get("x", 0.0), y_mm + by_mm.get("y", 0.0), z_mm + by_mm.get("z", 0.0)
-
     def _check_jog(self, step: HandStep) -> None:
         """Raises UsageError where something could fall or be hit."""
         axis, place = step.axis, "xyz".index(step.axis)
-        longest_mm, here_mm = LONGEST_STEP_MM[axis], self._motion.link.read().position_mm
+        longest_mm, state = LONGEST_STEP_MM[axis], self._motion.link.read()
+        here_mm, target_mm = state.position_mm, float(state.target_mm[place]) + step.distance_mm
         low_mm, high_mm = float(self._low_mm[place]), float(self._high_mm[place])
-        target_mm = self._target_mm(step)[place]
         if not 0 < abs(step.distance_mm) <= longest_mm:
             raise UsageError(f"a step along {axis} is at most {longest_mm:g} mm, and not 0; nothing was moved.")
         is_further = step.distance_mm > 0 if here_mm[place] > high_mm else step.distance_mm < 0

@@ -32,11 +32,15 @@ _PORT_TIME_OUT_S = 5.0
 
 @dataclass(frozen=True)
 class ArmState:
-    """What RTDE reports at one moment: the flange in mm, and forces on it in N, both in base axes."""
+    """What RTDE reports at one moment: the flange in mm, and forces on it in N, both in base axes.
+
+    `target_mm`, `rotation_rad`: where the controller wants the flange, and its rotation vector there.
+    """
 
     time_s: float
     position_mm: np.ndarray
     target_mm: np.ndarray
+    rotation_rad: np.ndarray
     force_n: np.ndarray
     done: int
     inputs: int
@@ -103,11 +107,12 @@ class ArmLink:
         if rtde is None:
             raise DeviceError("The arm is not connected.")
         while True:
-            time_s = rtde.getTimestamp()
+            time_s, target = rtde.getTimestamp(), np.array(rtde.getTargetTCPPose())
             state = ArmState(
                 time_s,
                 1000.0 * np.array(rtde.getActualTCPPose()[:3]),
-                1000.0 * np.array(rtde.getTargetTCPPose()[:3]),
+                1000.0 * target[:3],
+                target[3:],
                 np.array(rtde.getActualTCPForce()[:3]),
                 int(rtde.getOutputIntRegister(DONE_REGISTER)),
                 int(rtde.getActualDigitalInputBits()),
@@ -194,11 +199,15 @@ class ArmLink:
         self._send(f"def fast():\n  stopl({deceleration:g})\n{done}\nend\n")
 
     def write_move(self, place_mm: Point, speed_mm_per_s: float, yaw_deg: float = 0.0) -> str:
-        """A straight motion of the flange, as a line of URScript."""
+        """A straight motion of the flange, which points down, as a line of URScript."""
         turned = Rotation.from_euler("z", yaw_deg, degrees=True) * Rotation.from_rotvec(
             self._settings.down_rotation_rad
         )
-        pose = [*(value / 1000.0 for value in place_mm), *turned.as_rotvec().tolist()]
+        return self.write_line(place_mm, turned.as_rotvec().tolist(), speed_mm_per_s)
+
+    def write_line(self, place_mm: Point, rotation_rad: Sequence[float], speed_mm_per_s: float) -> str:
+        """A straight motion of the flange, as a line of URScript."""
+        pose = [*(value / 1000.0 for value in place_mm), *rotation_rad]
         written = ", ".join(f"{value:.6f}" for value in pose)
         acceleration = self._settings.acceleration_mm_per_s2 / 1000.0
         return f"movel(p[{written}], a={acceleration:g}, v={speed_mm_per_s / 1000.0:g})"

@@ -68,15 +68,20 @@ class ArmMotion:
         distance_mm = float(np.linalg.norm(np.array(place_mm) - here))
         return self.link.run([self.link.write_move(place_mm, speed_mm_per_s, yaw_deg)], distance_mm / speed_mm_per_s)
 
-    def rise(self) -> None:
-        """Straight up to travel height, unless it is there."""
-        x_mm, y_mm, z_mm = self.link.read().position_mm.tolist()
-        if z_mm < self.settings.travel_z_mm - LOW_MM:
-            self.move((x_mm, y_mm, self.settings.travel_z_mm), self.settings.travel_speed_mm_per_s)
+    def shift(self, axis: int, distance_mm: float, speed_mm_per_s: float) -> None:
+        """Go straight along an axis of the base frame; the flange keeps its direction, whatever that is."""
+        self.leave()
+        state = self.link.read()
+        x_mm, y_mm, z_mm = (state.target_mm + distance_mm * np.eye(3)[axis]).tolist()
+        line = self.link.write_line((x_mm, y_mm, z_mm), state.rotation_rad.tolist(), speed_mm_per_s)
+        self.link.run([line], abs(distance_mm) / speed_mm_per_s)
 
     def travel(self, x_mm: float, y_mm: float, yaw_deg: float = 0.0) -> None:
         """Up to travel height, then over the place."""
-        self.rise()
+        here = self.link.read().position_mm
+        if here[2] < self.settings.travel_z_mm - LOW_MM:
+            up_mm = (float(here[0]), float(here[1]), self.settings.travel_z_mm)
+            self.move(up_mm, self.settings.travel_speed_mm_per_s)
         self.move((x_mm, y_mm, self.settings.travel_z_mm), self.settings.travel_speed_mm_per_s, yaw_deg)
 
     def switch(self, output: int, is_on: bool) -> None:

@@ -100,6 +100,19 @@ def test_a_stop_is_heard_in_motion_and_ended_by_a_person(slow_hand):
     assert hand.read().fault == ""
 
 
+def test_a_step_keeps_the_direction_of_the_flange(hand):
+    """A flange that a person has turned is not turned back by a step of a millimetre."""
+    motion = hand._motion
+    hand.do(HandStep(verb="home"))
+    x_mm, y_mm, z_mm = motion.link.read().position_mm.tolist()
+    motion.move((x_mm, y_mm, z_mm), 50.0, yaw_deg=40.0)
+    turned_rad = motion.link.read().rotation_rad
+    jog(hand, "x", 2.0)
+    hand.do(HandStep(verb="home"))
+    assert motion.link.read().rotation_rad == pytest.approx(turned_rad, abs=1e-5)
+    assert motion.link.read().position_mm[0] == pytest.approx(x_mm + 2.0, abs=0.05)
+
+
 def test_leave_that_was_taken_away_moves_nothing(hand):
     def refuse():
         raise InterlockError("the bench is somebody else's")

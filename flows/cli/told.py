@@ -75,6 +75,7 @@ def tell(
 
     Tools of which a grasp is told count as printed; say otherwise with `fast print confirm` before.
     """
+    import tempfile
     from dataclasses import asdict
 
     from fast.flows.campaign.ask_tell import Telling, untell
@@ -90,17 +91,16 @@ def tell(
     results = results or []
 
     is_guessed = format is not None and not format.exists()
-    if format is not None and is_guessed:
-        _guess(config, lake, results, format)
     is_dry = dry_run or is_guessed
     is_sure = sure or is_guessed  # what is strange is asked when it is told, not while its format is looked at
-    taken = tell_all(
-        config,
-        lake,
-        results,
-        Telling(operator, is_dry, may_replace=replace, is_sure=is_sure),
-        format_path=format,
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = format
+        if format is not None and is_guessed:
+            path = Path(folder) / format.name if dry_run else format
+            _guess(config, lake, results, path, f"{format} is not there: guessed{'' if dry_run else ' and written'}")
+        taken = tell_all(
+            config, lake, results, Telling(operator, is_dry, may_replace=replace, is_sure=is_sure), format_path=path
+        )
     for note in taken.notes:
         say_progress(note)
     why = "--dry-run" if dry_run else f"look at {format}, then give the same command again"
@@ -108,8 +108,8 @@ def tell(
     show(asdict(taken) | {"is_dry": is_dry}, f"{words}.", json)
 
 
-def _guess(config: Path, lake: Path, results: list[Path], path: Path) -> None:
-    """Write a format file from the first file of a machine, and show what is read with it."""
+def _guess(config: Path, lake: Path, results: list[Path], path: Path, words: str) -> None:
+    """Write a format file, guessed from the first file of a machine; show it, and what is read with it."""
     from fast.flows.campaign.ask_tell import guess
 
     text, grasps = guess(config, lake, results, path)
@@ -131,7 +131,7 @@ def _guess(config: Path, lake: Path, results: list[Path], path: Path) -> None:
     first = grasps[0].trace
     samples = [] if first is None else list(zip(first.time_s, first.lift_mm, first.force_n, strict=True))[:_SHOWN]
     shown = [dict(zip(("time_s", "lift_mm", "force_n"), map(float, sample), strict=True)) for sample in samples]
-    say_progress(f"{path} was not there, so it was guessed and written:\n\n{text}")
+    say_progress(f"{words}:\n\n{text}")
     say_progress(f"With it the first samples of {rows[0]['file']} are\n\n{table_text(shown)}\n\nand the pulls\n")
     more = f"\nand {len(rows) - _MOST_PULLS} more" if len(rows) > _MOST_PULLS else ""
     say_progress(table_text(rows[:_MOST_PULLS]) + more + "\n")

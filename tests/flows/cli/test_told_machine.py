@@ -56,6 +56,14 @@ def test_a_guess_is_shown_with_its_first_samples_and_peaks(fast: Fast) -> None:
     assert rows() == []
 
 
+def test_a_dry_run_leaves_no_guess_behind(fast: Fast) -> None:
+    told = fast("tell", "pull.toml", CASES / "machine-cycles" / "B01T0_2.csv", "--format", "utm.toml", "--dry-run")
+    assert told.status == 0, told
+    assert "utm.toml is not there: guessed:\n" in told.err
+    assert "nothing was written (--dry-run)" in told.out
+    assert not Path("utm.toml").exists()
+
+
 @pytest.mark.parametrize("name", ["Stiff one", "stiff_one"])
 def test_a_design_names_its_tool(fast: Fast, name: str) -> None:
     data = (CASES / "machine-summary" / "B01T0_2_0.csv").read_bytes()

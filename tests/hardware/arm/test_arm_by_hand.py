@@ -68,7 +68,7 @@ def test_small_steps_within_the_box_of_the_taught_places(controller, hand):
 
 @pytest.fixture
 def slow_hand():
-    process = ArmProcess(speed_up=2.0)
+    process = ArmProcess(speed_up=0.5)
     with open_arm_by_hand(process.settings) as hand:
         yield hand
     process.end()

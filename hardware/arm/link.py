@@ -32,19 +32,24 @@ _PORT_TIME_OUT_S = 5.0
 
 @dataclass(frozen=True)
 class ArmState:
-    """What RTDE reports at one moment: the flange in mm, and forces on it in N, both in base axes.
-
-    `target_mm`, `rotation_rad`: where the controller wants the flange, and its rotation vector there.
-    """
+    """What RTDE reports at one moment, in base axes."""
 
     time_s: float
+    """On the controller's clock."""
     position_mm: np.ndarray
+    """Of the flange."""
     target_mm: np.ndarray
+    """Where the controller wants the flange."""
     rotation_rad: np.ndarray
+    """Rotation vector of the flange there."""
     force_n: np.ndarray
+    """On the flange."""
     done: int
+    """Number of the last program that has ended."""
     inputs: int
+    """Bits of the digital inputs."""
     outputs: int
+    """Bits of the digital outputs."""
 
     def is_on(self, output: int) -> bool:
         """Whether a standard digital output is on."""

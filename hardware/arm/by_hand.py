@@ -5,10 +5,10 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from fast.hardware.arm.motion import LOW_MM, SETTLE_S, ArmMotion
+from fast.hardware.arm.motion import SETTLE_S, ArmMotion
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.grasp_bench import Leave
-from fast.hardware.hand import HELD_MM, LONGEST_STEP_MM, LOW_STEP_MM, BenchReading, HandStep
+from fast.hardware.hand import BenchReading, HandStep, Stand, check_jog, check_lowered, check_released
 from fast.hardware.parts.safe_state import Verb
 from fast.models.errors import FastError, InterlockError, UsageError
 
@@ -28,8 +28,9 @@ class ArmByHand:
         self._tare_n = 0.0
         self._rest_z_mm: float | None = None
         places = np.array([*settings.rack_mm, *settings.mounts_mm.values()])
-        self._low_mm = np.array([*(places[:, :2].min(0) - AROUND_MM), places[:, 2].min()])
-        self._high_mm = np.array([*(places[:, :2].max(0) + AROUND_MM), settings.travel_z_mm])
+        x_mm, y_mm, z_mm = places.T
+        self._low_mm = float(x_mm.min()) - AROUND_MM, float(y_mm.min()) - AROUND_MM, float(z_mm.min())
+        self._high_mm = float(x_mm.max()) + AROUND_MM, float(y_mm.max()) + AROUND_MM, settings.travel_z_mm
 
     def set_leave(self, leave: Leave) -> None:
         """See `Hand`."""
@@ -76,24 +77,29 @@ class ArmByHand:
             return self._recover()
         if fault := self.read().fault:
             raise InterlockError(f"The arm stands in its safe state ({fault}); look, then {_REMEDY}.")
+        if step.verb in ("home", "tare", "park"):
+            check_released(step.verb, self._is_gripping())
         if step.verb == "jog":
-            self._check_jog(step)
-        elif step.verb in ("home", "tare", "park") and self._is_gripping():
-            raise UsageError(f"the gripper is closed; open it before you {step.verb}. Nothing was moved.")
+            return self._jog(step)
         if step.verb == "open":
             return self._open_gripper(step.is_held)
-        if step.verb == "close":
-            return self._close_gripper()
-        with self._guard():
-            if step.verb == "tare":
-                return self._tare()
-            if step.verb == "jog":
-                self._motion.shift("xyz".index(step.axis), step.distance_mm, SPEED_MM_PER_S[step.axis])
-                return f"the flange is at {self._place()}"
-            left_mm = self._settings.travel_z_mm - float(self._motion.link.read().position_mm[2])
-            if left_mm > LOW_MM:
-                self._motion.shift(2, left_mm, self._settings.dock_speed_mm_per_s)
-            return f"raised to travel height; the flange is at {self._place()}"
+        steps = {"home": self._rise, "tare": self._tare, "close": self._close_gripper, "park": self._rise}
+        return steps[step.verb]()
+
+    def _stand(self) -> Stand:
+        state = self._motion.link.read()
+        x_mm, y_mm, z_mm = np.round(state.target_mm, 2).tolist()
+        return Stand(
+            (x_mm, y_mm, z_mm),
+            self._low_mm,
+            self._high_mm,
+            self._settings.travel_z_mm,
+            state.is_on(self._settings.grip_output),
+            self._rest_z_mm,
+            part="flange",
+            box="the box of the taught places",
+            below="below travel height",
+        )
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
@@ -105,35 +111,25 @@ class ArmByHand:
             self._fault = str(error)
             raise
 
+    def _jog(self, step: HandStep) -> str:
+        check_jog(step, self._stand())
+        with self._guard():
+            self._motion.shift("xyz".index(step.axis), step.distance_mm, SPEED_MM_PER_S[step.axis])
+        return f"the flange is at {self._place()}"
+
+    def _rise(self) -> str:
+        left_mm = self._settings.travel_z_mm - self._stand().place_mm[2]
+        if left_mm > 0:
+            with self._guard():
+                self._motion.shift(2, left_mm, self._settings.dock_speed_mm_per_s)
+        return f"raised to travel height; the flange is at {self._place()}"
+
     def _tare(self) -> str:
-        self._motion.wait(SETTLE_S)
-        free_n = self._motion.feel_n(TARE_S)
+        with self._guard():
+            self._motion.wait(SETTLE_S)
+            free_n = self._motion.feel_n(TARE_S)
         self._tare_n = float(free_n.mean())
         return f"tared: {self._tare_n:.2f} N hang free, noise {float(free_n.std()):.3f} N"
-
-    def _check_jog(self, step: HandStep) -> None:
-        """Raises UsageError where something could fall or be hit."""
-        axis, place = step.axis, "xyz".index(step.axis)
-        longest_mm, state = LONGEST_STEP_MM[axis], self._motion.link.read()
-        here_mm, target_mm = state.position_mm, float(state.target_mm[place]) + step.distance_mm
-        low_mm, high_mm = float(self._low_mm[place]), float(self._high_mm[place])
-        if not 0 < abs(step.distance_mm) <= longest_mm:
-            raise UsageError(f"a step along {axis} is at most {longest_mm:g} mm, and not 0; nothing was moved.")
-        is_further = step.distance_mm > 0 if here_mm[place] > high_mm else step.distance_mm < 0
-        is_out = not low_mm - 0.01 <= target_mm <= high_mm + 0.01
-        if is_out and (is_further or low_mm <= here_mm[place] <= high_mm):
-            raise UsageError(
-                f"{axis} {target_mm:.1f} mm is outside the box of the taught places, {low_mm:.0f} to {high_mm:.0f} mm; "
-                "nothing was moved."
-            )
-        if axis != "z" and self._is_gripping():
-            raise UsageError(f"the closed gripper may hold what stands on a mount; {axis} does not move.")
-        if axis != "z" and here_mm[2] < self._settings.travel_z_mm - LOW_MM and abs(step.distance_mm) > LOW_STEP_MM:
-            raise UsageError(
-                f"the flange is at z {here_mm[2]:.1f} mm, below travel height: raise it to "
-                f"{self._settings.travel_z_mm:g} mm or move {axis} at most {LOW_STEP_MM:g} mm at once. Nothing was "
-                "moved."
-            )
 
     def _close_gripper(self) -> str:
         state = self._motion.link.read()
@@ -148,15 +144,11 @@ class ArmByHand:
         return f"closed at z {self._rest_z_mm:.1f} mm"
 
     def _open_gripper(self, is_held: bool) -> str:
-        if not self._is_gripping():
+        stand = self._stand()
+        if not stand.is_gripping:
             return "the gripper is open already"
-        z_mm, rest_z_mm = float(self._motion.link.read().position_mm[2]), self._rest_z_mm
-        if not is_held and (rest_z_mm is None or z_mm > rest_z_mm + HELD_MM):
-            where = f"to z {rest_z_mm:.1f} mm, where it closed" if rest_z_mm is not None else "onto something"
-            raise UsageError(
-                f"something may hang in the closed gripper at z {z_mm:.1f} mm: lower it {where}, or say that you hold "
-                "it. Nothing was moved."
-            )
+        if not is_held:
+            check_lowered(stand)
         with self._guard():
             self._motion.switch(self._settings.grip_output, False)
             self._motion.wait(self._settings.air_s)

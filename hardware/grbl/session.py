@@ -359,7 +359,7 @@ class GrblSession:
     def reset(self, doing: str) -> None:
         """Soft reset and its banner. At rest it keeps the position; in motion it costs it (ALARM:3).
 
-        The firmware does not always say that alarm: about one reset in motion of a hundred falls between its look at
+        The firmware does not always say that alarm: one or two resets in motion of a hundred fall between its look at
         the alarm and its look at the reset, and then it is Idle and unlocked. So what was last reported counts too.
 
         Raises:

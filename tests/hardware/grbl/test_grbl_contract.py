@@ -197,7 +197,7 @@ def test_a_reset_in_motion_costs_the_position(gantry, driver, clock):
     wait_until_moving(gantry, clock)
     epoch = driver.session.link.epoch
     driver.session.reset("testing")
-    assert driver.session.link.alarm_since(epoch) in (3, None)  # GRBL itself leaves it out once in a hundred times
+    assert driver.session.link.alarm_since(epoch) in (3, None)  # GRBL itself leaves it out now and then
     assert not gantry.is_position_known
     with pytest.raises(InterlockError, match="home first"):
         gantry.move_to(*START_MM)

@@ -1,6 +1,5 @@
 """`fast doctor --real` and a rehearsal of `fast gantry --real`, by the addresses of a virtual bench in real time."""
 
-import json
 from dataclasses import asdict
 
 import pytest
@@ -10,6 +9,7 @@ from fast.hardware.bench import open_virtual_servers
 from fast.hardware.clock import RealClock
 from fast.hardware.virtual.world.file import Sensor, World
 from tests.flows.cli.cli_lakes import Fast
+from tests.flows.cli.rehearsal import write_bench
 
 
 @pytest.fixture(scope="module")
@@ -26,13 +26,6 @@ def fast(capsys, tmp_path, monkeypatch):
     for module in ("checkup.gantry", "grbl.session"):  # a virtual controller has no bootloader to wait for
         monkeypatch.setattr(f"hardware.{module}.BOOT_WAIT_S", 0.2)
     return Fast(capsys)
-
-
-def write_bench(path, addresses, more=""):
-    lines = [f"{key} = {json.dumps(value)}" for key, value in addresses.items()]
-    masses = [f"{slot} = {tool.expected_mass_kg:.3f}" for slot, tool in rack(None).items()]
-    path.write_text("\n".join([*lines, "modbus_time_out_s = 10", more, "[tool_mass_kg]", *masses]))
-    return path
 
 
 def test_doctor_finds_a_sound_bench_whose_transmitter_is_on_a_serial_line(fast, tmp_path, addresses):

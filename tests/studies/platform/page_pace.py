@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from fast.flows.cli.virtual import rack
 from fast.flows.server.access import Api
 from fast.flows.server.lab import CHECKOUT
 from fast.flows.server.page_port import find_page
 from fast.lake.store import Lake
+from tests.flows.cli.rehearsal import write_bench
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.platform.page_cost import N_PAGES, open_page
 
@@ -134,10 +134,7 @@ def _virtual_bench(folder: Path) -> Iterator[None]:
     try:
         assert bench.stdout is not None
         addresses = json.loads(bench.stdout.readline())
-        lines = [f"{key} = {json.dumps(value)}" for key, value in addresses.items()]
-        masses = [f"{slot} = {tool.expected_mass_kg:.3f}" for slot, tool in rack(None).items()]
-        text = "\n".join([*lines, "modbus_time_out_s = 10", "pressure_time_out_s = 120", "[tool_mass_kg]", *masses])
-        (folder / "rehearsal.toml").write_text(text, encoding="utf-8")
+        write_bench(folder / "rehearsal.toml", addresses, "pressure_time_out_s = 120")
         yield
     finally:
         bench.terminate()

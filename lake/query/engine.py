@@ -1,8 +1,8 @@
 """An in-memory DuckDB kept in step with the files of a lake.
 
 Scalar tables are held in memory; of the tables of traces only the index (id, time, file, row) is, the
-samples are read in place. `sync` looks at the names, sizes and times of the files and reads only what is
-new, so asking again costs milliseconds however many files there are.
+samples are read in place. A table is made when it is first asked for. `sync` looks at the names, sizes and
+times of the files and reads only what is new, so asking again costs milliseconds however many files there are.
 
 Rows that a later row with the same id supersedes are listed per table in `superseded_<table>` and left
 out of the view `<table>`, which is what queries see. Files without such rows are read as they are: leaving rows out
@@ -74,6 +74,7 @@ class Engine:
         self._temporary = Path(tempfile.gettempdir()).resolve() / f"fast-lake-{uuid.uuid4().hex}"
         weakref.finalize(self, _remove_own, self._temporary, os.getpid())
         self._files = {row_type.table: _TableFiles() for row_type in TABLES}
+        self._made: set[str] = set()  # tables that the connection has
         self._old_views: set[str] = set()  # tables whose view does not show all that was read
         self._defined = set(_TIMES_VIEW.values())  # names of `views.sql` that the connection has
         self._n_loose = 0  # rows held that are not compressed yet
@@ -83,13 +84,6 @@ class Engine:
         self.connection.execute("SET TimeZone = 'UTC'")
         self.connection.execute(f"SET memory_limit = '{_MEMORY_LIMIT}'")
         self.connection.execute(f"SET temp_directory = {_quote(self._temporary)}")
-        self.connection.execute("BEGIN TRANSACTION")  # one for all: each would take as long as its statements
-        for row_type in TABLES:
-            self._create_table(row_type)
-        for row_type in TABLES:
-            if row_type.table in _TIMES_VIEW:
-                self._point_views(row_type)
-        self.connection.execute("COMMIT")
         readable = [root.resolve() / row_type.table for row_type in TABLES] + [self._temporary]
         self.connection.execute(f"SET allowed_directories = {_quoted_list(readable)}")
         self.connection.execute("SET enable_external_access = false")
@@ -104,6 +98,7 @@ class Engine:
         Raises:
             LakeError: a file cannot be read; the message names it.
         """
+        self._make_tables(tables)
         for row_type in reversed(TABLES):
             if row_type.table in tables:
                 self._sync_table(row_type, row_type.table in views)
@@ -111,8 +106,10 @@ class Engine:
     def define_views(self, names: Collection[str] | None = None) -> None:
         """Create the views and macros of `views.sql` with these names, or all of them, unless they are there.
 
-        All take as long as a dozen queries, and most queries use none.
+        All take as long as a dozen queries, and most queries use none. Where all are, all tables are too.
         """
+        if names is None:
+            self._make_tables(TABLE_BY_NAME)
         for name, statement in _view_statements().items():
             if (names is None or name in names) and name not in self._defined:
                 self.connection.execute(statement)
@@ -120,7 +117,15 @@ class Engine:
 
     def read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None = None) -> pa.Table:
         """Result of a query over what was last synced, in a read-only transaction."""
-        self.define_views(_names_used(sql))
+        used = _names_used(sql)
+        self.define_views(used if used & set(TABLE_BY_NAME) else None)  # all, to a question about the tables
+        try:
+            return self._read(sql, params)
+        except duckdb.CatalogException:  # says which name is nearly the one that is not there
+            self.define_views()
+            return self._read(sql, params)
+
+    def _read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None) -> pa.Table:
         self.connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
             return self.connection.sql(sql, params=params).to_arrow_table()
@@ -154,6 +159,23 @@ class Engine:
     def has_superseded(self, table: str) -> bool:
         """True when some row of the table has been superseded, as of the last `sync`."""
         return bool(self.connection.execute(f"SELECT 1 FROM superseded_{table} LIMIT 1").fetchall())
+
+    def _make_tables(self, tables: Collection[str]) -> None:
+        """Make those of these tables that are not there yet."""
+        if self._made.issuperset(tables):
+            return
+        self.connection.execute("BEGIN TRANSACTION")  # one for all: each would take as long as its statements
+        try:
+            for row_type in TABLES:
+                if row_type.table in tables and row_type.table not in self._made:
+                    self._create_table(row_type)
+                    if row_type.table in _TIMES_VIEW:
+                        self._point_views(row_type)
+            self.connection.execute("COMMIT")
+        except BaseException:
+            self.connection.execute("ROLLBACK")
+            raise
+        self._made.update(tables)
 
     def _create_table(self, row_type: type[Row]) -> None:
         table, key, columns = row_type.table, row_type.id_column(), sql_columns(row_type)

@@ -76,9 +76,11 @@ def start(folder: Path, *options: str) -> "subprocess.Popen[str]":
 
 def wait_for(folder: Path, condition, limit_s: float = 600.0) -> None:
     deadline = time.monotonic() + limit_s
+    lake = None
     while time.monotonic() < deadline:
         try:
-            if condition(Lake.open(folder / "lake")):
+            lake = lake or Lake.open(folder / "lake")
+            if condition(lake):
                 return
         except FastError:
             pass  # the lake is not there yet

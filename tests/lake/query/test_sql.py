@@ -195,3 +195,10 @@ def test_samples_keep_every_digit(lake, provenance):
     lake.append([TraceRow(grasp_id="K", time_s=values, lift_mm=values, force_n=values)], provenance)
     assert lake.trace("K").force_n.tobytes() == values.tobytes()
     assert lake.query("SELECT force_n FROM traces").column(0)[0].as_py() == values.tolist()
+
+
+def test_an_open_lake_knows_its_tables_before_any_was_read(lake: Lake) -> None:
+    named = Lake.open(lake.root).query("SHOW TABLES").column("name").to_pylist()
+    assert {"grasps", "tool_quality", "trace_times"} <= set(named)
+    with pytest.raises(LakeError, match="simulations"):
+        Lake.open(lake.root).query("SELECT count(*) FROM simulation")

@@ -16,6 +16,7 @@ from fast.models.units import unit_of
 MOST_LIFT_MM = 1000.0
 LIFT_BACK_MM = 2.0  # more is no noise of an encoder
 SLOWEST_MM_PER_S = 0.05
+_LIFT_SHARES = 0.05, 0.95  # of the height, between which a lift is timed: at the top a bench may hold for minutes
 _SHOWN_PER_COLUMN = 20  # of one fault in one column; the rest is counted
 
 
@@ -104,11 +105,11 @@ def _find_implausible(trace: Trace) -> tuple[str, int, str] | None:
         fall = f"it falls by {back_mm.max():.3g} mm"
         limit = f"must not fall by more than {LIFT_BACK_MM:g} mm before the top of the lift, {fall}"
         return "lift_mm", int(back_mm.argmax()), limit
-    start = int(np.argmax(trace.lift_mm > 0.05 * trace.lift_mm[top]))
-    took_s = float(trace.time_s[top] - trace.time_s[start])
-    if trace.lift_mm[top] - trace.lift_mm[start] < SLOWEST_MM_PER_S * took_s:
+    start, end = (int(np.argmax(trace.lift_mm >= share * trace.lift_mm[top])) for share in _LIFT_SHARES)
+    took_s = float(trace.time_s[end] - trace.time_s[start])
+    if trace.lift_mm[end] - trace.lift_mm[start] < SLOWEST_MM_PER_S * took_s:
         limit = f"the lift takes {took_s:.4g} s, slower than {SLOWEST_MM_PER_S:g} mm/s; times are in s, not ms"
-        return "time_s", top, limit
+        return "time_s", end, limit
     return None
 
 

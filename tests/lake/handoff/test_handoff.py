@@ -328,7 +328,7 @@ def test_any_number_survives_export_and_import(tmp_path_factory, values):
     lake = Lake.open(root / "lake", create=True)
     lift = np.sort([v[0] for v in values] + [1.0])  # a lift rises
     force = np.array([v[1] for v in values] + [0.0])
-    time_s = np.linspace(0.0, np.ptp(lift) / 3, len(lift))  # at 3 mm/s: a slower one than any bench's is asked about
+    time_s = (lift - lift[0]) / 3 + 0.001 * np.arange(len(lift))  # a slower one than any bench's is asked about
     row = GraspRow(
         grasp_id="K", campaign_id="c", tool_id="x", design_id="D", object_id=1, repeat=0, status="ok",
         setup_id="G", setup_json="{}", bench="real",

@@ -59,6 +59,20 @@ def test_what_cannot_be_true_is_refused_and_nothing_is_written(folder: Path, lak
     assert lake.rows(GraspRow) == []
 
 
+def test_a_bench_may_hold_at_the_top_for_as_long_as_it_likes(folder: Path, lake: Lake) -> None:
+    rows = read_csv(folder / "traces.csv")
+    held = []
+    for row in rows:
+        held.append(row)
+        if (
+            row is rows[-1] or row["grasp_id"] != rows[rows.index(row) + 1]["grasp_id"]
+        ):  # the top, with an encoder's noise
+            held += [row | {"time_s": float(row["time_s"]) + 600.0, "lift_mm": float(row["lift_mm"]) + 0.001}]
+    write_csv(folder / "traces.csv", held)
+    import_handoff(lake, folder, PROVENANCE)
+    assert len(lake.rows(GraspRow)) > 0
+
+
 def test_a_grasp_that_is_there_twice_is_named(folder: Path, lake: Lake) -> None:
     rows = [row for row in read_csv(folder / "grasps.csv") if row["fidelity"] == "real"]
     assert len(rows) >= 2

@@ -56,6 +56,8 @@ class VirtualArm:
         self._now_s = 0.0
         above_mm = to_base(layout, 750.0, 750.0, layout.top_z_mm)
         self._pose = np.array([*(value / 1000.0 for value in above_mm), *_DOWN])
+        self._head = self._find_head_mm()
+        self._ran_at_s = 0.0
         self._program: list[Statement] = []
         self._pending: Future[GraspSimulation] | None = None
         self._registers: dict[int, int] = {}
@@ -93,7 +95,7 @@ class VirtualArm:
             return
         with self.lock:
             if self._may_move:
-                self._program = statements
+                self._program, self._ran_at_s = statements, self._now_s
 
     @property
     def _may_move(self) -> bool:
@@ -106,6 +108,8 @@ class VirtualArm:
             if not self._may_move:
                 self._program = []
             left_s = duration_s
+            if self._program:
+                self._ran_at_s = self._now_s
             while self._program and left_s > 0.0:
                 left_s = self._step_program(left_s)
             self._refill_rack()
@@ -156,6 +160,7 @@ class VirtualArm:
         turn = (end * start.inv()).as_rotvec() * share
         place = self._pose[:3] + share * (pose[:3] - self._pose[:3])
         self._pose = np.concatenate([place, (Rotation.from_rotvec(turn) * start).as_rotvec()])
+        self._head = self._find_head_mm()
 
     def _drive(self) -> None:
         """Valves: output 0 closes the gripper, output 1 locks the tool."""
@@ -182,9 +187,12 @@ class VirtualArm:
         if place is not None and self.world.dock_slot is None:  # it has just come down
             self.world.docked.update(self._fresh_tools())
 
-    def _head_mm(self, now_s: float) -> tuple[float, float, float]:
-        """The flange in the words of the layout: x, y on the sheet, z of the head."""
-        x, y, z = (float(value) for value in 1000.0 * self._pose[:3])
+    def _head_mm(self, now_s: float) -> Point:
+        """The flange in the words of the layout: x, y on the sheet, z of the head; the same object where it stands."""
+        return self._head
+
+    def _find_head_mm(self) -> Point:
+        x, y, z = (1000.0 * self._pose[:3]).tolist()
         return x + _ORIGIN_MM[0], y + _ORIGIN_MM[1], z - GRIPPER_MM - self.layout.head_offset_mm
 
     def _solve(self, request: PhysicsRequest) -> "Future[GraspSimulation]":
@@ -195,6 +203,11 @@ class VirtualArm:
     def is_solving(self) -> bool:
         """Whether the physics of a grasp is being worked out: then time should not be faster than the computer's."""
         return self._pending is not None and not self._pending.done()
+
+    @property
+    def rest_s(self) -> float:
+        """Time since the last program, 0 while one runs."""
+        return self._now_s - self._ran_at_s
 
 
 def to_base(layout: BenchLayout, x_mm: float, y_mm: float, z_mm: float) -> Point:

@@ -18,6 +18,7 @@ logger = logging.getLogger(__name__)
 
 RTDE_PORT = 30004
 STEP_S = 0.008  # of the controller, 125 Hz
+_REST_S = 20.0  # after which no client counts the packages: no tare or pull lasts as long
 _VERSION = (5, 11, 0, 0)  # of the controller software: major, minor, bugfix, build
 _REQUEST_VERSION, _CONTROLLER_VERSION, _OUTPUTS, _START, _PAUSE, _DATA = b"VvOSPU"
 _VECTORS = {"actual_TCP_pose", "target_TCP_pose", "actual_TCP_force"}
@@ -90,14 +91,18 @@ class ArmServer:
                 logger.info("Virtual arm: a client has gone (%s)", error)
 
     def _tick(self) -> None:
-        """Time: never faster than asked, slower where the computer is."""
+        """Time: never faster than asked, slower where the computer is.
+
+        At rest, a step for every 8 ms of the computer's time: steps of less are worth half a core to nobody.
+        """
         next_s = time.monotonic()
         while not self._stopping.is_set():
-            with self._stepped:
-                self.arm.advance(STEP_S)
-                self._stepped.notify_all()
             speed_up = 1.0 if self.arm.is_solving else self._speed_up
-            next_s = max(next_s + STEP_S / speed_up, time.monotonic() - 0.05)
+            step_s = STEP_S * max(speed_up, 1.0) if self.arm.rest_s > _REST_S else STEP_S
+            with self._stepped:
+                self.arm.advance(step_s)
+                self._stepped.notify_all()
+            next_s = max(next_s + step_s / speed_up, time.monotonic() - 0.05)
             time.sleep(max(next_s - time.monotonic(), 0.0))
 
     def _serve_script(self, client: socket.socket) -> None:

@@ -1,6 +1,7 @@
 """The arm against its controller's protocols, in a process of its own, and the gantry by the same contract."""
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import Bench, open_virtual_bench
 from fast.hardware.parts.safe_state import EmergencyStopError, StopAskedError, Verb
 from fast.hardware.virtual.arm.controller import VirtualArm
-from fast.hardware.virtual.arm.server import ArmServer
+from fast.hardware.virtual.arm.server import STEP_S, ArmServer
 from fast.hardware.virtual.arm.urscript import Move, Output, Register, Stop, read_program
 from fast.hardware.virtual.world.file import Sensor, World
 from fast.models.errors import DeviceError, InterlockError, UsageError
@@ -177,6 +178,35 @@ def test_a_person_who_stopped_the_arm_is_told_what_to_do_with_it(controller):
         bench.ask(Verb.STOP)
         with pytest.raises(StopAskedError, match="hang the tool back by hand"):
             measure(bench, [(0, 0)])
+
+
+def test_at_rest_an_arm_takes_longer_steps_and_none_of_a_program():
+    steps_s: list[tuple[float, bool]] = []
+
+    class Watched(VirtualArm):
+        def advance(self, duration_s: float) -> None:
+            is_at_work = bool(self._program)
+            super().advance(duration_s)
+            steps_s.append((duration_s, is_at_work))
+
+    server = ArmServer(Watched(World(seed=1), TOOLS, physics), "127.0.0.47", speed_up=10.0)
+    server.start()
+    try:
+        wait_until(lambda: server.arm.rest_s > 22.0)
+        server.arm.run_program("def fast():\n  movel(p[0.1, 0.1, 0.6, 0, 3.14159, 0], a=1, v=0.05)\nend\n")
+        wait_until(lambda: server.arm.rest_s > 1.0)
+    finally:
+        server.stop()
+    assert {duration_s for duration_s, is_at_work in steps_s if is_at_work} == {STEP_S}
+    assert {duration_s for duration_s, _ in steps_s} == {STEP_S, 10.0 * STEP_S}
+    assert max(at for at, (_, is_at_work) in enumerate(steps_s) if is_at_work) > 100  # it did run
+
+
+def wait_until(is_so: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 60.0
+    while not is_so():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("host", ["no such host", "a\0b", "192.0.2.1"])

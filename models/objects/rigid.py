@@ -39,8 +39,7 @@ class RigidObject(Record):
     mirror_y: bool
     """The same in the plane y = 0."""
     shape: str | None = None
-    """Of an own object, its text as of `models.objects.shape_text`; None for the 36, whose class and parameters say it.
-    Of an own object, its text as of `models.objects.shape_text`; None for the 36, whose class and parameters say it."""
+    """Of an own object, its text as of `models.objects.shape_text`; None for the 36, which have class and sizes."""
 
     @property
     def primitives(self) -> np.ndarray:

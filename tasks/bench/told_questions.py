@@ -26,6 +26,11 @@ class Expected(NamedTuple):
     trace: Trace | None = None
 
 
+# The page asks about a file when it is dropped, and again when it is sent. About 30 KB a grasp.
+_SIMULATED: dict[tuple[str, int, str, str, str], Expected] = {}
+_MOST_KEPT = 512
+
+
 def ask_about(campaign: Campaign, tools: Mapping[str, ProposedTool], told: Sequence[ToldGrasp]) -> list[Question]:
     """What is strange in told grasps, beside what cannot be used at all; `told`: with full tool ids."""
     measured = [one for one in told if one.force_n is not None and one.tool_id in tools]
@@ -98,14 +103,15 @@ def _simulate(campaign: Campaign, tools: Mapping[str, ProposedTool], cell: tuple
     """None where the simulator has no answer: then nothing is known of this cell."""
     from fast.models.simulation.grasp import simulate_grasp  # loads the kernels
 
+    design, obj = tools[cell[0]].design, get_object(cell[1])
+    version, setup = campaign.version, campaign.config.grasp
+    key = (design.design_id, obj.object_id, obj.shape or "", version.version_id, setup.setup_id)
+    if (known := _SIMULATED.get(key)) is not None:
+        return known
     try:
-        found = simulate_grasp(
-            tools[cell[0]].design,
-            get_object(cell[1]),
-            campaign.version,
-            campaign.config.grasp,
-            deadline_s=_DEADLINE_S,
-        )
+        found = simulate_grasp(design, obj, version, setup, deadline_s=_DEADLINE_S)
     except FastError:
         return None
-    return Expected(found.peak_force_n, found.trace)
+    if len(_SIMULATED) >= _MOST_KEPT:
+        _SIMULATED.clear()
+    return _SIMULATED.setdefault(key, Expected(found.peak_force_n, found.trace))

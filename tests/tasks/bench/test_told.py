@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,11 @@ import pytest
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow, ToolRow, TraceRow
 from fast.models.errors import UsageError
+from fast.models.objects.rigid import RigidObject
 from fast.models.question import Question
-from fast.models.records import Trace
+from fast.models.records import Design, Trace
+from fast.models.simulation import grasp
+from fast.tasks.bench import told_questions
 from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.told import ToldGrasp, take_back, take_told
 from fast.tasks.bench.told_files import read_peaks, read_rows_of
@@ -278,6 +282,26 @@ def test_told_traces_are_held_against_the_simulated_ones_of_the_lake(campaign: C
         take_told(campaign, empty, "ada", ask=ask_about)
     assert campaign.lake.rows(GraspRow) == []
     assert take_told(campaign, sound, "ada", ask=ask_about).n_traces == N_ASKED
+
+
+def test_a_file_that_is_asked_about_twice_is_simulated_once(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated_cells: list[str] = []
+
+    def simulate(design: Design, obj: RigidObject, *_: object, **__: object) -> SimpleNamespace:
+        simulated_cells.append(f"{design.design_id} {obj.object_id}")
+        return SimpleNamespace(peak_force_n=9.0, trace=trace(9.0))
+
+    monkeypatch.setattr(grasp, "simulate_grasp", simulate)
+    monkeypatch.setattr(told_questions, "_SIMULATED", {})
+    tools = {tool.tool_id: tool for tool in campaign.state().tools}
+    sound = [replace(one, peak_force_n=9.0 + 0.01 * i) for i, one in enumerate(told(campaign))]
+    first, again = (ask_about(campaign, tools, sound) for _ in range(2))
+    assert first == again
+    assert len(simulated_cells) == len(set(simulated_cells)) > 2
+    tenfold = [replace(sound[0], peak_force_n=90.0), *sound[1:]]
+    assert ask_about(campaign, tools, tenfold) != first
 
 
 def simulated(design_id: str, object_id: int, made: Trace) -> tuple[SimulationRow, Trace]:

@@ -18,6 +18,8 @@ _LEAST_REPEAT_SD = 0.03  # of ln force: no gauge and no hand repeats a pull-off 
 _LEAST_CELL_SD = 0.15  # of a tool on an object about tool and object: a simulator is no better than that
 _COMMON_SD = 0.5  # of the whole file about the simulator, whose modulus is not known to better than half
 _LEAST_OUTLIER = np.log(3.0)  # a finger that slips early, or snaps, gives half or twice of what its repeats do
+_TENFOLD = float(np.log(10.0))
+_MOST_REST = float(np.log(2.0))  # of ln force: what is farther from a decimal point is a finger that holds otherwise
 _LIMIT_NATS = 6.0  # evidence that asks: 400 to 1, since a hundred cells are looked at
 _UNIT_NATS = 3.0  # of a whole file, of which one thing is asked: 20 to 1
 _CHANCE = 1e-3  # of equal numbers in a row by chance
@@ -56,25 +58,104 @@ def _group(told: Sequence[Told], key: "object") -> list[list[int]]:
 
 
 def _find_slips(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> Iterator[Question]:
-    """A number that is not like the other repeats of its cell: a slip of the decimal point, or something else."""
+    """A number that is not like the other repeats of its cell: a slip of the decimal point, or something else.
+
+    Where one number or two are all of a cell, what the simulator or the other cells say of it decides.
+    """
     sd = _scatter_of_repeats(log_n, cells)
-    for cell in cells:
-        if len(cell) < 3:
-            continue
-        for number in cell:
-            others = [log_n[other] for other in cell if other != number]
-            middle, spread = float(np.median(others)), float(np.ptp(others))
-            departure = log_n[number] - middle
-            if spread > 8 * sd or abs(departure) < max(8 * sd, _LEAST_OUTLIER):
-                continue
-            one, usual_n = told[number], float(np.exp(middle))
-            where = f"{one.place}: {one.force_n:g} N beside {_list_forces(told, cell, number)}"
-            shift = round(departure / np.log(10))
-            if shift and abs(departure - shift * np.log(10)) < max(6 * sd, 0.25):
-                right_n = one.force_n / 10.0**shift
-                yield Question("decimal point", f"{where}, a decimal point? It would be {right_n:g} N", (number,))
-            else:
-                yield Question("outlier", f"{where}; its repeats say about {usual_n:.3g} N", (number,))
+    levels, level_sd = _find_levels(told, log_n, cells)
+    for place, cell in enumerate(cells):
+        if len(cell) == 1:
+            yield from _find_slip_of_one(told, cell[0], float(log_n[cell[0]]), float(levels[place]), level_sd)
+        elif len(cell) == 2:
+            yield from _find_slip_of_two(told, log_n, cells, place, float(levels[place]))
+        else:
+            for number in cell:
+                others = [log_n[other] for other in cell if other != number]
+                middle, spread = float(np.median(others)), float(np.ptp(others))
+                if spread <= 8 * sd and abs(log_n[number] - middle) >= max(8 * sd, _LEAST_OUTLIER):
+                    yield _name_slip(told, cell, number, middle, sd)
+
+
+def _name_slip(told: Sequence[Told], cell: Sequence[int], number: int, middle: float, sd: float) -> Question:
+    """The question about a number that is far from the middle, ln N, of its repeats."""
+    one, usual_n = told[number], float(np.exp(middle))
+    where = f"{one.place}: {one.force_n:g} N beside {_list_forces(told, cell, number)}"
+    departure = np.log(max(one.force_n, 1e-9)) - middle
+    shift = round(departure / _TENFOLD)
+    if shift and abs(departure - shift * _TENFOLD) < max(6 * sd, 0.25):
+        right_n = one.force_n / 10.0**shift
+        return Question("decimal point", f"{where}, a decimal point? It would be {right_n:g} N", (number,))
+    return Question("outlier", f"{where}; its repeats say about {usual_n:.3g} N", (number,))
+
+
+def _find_slip_of_two(
+    told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequence[int]], place: int, level: float
+) -> Iterator[Question]:
+    """Of two repeats that are not alike, the one that is farther from what is expected; both where nothing is."""
+    cell = cells[place]
+    apart = abs(log_n[cell[0]] - log_n[cell[1]])
+    if apart < _LEAST_OUTLIER:
+        return
+    sd = _scatter_of_repeats(log_n, [other for other in cells if other is not cell])
+    if apart < 8 * sd:
+        return
+    if np.isfinite(level):
+        wrong, right = sorted(cell, key=lambda number: -abs(log_n[number] - level))
+        yield _name_slip(told, cell, wrong, float(log_n[right]), sd)
+    else:
+        first, second = (told[number] for number in cell)
+        sentence = (
+            f"{first.place}: {first.force_n:g} N, and {second.place}, its repeat, {second.force_n:g} N; which is it?"
+        )
+        yield Question("outlier", sentence, tuple(cell))
+
+
+def _find_slip_of_one(told: Sequence[Told], number: int, log_n: float, level: float, sd: float) -> Iterator[Question]:
+    """A number without repeats, if a decimal point explains far better that it is not what is expected of its cell."""
+    if not np.isfinite(level):
+        return
+    departure = log_n - level
+    shift = round(departure / _TENFOLD)
+    rest = departure - shift * _TENFOLD
+    if shift and abs(rest) < min(max(2 * sd, 0.25), _MOST_REST) and departure**2 - rest**2 > 2 * sd**2 * _LIMIT_NATS:
+        one = told[number]
+        sentence = f"{one.place}: {one.force_n:g} N where about {np.exp(level):.2g} N are expected, a decimal point?"
+        yield Question("decimal point", f"{sentence} It would be {one.force_n / 10.0**shift:g} N", (number,))
+
+
+def _find_levels(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> tuple[np.ndarray, float]:
+    """What ln force is expected of each cell (NaN: nothing is), and how far cells are from it, standard deviation.
+
+    By the simulator, or by the cell's tool on other objects and its object with other tools, whichever is nearer.
+    """
+    middles = np.array([float(np.median(log_n[list(cell)])) for cell in cells])
+    wanted_n = np.array([told[cell[0]].expected_n or np.nan for cell in cells], dtype=float)
+    by_simulator = np.log(wanted_n) + _median(middles - np.log(wanted_n))
+    tools, tool = np.unique([told[cell[0]].tool for cell in cells], return_inverse=True)
+    objects, obj = np.unique([told[cell[0]].object_id for cell in cells], return_inverse=True)
+    table = np.full((len(tools), len(objects)), np.nan)
+    table[tool, obj] = middles
+    by_cells = np.full(len(cells), np.nan)
+    for place, (t, o) in enumerate(zip(tool, obj, strict=True)):
+        tetrads = np.delete(np.delete(table[t] + table[:, [o]] - table, t, axis=0), o, axis=1)
+        if np.isfinite(tetrads).sum() >= _LEAST_RUN:
+            by_cells[place] = _median(tetrads)
+    found = []
+    for levels in (by_simulator, by_cells):
+        rest = (middles - levels)[np.isfinite(levels)]
+        if len(rest) >= _LEAST_RUN:
+            found.append((max(1.4826 * _median(np.abs(rest)), _LEAST_CELL_SD), levels))
+    if not found:
+        return np.full(len(cells), np.nan), np.inf
+    sd, levels = min(found, key=lambda one: one[0])
+    return levels, sd
+
+
+def _median(values: np.ndarray) -> float:
+    """Of those that are known; NaN of none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else np.nan
 
 
 def _scatter_of_repeats(log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> float:

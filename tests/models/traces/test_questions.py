@@ -8,7 +8,7 @@ from fast.models.traces.questions import UNITS_N, Told, find_questions
 TOOLS, OBJECTS, REPEATS = 6, 4, 3
 
 
-def campaign(seed: int, knows_simulator: bool = True) -> list[Told]:
+def campaign(seed: int, knows_simulator: bool = True, n_repeats: int = REPEATS) -> list[Told]:
     """Forces of a made-up batch, and what a simulator that is 20 % off expects of them."""
     rng = np.random.default_rng(seed)
     tool, obj = rng.normal(0, 0.5, TOOLS), rng.normal(0, 0.6, OBJECTS)
@@ -18,7 +18,7 @@ def campaign(seed: int, knows_simulator: bool = True) -> list[Told]:
         for o in range(OBJECTS):
             level = 2.0 + tool[t] + obj[o] + rng.normal(0, 0.15)
             expected = np.exp(level + off + rng.normal(0, 0.2)) if knows_simulator else None
-            for r in range(REPEATS):
+            for r in range(n_repeats):
                 force = round(float(np.exp(level + rng.normal(0, 0.05))), 2)
                 told.append(Told(f"row {len(told) + 2}", f"B01T{t}", o, r, force, expected))
     return told
@@ -37,9 +37,10 @@ def swap(told: list[Told], a: str, b: str) -> list[Told]:
     return [one._replace(force_n=of[other.get(one.tool, one.tool), one.object_id, one.repeat]) for one in told]
 
 
+@pytest.mark.parametrize("n_repeats", [1, 2, 3])
 @pytest.mark.parametrize("knows_simulator", [True, False])
-def test_sound_files_are_told_without_a_question(knows_simulator):
-    asked = [bool(find_questions(campaign(seed, knows_simulator))) for seed in range(40)]
+def test_sound_files_are_told_without_a_question(knows_simulator, n_repeats):
+    asked = [bool(find_questions(campaign(seed, knows_simulator, n_repeats))) for seed in range(40)]
     assert sum(asked) <= 4  # 1 in 10
 
 
@@ -53,6 +54,27 @@ def test_a_decimal_point_is_found_with_what_it_would_be(factor):
         questions = [q for q in find_questions(slipped) if q.kind == "decimal point" and q.numbers == (number,)]
         found += bool(questions) and f"would be {told[number].force_n:g} N" in questions[0].sentence
     assert found >= 36
+
+
+@pytest.mark.parametrize("knows_simulator", [True, False])
+@pytest.mark.parametrize("n_repeats", [1, 2])
+@pytest.mark.parametrize("factor", [10.0, 0.1, 100.0])
+def test_a_decimal_point_is_found_without_three_repeats(factor, n_repeats, knows_simulator):
+    found = 0
+    for seed in range(40):
+        told = campaign(seed, knows_simulator, n_repeats)
+        number = seed % len(told)
+        slipped = change(told, [number], lambda one: round(one.force_n * factor, 4))
+        questions = [q for q in find_questions(slipped) if q.kind == "decimal point" and q.numbers == (number,)]
+        found += bool(questions) and f"would be {told[number].force_n:g} N" in questions[0].sentence
+    assert found >= (36 if n_repeats == 2 else 32)
+
+
+def test_of_two_repeats_of_which_nothing_else_is_known_both_are_asked_about():
+    (question,) = find_questions([Told("row 2", "B01T0", 1, 0, 9.0), Told("row 3", "B01T0", 1, 1, 90.0)])
+    assert question.numbers == (0, 1)
+    assert question.sentence == "row 2: 9 N, and row 3, its repeat, 90 N; which is it?"
+    assert find_questions([Told("row 2", "B01T0", 1, 0, 9.0), Told("row 3", "B01T0", 1, 1, 4.0)]) == []
 
 
 @pytest.mark.parametrize("unit", ["kgf", "gf", "kN", "mN"])

@@ -127,7 +127,8 @@ def _find_slip_of_one(told: Sequence[Told], number: int, log_n: float, level: fl
 def _find_levels(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequence[int]]) -> tuple[np.ndarray, float]:
     """What ln force is expected of each cell (NaN: nothing is), and how far cells are from it, standard deviation.
 
-    By the simulator, or by the cell's tool on other objects and its object with other tools, whichever is nearer.
+    By the simulator, and by the cell's tool on other objects and its object with other tools, each weighed by how near
+    cells are to it.
     """
     middles = np.array([float(np.median(log_n[list(cell)])) for cell in cells])
     wanted_n = np.array([told[cell[0]].expected_n or np.nan for cell in cells], dtype=float)
@@ -141,15 +142,18 @@ def _find_levels(told: Sequence[Told], log_n: np.ndarray, cells: Sequence[Sequen
         tetrads = np.delete(np.delete(table[t] + table[:, [o]] - table, t, axis=0), o, axis=1)
         if np.isfinite(tetrads).sum() >= _LEAST_RUN:
             by_cells[place] = _median(tetrads)
-    found = []
-    for levels in (by_simulator, by_cells):
-        rest = (middles - levels)[np.isfinite(levels)]
-        if len(rest) >= _LEAST_RUN:
-            found.append((max(1.4826 * _median(np.abs(rest)), _LEAST_CELL_SD), levels))
-    if not found:
-        return np.full(len(cells), np.nan), np.inf
-    sd, levels = min(found, key=lambda one: one[0])
-    return levels, sd
+    both = np.array([by_simulator, by_cells])
+    weights = np.where(np.isfinite(both), [[_scatter_of_cells(middles - levels) ** -2.0] for levels in both], 0.0)
+    total = weights.sum(axis=0)
+    levels = np.full(len(cells), np.nan)
+    np.divide((weights * np.nan_to_num(both)).sum(axis=0), total, out=levels, where=total > 0.0)
+    return levels, _scatter_of_cells(middles - levels)
+
+
+def _scatter_of_cells(rest: np.ndarray) -> float:
+    """Standard deviation of cells about what is expected of them, from the middle; infinite where few are known."""
+    known = np.isfinite(rest).sum()
+    return max(1.4826 * _median(np.abs(rest)), _LEAST_CELL_SD) if known >= _LEAST_RUN else np.inf
 
 
 def _median(values: np.ndarray) -> float:

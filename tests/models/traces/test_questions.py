@@ -67,7 +67,7 @@ def test_a_decimal_point_is_found_without_three_repeats(factor, n_repeats, knows
         slipped = change(told, [number], lambda one: round(one.force_n * factor, 4))
         questions = [q for q in find_questions(slipped) if q.kind == "decimal point" and q.numbers == (number,)]
         found += bool(questions) and f"would be {told[number].force_n:g} N" in questions[0].sentence
-    assert found >= (36 if n_repeats == 2 else 32)
+    assert found >= 36
 
 
 def test_of_two_repeats_of_which_nothing_else_is_known_both_are_asked_about():

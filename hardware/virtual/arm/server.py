@@ -93,13 +93,13 @@ class ArmServer:
     def _tick(self) -> None:
         """Time: never faster than asked, slower where the computer is.
 
-        At rest, a step for every 8 ms of the computer's time: steps of less are worth half a core to nobody.
+        At rest it makes one step for every 8 ms of the computer's time: shorter ones would cost half a core.
         """
         next_s = time.monotonic()
         while not self._stopping.is_set():
-            speed_up = 1.0 if self.arm.is_solving else self._speed_up
-            step_s = STEP_S * max(speed_up, 1.0) if self.arm.rest_s > _REST_S else STEP_S
-            with self._stepped:
+            with self._stepped, self.arm.lock:  # no program comes between the look and the step
+                speed_up = 1.0 if self.arm.is_solving else self._speed_up
+                step_s = STEP_S * max(speed_up, 1.0) if self.arm.rest_s > _REST_S else STEP_S
                 self.arm.advance(step_s)
                 self._stepped.notify_all()
             next_s = max(next_s + step_s / speed_up, time.monotonic() - 0.05)

@@ -1,7 +1,6 @@
 """The arm against its controller's protocols, in a process of its own, and the gantry by the same contract."""
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from fast.models.traces import peak_force_n
 from tests.hardware.arm.arm_lines import ArmProcess
 from tests.hardware.arm.bench_contract import SETUP, TOOLS, BenchContract
 from tests.hardware.cell.test_cell import physics
+from tests.hardware.wire.test_wire_log import wait_for
 
 
 @pytest.fixture
@@ -192,21 +192,14 @@ def test_at_rest_an_arm_takes_longer_steps_and_none_of_a_program():
     server = ArmServer(Watched(World(seed=1), TOOLS, physics), "127.0.0.47", speed_up=10.0)
     server.start()
     try:
-        wait_until(lambda: server.arm.rest_s > 22.0)
+        assert wait_for(lambda: server.arm.rest_s > 22.0, timeout_s=60.0)
         server.arm.run_program("def fast():\n  movel(p[0.1, 0.1, 0.6, 0, 3.14159, 0], a=1, v=0.05)\nend\n")
-        wait_until(lambda: server.arm.rest_s > 1.0)
+        assert wait_for(lambda: server.arm.rest_s > 1.0, timeout_s=60.0)
     finally:
         server.stop()
     assert {duration_s for duration_s, is_at_work in steps_s if is_at_work} == {STEP_S}
     assert {duration_s for duration_s, _ in steps_s} == {STEP_S, 10.0 * STEP_S}
     assert max(at for at, (_, is_at_work) in enumerate(steps_s) if is_at_work) > 100  # it did run
-
-
-def wait_until(is_so: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 60.0
-    while not is_so():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("host", ["no such host", "a\0b", "192.0.2.1"])

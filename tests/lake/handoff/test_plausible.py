@@ -61,14 +61,12 @@ def test_what_cannot_be_true_is_refused_and_nothing_is_written(folder: Path, lak
 
 def test_a_bench_may_hold_at_the_top_for_as_long_as_it_likes(folder: Path, lake: Lake) -> None:
     rows = read_csv(folder / "traces.csv")
-    held = []
-    for row in rows:
-        held.append(row)
-        if (
-            row is rows[-1] or row["grasp_id"] != rows[rows.index(row) + 1]["grasp_id"]
-        ):  # the top, with an encoder's noise
-            held += [row | {"time_s": float(row["time_s"]) + 600.0, "lift_mm": float(row["lift_mm"]) + 0.001}]
-    write_csv(folder / "traces.csv", held)
+    tops = {row["grasp_id"]: row for row in rows}  # the last sample of each
+    held = [
+        row | {"time_s": float(row["time_s"]) + 600.0, "lift_mm": float(row["lift_mm"]) + 0.001}  # an encoder's noise
+        for row in tops.values()
+    ]
+    write_csv(folder / "traces.csv", [*rows, *held])
     import_handoff(lake, folder, PROVENANCE)
     assert len(lake.rows(GraspRow)) > 0
 

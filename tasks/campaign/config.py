@@ -160,7 +160,7 @@ class CampaignConfig(Record):
         # When a campaign ends decides no row of it.
         unused["schedule"] = {"stop", "stop_margin"}
         unused["schedule"] |= {
-            name for name in ("reference_tools", "reference", "alike") if not getattr(self.schedule, name)
+            name for name in ("reference_tools", "reference", "alike", "simpler") if not getattr(self.schedule, name)
         }
         unused |= {"print": {"recipe"} if self.print else True}  # what its file is called decides nothing
         unused |= {"design": True if self.design == DesignSettings() else set() if self.design.equal else {"equal"}}

@@ -13,7 +13,7 @@ from fast.models.design.reference import REFERENCES
 from fast.models.design.space import FIN_RAYS, DesignSpace, LinearLimit
 from fast.models.own_code import OWN, is_own
 from fast.models.records import EffectValue, Record, Theta
-from fast.models.scientist.insights.rules import MARGIN
+from fast.models.scientist.insights.rules import MARGIN, SIMPLER
 from fast.models.scientist.objectives import LESS_IS_BETTER, MEAN_PEAK, MEASURED, NAMES
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.validation import closest
@@ -295,6 +295,12 @@ class Schedule(Record):
     alike: tuple[str, ...] = Field(
         default=(), description="parameters that have one value in all tools of a batch: one thickness for a tray"
     )
+    simpler: tuple[str, ...] = Field(
+        default=(),
+        description="simpler fingers, as good as the best, that each guided batch prints where there is one: "
+        + ", ".join(f"`{name}`" for name in SIMPLER)
+        + "; may be changed later",
+    )
     stop: Literal["advice", "by itself", "never"] = Field(
         default="advice",
         description="whether another batch is worth it: said after each, acted on after two that say no, or not said",
@@ -309,6 +315,27 @@ class Schedule(Record):
         if name is not None and name not in REFERENCES:
             raise ValueError(f"there is no reference finger `{name}`; {closest(name, list(REFERENCES))}")
         return name
+
+    @field_validator("simpler")
+    @classmethod
+    def _check_names_of_simpler(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        for name in names:
+            if name not in SIMPLER:
+                raise ValueError(f"a finger is not simpler by `{name}`; {closest(name, list(SIMPLER))}")
+        if len(set(names)) < len(names):
+            raise ValueError("a name stands twice; give each once")
+        return names
+
+    @model_validator(mode="after")
+    def _check_simpler(self) -> "Schedule":
+        if self.simpler and self.alike:
+            raise ValueError("simpler fingers have values of their own, tools of a batch are `alike`; leave one out")
+        if len(self.simpler) >= self.tools_per_batch and self.simpler:
+            raise ValueError(
+                f"simpler fingers take {len(self.simpler)} of the {self.tools_per_batch} tools of a batch, and one at "
+                "least must be left to the scientist; name fewer, or raise tools_per_batch"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_references(self) -> "Schedule":

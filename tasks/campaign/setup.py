@@ -32,7 +32,7 @@ from fast.tasks.campaign.material import store_lot
 from fast.tasks.campaign.own_designs import OWN
 from fast.tasks.scientist.prior import check_prior
 
-GROWABLE = "schedule.guided_batches"  # a campaign may be made longer while it runs
+GROWABLE = ("schedule.guided_batches", "schedule.simpler", "designs ")  # what batches to come are made of
 
 
 def read_real_bench(path: Path) -> BenchSettings | ArmSettings:
@@ -222,7 +222,9 @@ def _check_own_designs(campaign: Campaign) -> None:
     for batch, slots in found.items():
         now = [own.design.design_id for own in campaign.own_designs.get(batch, ()) if own.rule == OWN]
         if [design_id for _, design_id in sorted(slots)] != now:
+            path = campaign.config.designs
+            file = "the config names no file of designs, which" if path is None else f"`{path}`"
             raise ConfigError(
-                f"`{campaign.config.designs}` has {len(now)} designs for batch {batch}, which is proposed already with "
+                f"{file} has {len(now)} designs for batch {batch}, which is proposed already with "
                 f"{len(slots)} designs of one's own; leave its rows as they were, and give new designs a later batch."
             )

@@ -23,6 +23,7 @@ from fast.tasks.campaign.state import CampaignState
 from fast.tasks.scientist.criteria import make_criteria
 from fast.tasks.scientist.fit import fit, surrogate_for_simulation, tools_fit_id
 from fast.tasks.scientist.observe import closed_batches, observe, observed_rows
+from fast.tasks.scientist.simpler import find_simpler_fingers
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class Choice:
     parents: tuple[str, ...] = ()
 
 
+SIMPLER = "simpler"  # what `proposals.acquisition` says of fingers that are simpler than the best, and as good
 HYPERVOLUME = "hypervolume"  # what `proposals.acquisition` says of tools chosen by objectives and limits
 _MAX_DRAWS = 100  # times the initial tools: what so few designs can be printed of is a slip of the pen
 _INITIAL_TOOLS = "initial tools"  # what their seed is drawn for
@@ -187,8 +189,9 @@ def propose_tools(
     """
     seed = campaign.seed("tools", batch)
     scientist = campaign.config.scientist
-    own = [one.design for one in campaign.own_designs.get(batch, ())]
-    # Tools of one's own hang in the batch whatever is chosen, so the others are chosen given them.
+    simpler = _choose_simpler(campaign, batch, surrogate, state)
+    own = [*(one.design for one in campaign.own_designs.get(batch, ())), *(one.design for one in simpler.values())]
+    # These tools hang in the batch whatever is chosen, so the others are chosen given them.
     pending = np.vstack(
         [pending_points(campaign, state, REAL), np.column_stack([campaign.space.to_unit(own), np.ones(len(own))])]
     )
@@ -226,7 +229,29 @@ def propose_tools(
         proposals += choose(n_tools - len(first), np.vstack([pending, chosen]), n_best, pinned)
     fit_id = tools_fit_id(campaign, batch, data)
     rule = HYPERVOLUME if criteria else scientist.acquisition
-    append_tools(campaign, batch, proposals, Choice(rule, seed, data, len(pending), (fit_id,)))
+    append_tools(campaign, batch, proposals, Choice(rule, seed, data, len(pending), (fit_id,)), simpler)
+
+
+def _choose_simpler(
+    campaign: Campaign, batch: int, surrogate: Surrogate, state: CampaignState
+) -> dict[str, ProposedDesign]:
+    """Simpler fingers that the schedule wants in each guided batch, by a name of the lake's own; none twice.
+
+    Designs of one's own go first where a batch has no room for all.
+    """
+    schedule, own = campaign.config.schedule, [one.design for one in campaign.own_designs.get(batch, ())]
+    n_free = schedule.tools_of(batch) - len(own)
+    if not schedule.simpler or n_free < 1:
+        return {}
+    rng = np.random.default_rng(campaign.seed(SIMPLER, batch))
+    taken = campaign.space.to_unit([*(tool.design for tool in state.tools), *own])
+    found: dict[str, ProposedDesign] = {}
+    for one in find_simpler_fingers(campaign, surrogate, rng, taken):
+        design = campaign.space.family.model_validate(one.design)
+        is_new = design not in [known.design for known in found.values()]
+        if one.finding.criterion in schedule.simpler and is_new and len(found) < n_free:
+            found[f"{one.finding.criterion} B{batch:02d}"] = ProposedDesign(design=design, value=one.finding.sure)
+    return found
 
 
 def propose_simulation(
@@ -291,17 +316,30 @@ def simulated_designs(campaign: Campaign, state: CampaignState) -> list[Design]:
     return list(designs.values())
 
 
-def append_tools(campaign: Campaign, batch: int, proposals: Sequence[ProposedDesign], choice: Choice) -> None:
-    """Write the tools of a batch, designs of one's own first; a batch that has them is not proposed again."""
+def append_tools(
+    campaign: Campaign,
+    batch: int,
+    proposals: Sequence[ProposedDesign],
+    choice: Choice,
+    simpler: Mapping[str, ProposedDesign] = {},
+) -> None:
+    """Write the tools of a batch; a batch that has them is not proposed again.
+
+    Designs of one's own come first, then simpler fingers, by name.
+    """
     provenance = campaign.provenance(choice.seed, choice.parents)
     own = campaign.own_designs.get(batch, ())
-    _append_designs(campaign, [*(one.design for one in own), *(p.design for p in proposals)], choice.seed)
+    chosen = [*simpler.values(), *proposals]
+    _append_designs(campaign, [*(one.design for one in own), *(p.design for p in chosen)], choice.seed)
     rows = []
     for slot, one in enumerate(own):
         given = Choice(one.rule, choice.seed)
         proposal = ProposedDesign(design=one.design, value=0.0)
         rows.append(_proposal_row(campaign, batch, slot, slot, proposal, given, one.name))
-    rows += [_proposal_row(campaign, batch, slot, slot, p, choice) for slot, p in enumerate(proposals, start=len(own))]
+    names: list[str | None] = [*simpler, *([None] * len(proposals))]
+    for slot, (name, proposal) in enumerate(zip(names, chosen, strict=True), start=len(own)):
+        rule = choice if name is None else replace(choice, acquisition=SIMPLER)
+        rows.append(_proposal_row(campaign, batch, slot, slot, proposal, rule, name))
     batch_row = BatchRow(
         batch_id=BatchRow.make_id(campaign.campaign_id, batch),
         campaign_id=campaign.campaign_id,

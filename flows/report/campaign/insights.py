@@ -55,6 +55,7 @@ def prepare_insights(content: Content, folder: Folder) -> dict[str, Any] | None:
         "nights": [card for card in cards if card.name == "night"] if found.outlook else [],
         "outcomes": [_prepare_effects(one, folder, len(found.outcomes) > 1) for one in found.outcomes],
         "simpler": _prepare_simpler(found, folder),
+        "simpler_names": [one.finding.criterion for one in found.simpler],
         "health": [card for card in cards if card.topic == "health"],
     }
 

@@ -12,16 +12,8 @@ from fast.models.scientist.insights.effects import (
     Pair,
     describe_shape,
 )
-from fast.models.scientist.insights.rules import LEAST_CHANCE
-from fast.models.scientist.insights.simplest import (
-    FEWEST_RIBS,
-    LEAST_MATERIAL,
-    LOSS,
-    MOST_TOLERANCE,
-    NEAREST,
-    PRINT_ERROR_MM,
-    Simpler,
-)
+from fast.models.scientist.insights.rules import FEWEST_RIBS, LEAST_CHANCE, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST
+from fast.models.scientist.insights.simplest import LOSS, PRINT_ERROR_MM, Simpler
 from fast.models.scientist.insights.stopping import Outlook
 from fast.models.units import spell_name, spell_share, unit_of
 

@@ -15,6 +15,7 @@ from fast.models.design.space import DesignSpace
 from fast.models.records import Design, Record
 from fast.models.scientist.acquisition.candidates import CandidateSettings, candidate_points, mutate
 from fast.models.scientist.insights.effects import Interval
+from fast.models.scientist.insights.rules import FEWEST_RIBS, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST
 from fast.models.scientist.insights.worlds import widening
 from fast.models.scientist.surrogate.health import Z_90
 from fast.models.scientist.surrogate.observations import REAL
@@ -22,7 +23,6 @@ from fast.models.scientist.surrogate.posterior import Surrogate, prior_covarianc
 
 LOSS = 0.02  # of the best finger's force that simplicity may cost
 SURE = 0.95  # how probable it must be that it costs no more
-FEWEST_RIBS, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST = "fewest ribs", "least material", "most tolerance", "nearest"
 PRINT_ERROR_MM = 0.1  # by which walls and ribs come out thicker or thinner
 _LEAST_GAIN = 0.02  # of a criterion's value: a finger that is simpler by less is the same finger
 _N_NEAR = 1500  # designs around the best finger
@@ -37,8 +37,7 @@ class Simpler(Record):
     """A finger that is simpler than the best and as good.
 
     criterion: by what it is simpler. value, best_value: of the finger and of the best one. share: its force over that
-    of the best finger. sure: how probable it is that it loses no more than
-    `LOSS`.
+    of the best finger. sure: how probable it is that it loses no more than `LOSS`.
     """
 
     criterion: str

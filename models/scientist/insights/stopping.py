@@ -1,10 +1,11 @@
 """Whether another batch is worth it: the rest of a campaign, rehearsed in every world that the data allow.
 
-In a rehearsal one world is the bench. The learner knows the data; it chooses a batch as a campaign does, the most by
-what other worlds have as their best design (Thompson sampling), a few by the largest predicted force; it is told the
-forces of its world with noise, learns, and chooses again. How often a batch beats the best before it by the lab's
-margin is the chance of that batch; and so on for the batches after it. A night of simulations first tells the learner
-what the simulator of its world says at the most promising designs.
+In a rehearsal one world is the bench; its parameters (lengthscales and the like) are its own, since the data do not
+know them exactly. The learner is the surrogate. It chooses a batch as a campaign does, the most by the best design of
+functions drawn from its posterior (Thompson sampling), a few by the largest predicted force; it is told the forces of
+the world with noise, learns, and chooses again. How often a batch beats the best before it by the lab's margin is the
+chance of that batch; and so on for the batches after it. A night of simulations first tells the learner what the
+simulator of the world says at the most promising designs.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from fast.models.records import Record
 from fast.models.scientist.acquisition.candidates import CandidateSettings, candidate_points
 from fast.models.scientist.acquisition.paths import draw_deviations
 from fast.models.scientist.insights.rules import LEAST_CHANCE, MARGIN
-from fast.models.scientist.insights.worlds import N_WORLDS, widening
+from fast.models.scientist.insights.worlds import Worlds
 from fast.models.scientist.surrogate.observations import REAL, SIM
 from fast.models.scientist.surrogate.posterior import Surrogate, prior_covariance
 
@@ -72,11 +73,12 @@ class Outlook(Record):
 class _Stage:
     """Outcomes that can be asked for in a rehearsal: measured at the first m designs, then simulated at some.
 
-    worlds: what every world says, k x n, in units of the data. mean (k), covariance (k x k): what the learner knows.
-    noise_sd: k.
+    worlds: what every world says, k x n, in units of the data. mean (k), covariance (k x k): what the learner knows;
+    draws: functions that it thinks possible, k x n. noise_sd: k.
     """
 
     worlds: np.ndarray
+    draws: np.ndarray
     mean: np.ndarray
     covariance: np.ndarray
     noise_sd: np.ndarray
@@ -84,7 +86,7 @@ class _Stage:
 
 
 def look_ahead(
-    surrogate: Surrogate,
+    worlds: Worlds,
     space: DesignSpace,
     n_tools: int,
     rng: np.random.Generator,
@@ -95,17 +97,18 @@ def look_ahead(
     n_night: int = 0,
     n_ahead: int = N_AHEAD,
 ) -> Outlook:
-    """Rehearse batches of `n_tools`.
+    """Rehearse batches of `n_tools` in each of the worlds.
 
     next_tools: designs that are proposed already (p x d, unit cube), which are the next batch then. allowed: designs to
     choose from instead of candidates around the best, m x d. n_night: simulations of a night, 0 for none.
     """
+    surrogate = worlds.surrogate
     points = candidate_points(surrogate, rng, CANDIDATES, space) if allowed is None else allowed
     measured = surrogate.data.x[surrogate.data.s == REAL]
     own = np.zeros((0, space.n_dims)) if next_tools is None else next_tools
     designs = np.concatenate([measured, own, points])
     night_rows = _promising(surrogate, designs, n_night)
-    stage = _stage(surrogate, designs, night_rows, rng)
+    stage = _stage(worlds, designs, night_rows, rng)
     first = np.arange(len(measured), len(measured) + len(own)) if len(own) else None
     best_n = _rehearse(stage, surrogate, len(measured), n_tools, n_ahead, rng, first, ())
     outlook = Outlook(
@@ -131,15 +134,16 @@ def _promising(surrogate: Surrogate, designs: np.ndarray, n: int) -> np.ndarray:
     return np.argsort(-surrogate.mean(designs, REAL), kind="stable")[:n]
 
 
-def _stage(surrogate: Surrogate, designs: np.ndarray, night_rows: np.ndarray, rng: np.random.Generator) -> _Stage:
-    p = surrogate.parameters
+def _stage(worlds: Worlds, designs: np.ndarray, night_rows: np.ndarray, rng: np.random.Generator) -> _Stage:
+    surrogate = worlds.surrogate
+    p, told = surrogate.parameters, worlds.at(designs)
     x = np.concatenate([designs, designs[night_rows]])
     s = np.repeat([REAL, SIM], [len(designs), len(night_rows)])
     explained = surrogate.whitened(x, s)
     mean, covariance = surrogate.mean(x, s), prior_covariance(p, x, s, x, s) - explained.T @ explained
-    covariance *= widening(surrogate) ** 2
     return _Stage(
-        worlds=mean[:, None] + draw_deviations(covariance, N_WORLDS, rng),
+        worlds=np.concatenate([told.real, told.sim[night_rows]]),
+        draws=mean[:, None] + draw_deviations(covariance, worlds.n, rng),
         mean=mean,
         covariance=covariance,
         noise_sd=np.where(s == REAL, p.noise_sd, p.nugget),
@@ -190,11 +194,10 @@ class _Learner:
         self._rows += rows
 
     def choose(self, first_free: int, n: int) -> list[int]:
-        """N designs: the best of other worlds, brought into line with what was told, and the best predicted."""
+        """N designs: the best of functions drawn, brought into line with what was told, and the best predicted."""
         stage = self._stage
-        others = self._rng.choice(stage.worlds.shape[1] - 1, n, replace=n >= stage.worlds.shape[1])
-        others += others >= self._world
-        draws = np.column_stack([stage.mean, stage.worlds[:, others]])
+        drawn = self._rng.choice(stage.draws.shape[1], n, replace=n > stage.draws.shape[1])
+        draws = np.column_stack([stage.mean, stage.draws[:, drawn]])
         if self._rows:
             rows = np.array(self._rows)
             noise = stage.noise_sd[rows, None] * self._rng.normal(size=(len(rows), draws.shape[1]))

@@ -26,7 +26,7 @@ from fast.models.scientist.surrogate.uncertainty import draw_parameters
 N_WORLDS = 128
 N_GROUPS, N_GROUPS_OF_MANY = 8, 2  # of worlds with parameters of their own; many data leave less open, and cost more
 _N_FREQUENCIES = 512  # of each process: correlations of the prior are right to 4 %
-_N_COMPARED = 64  # points at which the spread is compared with that of the posterior
+_N_COMPARED = 32  # points at which the spread is compared with that of the posterior
 _DEGREES = 5.0  # twice the smoothness of Matern-5/2: its spectral density is a t distribution of so many degrees
 _BLOCK = 4096  # points asked at once
 _WIDEST = 2.0  # a surrogate that is wrong by more is no base for advice; its health says so

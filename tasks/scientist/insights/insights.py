@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 
 from fast.models.blas import one_blas_thread
-from fast.models.design.reference import REFERENCES, make_reference
 from fast.models.design.space import DesignSpace
-from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
-from fast.models.records import Design, Record
+from fast.models.records import Record
 from fast.models.scientist.insights.cards import (
     BatchCost,
     Card,
@@ -34,11 +32,9 @@ from fast.models.scientist.insights.effects import (
     find_pairs,
 )
 from fast.models.scientist.insights.health import health_cards
-from fast.models.scientist.insights.simplest import Simpler, find_simpler
 from fast.models.scientist.insights.stopping import Outlook, look_ahead
 from fast.models.scientist.insights.worlds import Worlds
 from fast.models.scientist.objectives import KNOWN, MEAN_PEAK, OUTCOMES, Outcome
-from fast.models.scientist.propose import keep_allowed
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior, trust_simulations
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -48,6 +44,7 @@ from fast.tasks.campaign.state import CampaignState
 from fast.tasks.scientist.fit import in_units_of
 from fast.tasks.scientist.insights.facts import read_cost, read_facts
 from fast.tasks.scientist.observe import closed_batches, observe, observe_objects
+from fast.tasks.scientist.simpler import SimplerFinger, best_measured_point, find_simpler_fingers
 
 _N_PAIR_CARDS = 2
 _N_NIGHT = 100  # simulations of a night, where the schedule has none
@@ -67,13 +64,6 @@ class OutcomeEffects(Record):
     pairs: tuple[Pair, ...]
     disagreements: tuple[Disagreement, ...] = ()
     classes: tuple[ClassEffects, ...] = ()
-
-
-class SimplerFinger(Record):
-    """A simpler finger that is as good, as a design to print: parameters by name."""
-
-    finding: Simpler
-    design: Mapping[str, Any]
 
 
 class Insights(Record):
@@ -114,14 +104,16 @@ class _Gathering:
             waiting = Card(topic="effect", name="effects", sentence=_too_few(n_tools))
             return Insights(campaign_id=campaign_id, n_tools=n_tools, cards=(waiting, *health))
         outcomes, cards = [], []
+        worlds: dict[str, Worlds] = {}
         for name, surrogate in fits.items():
             if surrogate is not None and surrogate.data.n_real >= MIN_OBSERVATIONS:
-                found = self._explain(OUTCOMES[name], surrogate)
+                worlds[name] = Worlds.draw(self._trusted(surrogate), self._rng)
+                found = self._explain(OUTCOMES[name], surrogate, worlds[name])
                 outcomes.append(found)
                 cards += self._cards_of(found)
-        chosen = self._trusted(first)
-        outlook, cost = self._look_ahead(chosen), read_cost(self._campaign, self._state)
-        simpler = self._simplify(chosen)
+        of_first = worlds.get(MEAN_PEAK.name) or next(iter(worlds.values()))
+        outlook, cost = self._look_ahead(of_first), read_cost(self._campaign, self._state)
+        simpler = find_simpler_fingers(self._campaign, of_first.surrogate, self._rng)
         cards.append(stop_card(outlook, cost))
         cards += [card for card in (night_card(outlook),) if card is not None]
         cards += [simplest_card(one.finding) for one in simpler]
@@ -148,10 +140,10 @@ class _Gathering:
         """The surrogate that tools are chosen with."""
         return trust_simulations(surrogate) if surrogate.data.is_log else surrogate
 
-    def _explain(self, outcome: Outcome, surrogate: Surrogate) -> OutcomeEffects:
-        trusted = self._trusted(surrogate)
-        worlds, grid = Worlds.draw(trusted, self._rng), Grid.of(self._space, self._rng)
-        best = _best_point(trusted)
+    def _explain(self, outcome: Outcome, surrogate: Surrogate, worlds: Worlds) -> OutcomeEffects:
+        """worlds: of the surrogate that tools are chosen with; `surrogate` has the simulations in any case."""
+        trusted, grid = worlds.surrogate, Grid.of(self._space, self._rng)
+        best = best_measured_point(trusted)
         effects = find_effects(worlds, self._space, best, grid)
         is_enough = trusted.data.n_real >= LEAST_TOOLS
         with_both = worlds if trusted is surrogate else Worlds.draw(surrogate, self._rng)
@@ -190,16 +182,16 @@ class _Gathering:
         return [card.model_copy(update={"name": f"{card.name} of {found.outcome}",
                                         "sentence": f"{card.sentence} (Of {about}.)"}) for card in cards]  # fmt: skip
 
-    def _look_ahead(self, surrogate: Surrogate) -> Outlook:
+    def _look_ahead(self, worlds: Worlds) -> Outlook:
         schedule = self._campaign.config.schedule
         open_tools = [
             tool.design
             for tool in self._state.tools
             if tool.batch not in self._closed and self._state.confirmed.get(tool.tool_id) != "rejected"
         ]
-        n_night = schedule.simulations_per_batch or _N_NIGHT if surrogate.data.n_sim else 0
+        n_night = schedule.simulations_per_batch or _N_NIGHT if worlds.surrogate.data.n_sim else 0
         return look_ahead(
-            surrogate,
+            worlds,
             self._space,
             schedule.tools_per_batch,
             self._rng,
@@ -207,37 +199,6 @@ class _Gathering:
             next_tools=self._space.to_unit(open_tools) if open_tools else None,
             n_night=min(n_night, _N_NIGHT),
         )
-
-    def _simplify(self, surrogate: Surrogate) -> list[SimplerFinger]:
-        rules, constraint = self._campaign.config.proposal_rules, self._campaign.constraint
-        found = find_simpler(
-            surrogate,
-            self._space,
-            _best_point(surrogate),
-            self._rng,
-            default=_reference_of(self._space),
-            keep=lambda points: keep_allowed(points, rules, constraint, self._space),
-        )
-        designs = self._space.from_unit(np.array([one.point for one in found]).reshape(-1, self._space.n_dims))
-        return [
-            SimplerFinger(finding=one, design=design.model_dump()) for one, design in zip(found, designs, strict=True)
-        ]
-
-
-def _best_point(surrogate: Surrogate) -> np.ndarray:
-    """The measured finger with the largest predicted outcome, d."""
-    x = surrogate.data.x[surrogate.data.s == REAL]
-    return np.asarray(np.clip(x[np.argmax(surrogate.mean(x, REAL))], 0.0, 1.0))
-
-
-def _reference_of(space: DesignSpace) -> Design | None:
-    """The reference finger as one of the space's family, if it can draw it and the ranges hold it."""
-    try:
-        design = make_reference(next(iter(REFERENCES)), space.family)
-    except UsageError:
-        return None
-    point = space.to_unit([design])[0]
-    return design if ((point >= 0.0) & (point <= 1.0)).all() else None
 
 
 _ORDER = {"gap": 0, "effect": 2, "pair": 3, "stop": 1, "simplest": 4, "health": 5}

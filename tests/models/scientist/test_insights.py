@@ -183,6 +183,10 @@ def test_a_simulator_that_is_right_but_for_a_factor_disagrees_about_nothing(grid
     assert find_disagreements(told, find_effects(told, FIN_RAYS, np.full(9, 0.5), grid), grid) == []
 
 
+def told_by(surrogate: Surrogate, seed: int) -> Worlds:
+    return Worlds.draw(surrogate, np.random.default_rng(seed))
+
+
 def test_the_next_batch_is_worth_it_until_the_best_is_found() -> None:
     """Eight random tools leave much to be found; with the best corner measured nothing is left."""
     few = observed(8, seed=3)
@@ -193,7 +197,9 @@ def test_the_next_batch_is_worth_it_until_the_best_is_found() -> None:
     done = ObservationSet(
         np.concatenate([many.x, corner]), np.full(83, REAL), np.concatenate([many.y, force_n(corner)]), np.zeros(83)
     )
-    early, late = (look_ahead(fit_surrogate(data), FIN_RAYS, 10, np.random.default_rng(12)) for data in (few, done))
+    early, late = (
+        look_ahead(told_by(fit_surrogate(data), 11), FIN_RAYS, 10, np.random.default_rng(12)) for data in (few, done)
+    )
     assert early.chance > 0.3
     assert late.chance < 0.1
     assert (early.is_worth, late.is_worth, late.n_worth) == (True, False, 0)
@@ -204,13 +210,13 @@ def test_tools_that_are_proposed_are_the_next_batch(surrogate: Surrogate) -> Non
     worst = np.zeros((4, 9))
     worst[:, HEIGHT] = 1.0
     worst[:, 0] = np.linspace(0.1, 0.9, 4)
-    outlook = look_ahead(surrogate, FIN_RAYS, 4, np.random.default_rng(13), next_tools=worst, n_ahead=1)
+    outlook = look_ahead(told_by(surrogate, 14), FIN_RAYS, 4, np.random.default_rng(13), next_tools=worst, n_ahead=1)
     assert outlook.chance < 0.05
 
 
 def test_a_night_is_said_apart() -> None:
     both = fit_surrogate(observed(6, 20))
-    outlook = look_ahead(both, FIN_RAYS, 4, np.random.default_rng(15), n_night=60, n_ahead=1)
+    outlook = look_ahead(told_by(both, 16), FIN_RAYS, 4, np.random.default_rng(15), n_night=60, n_ahead=1)
     assert outlook.n_night == 60
     assert outlook.after_night is not None
     assert outlook.after_night.gain_n >= outlook.ahead[0].gain_n - 0.3

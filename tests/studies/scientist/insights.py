@@ -144,15 +144,16 @@ class _Asked:
         surrogate = fit_surrogate(data)
         if data.is_log:
             surrogate = trust_simulations(surrogate)
-        outlook = look_ahead(surrogate, FIN_RAYS, RunSchedule().tools_per_round, self._rng, n_ahead=1)
+        worlds = Worlds.draw(surrogate, self._rng)
+        outlook = look_ahead(worlds, FIN_RAYS, RunSchedule().tools_per_round, self._rng, n_ahead=1)
         if len(self.chances) == self._explained:
-            self._explain(surrogate)
+            self._explain(worlds)
         self.widened.append(widening(surrogate))
         self.chances.append(outlook.chance)
         self.gains_n.append(outlook.ahead[0].gain_n)
 
-    def _explain(self, surrogate: Surrogate) -> None:
-        worlds = Worlds.draw(surrogate, self._rng)
+    def _explain(self, worlds: Worlds) -> None:
+        surrogate = worlds.surrogate
         x = surrogate.data.x[surrogate.data.s == REAL]
         best, n = x[np.argmax(surrogate.mean(x, REAL))], len(x)
         grid = Grid.of(FIN_RAYS, self._rng)
@@ -284,7 +285,7 @@ def _all_cards(surrogate: Surrogate) -> None:
     effects = find_effects(worlds, FIN_RAYS, best, grid)
     find_pairs(worlds, effects, grid)
     find_disagreements(worlds, effects, grid)
-    look_ahead(surrogate, FIN_RAYS, 10, rng, n_night=100)
+    look_ahead(worlds, FIN_RAYS, 10, rng, n_night=100)
     find_simpler(surrogate, FIN_RAYS, best, rng, default=BEST_PUBLISHED)
 
 

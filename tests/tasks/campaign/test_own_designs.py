@@ -171,3 +171,33 @@ def test_a_campaign_without_a_file_prints_the_reference_finger_too(tmp_path: Pat
     campaign = begin(tmp_path, config=config)
     propose_initial(campaign)
     assert campaign.state().tools_of(1)[0].design == BEST_PUBLISHED
+
+
+def test_designs_and_simpler_fingers_may_be_asked_for_while_a_campaign_is_under_way(tmp_path: Path) -> None:
+    """A report names a simpler finger after the first batch, when the config has neither key."""
+    plain = CONFIG.replace('designs = "mine.csv"\n', "")
+    propose_initial(begin(tmp_path, config=plain))
+    begin(tmp_path, rows=LATER, config=CONFIG)
+    begin(tmp_path, config=plain.replace("[schedule]", '[schedule]\nsimpler = ["nearest"]'))
+    with pytest.raises(ConfigError, match="`mine.csv` has 1 designs for batch 1, which is proposed already with 0"):
+        begin(tmp_path, rows=PUBLISHED, config=CONFIG)
+
+
+def test_a_file_of_designs_that_are_printed_stays(tmp_path: Path) -> None:
+    propose_initial(begin(tmp_path))
+    with pytest.raises(ConfigError, match="names no file of designs, which has 0 designs for batch 1"):
+        begin(tmp_path, config=CONFIG.replace('designs = "mine.csv"\n', ""))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"simpler": ["less material"]}, "did you mean `least material`"),
+        ({"simpler": ["nearest", "nearest"]}, "a name stands twice"),
+        ({"simpler": ["nearest"], "tools_per_batch": 1}, "take 1 of the 1 tools"),
+        ({"simpler": ["nearest"], "alike": ["rib_count"]}, "leave one out"),
+    ],
+)
+def test_wrong_words_about_simpler_fingers_are_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Schedule.model_validate(changes)

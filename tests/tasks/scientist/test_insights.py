@@ -138,12 +138,12 @@ def said(campaign: Campaign, *chances: float) -> Campaign:
 @pytest.mark.parametrize(
     ("stop", "chances", "ends"),
     [
-        ("by itself", (0.02, 0.01), True),
-        ("by itself", (0.3, 0.02), False),
-        ("by itself", (0.02,), False),
-        ("by itself", (0.02, 0.3), False),
-        ("advice", (0.02, 0.01), False),
-        ("by itself", (0.05, 0.02), False),
+        ("by itself", (0.015, 0.01), True),
+        ("by itself", (0.3, 0.015), False),
+        ("by itself", (0.015,), False),
+        ("by itself", (0.015, 0.3), False),
+        ("advice", (0.015, 0.01), False),
+        ("by itself", (0.05, 0.015), False),
     ],
 )
 def test_a_campaign_ends_by_itself_after_two_batches_that_say_no(tmp_path: Path, stop, chances, ends) -> None:

@@ -24,6 +24,7 @@ from fast.tasks.scientist.fit import REFIT_LEAST, fit, fitted_before, surrogate_
 from fast.tasks.scientist.observe import closed_batches, observe, outcomes_of_tools
 from fast.tasks.scientist.propose import (
     HYPERVOLUME,
+    SIMPLER,
     pending_points,
     propose_guided,
     propose_initial,
@@ -278,3 +279,34 @@ def test_tools_of_a_batch_are_alike_where_the_schedule_wants_it(tmp_path, is_own
         assert values[3] == {(own.design.front_thickness_mm, own.design.rib_count)}
     widths = {tool.design.width_mm for tool in campaign.state().tools}
     assert len(widths) == 9
+
+
+def test_a_batch_prints_the_simpler_fingers_that_the_schedule_wants(tmp_path):
+    """Forces hang on the height alone, so that one rib is as good as any; each finger is printed once."""
+    schedule = {
+        "initial_tools": 30, "tools_per_batch": 3, "guided_batches": 2, "initial_simulations": 0,
+        "simulations_per_batch": 0, "simpler": ["fewest ribs", "least material"],
+    }  # fmt: skip
+    campaign = small_campaign(tmp_path, schedule=schedule, simulator={"simulate_tools": False})
+    propose_initial(campaign)
+    last = campaign.config.schedule.n_initial_batches
+    for batch in range(1, last + 2):
+        confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
+        for tool in campaign.state().tools_of(batch):
+            for object_id, repeat in campaign.config.objects.cells(0):
+                append_grasp(campaign, tool, object_id, repeat, 20.0 - 0.05 * (tool.design.height_mm - 80.0))
+        if batch >= last:
+            propose_guided(campaign, batch + 1)
+    rows = [row for row in campaign.lake.rows(ProposalRow, fidelity="real") if row["acquisition"] == SIMPLER]
+    rows.sort(key=lambda row: (row["batch"], row["slot"]))
+    assert [row["name"] for row in rows[:2]] == [f"fewest ribs B{last + 1:02d}", f"least material B{last + 1:02d}"]
+    assert [row["slot"] for row in rows[:2]] == [0, 1]
+    assert all(0.95 <= row["acquisition_value"] <= 1.0 and row["n_real"] >= 30 for row in rows)
+    tools = campaign.state().tools
+    fewest = next(tool.design for tool in tools if tool.design.design_id == rows[0]["design_id"])
+    assert fewest.rib_count <= 2
+    assert len(campaign.state().tools_of(last + 1)) == 3
+    points = to_unit([tool.design for tool in tools])
+    simpler = [k for k, tool in enumerate(tools) if tool.design.design_id in {row["design_id"] for row in rows[2:]}]
+    for k in simpler:
+        assert np.linalg.norm(np.delete(points, k, axis=0) - points[k], axis=1).min() >= 0.05

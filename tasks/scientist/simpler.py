@@ -1,0 +1,61 @@
+"""Simpler fingers that are as good as the best one of a campaign: for its cards, and as tools of a batch."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fast.models.design.reference import REFERENCES, make_reference
+from fast.models.design.space import DesignSpace
+from fast.models.errors import UsageError
+from fast.models.records import Design, Record
+from fast.models.scientist.insights.simplest import Simpler, find_simpler
+from fast.models.scientist.propose import MIN_DISTANCE, keep_allowed
+from fast.models.scientist.surrogate.observations import REAL
+from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.tasks.campaign.campaign import Campaign
+
+
+class SimplerFinger(Record):
+    """A simpler finger that is as good, as a design to print: parameters by name."""
+
+    finding: Simpler
+    design: Mapping[str, Any]
+
+
+def find_simpler_fingers(
+    campaign: Campaign, surrogate: Surrogate, rng: np.random.Generator, taken: np.ndarray | None = None
+) -> list[SimplerFinger]:
+    """One for each criterion by which there is one that may be printed.
+
+    taken: points (k x d, unit cube) that it must not be near, since they are printed already; none: it may be one of
+    them.
+    """
+    space, config = campaign.space, campaign.config
+
+    def keep(points: np.ndarray) -> np.ndarray:
+        allowed = keep_allowed(points, config.proposal_rules, campaign.constraint, space)
+        if taken is None or not len(taken) or not len(allowed):
+            return allowed
+        apart = np.linalg.norm(allowed[:, None] - taken[None], axis=2).min(axis=1)
+        return np.asarray(allowed[apart >= MIN_DISTANCE])
+
+    found = find_simpler(surrogate, space, best_measured_point(surrogate), rng, default=_reference_of(space), keep=keep)
+    designs = space.from_unit(np.array([one.point for one in found]).reshape(-1, space.n_dims))
+    return [SimplerFinger(finding=one, design=design.model_dump()) for one, design in zip(found, designs, strict=True)]
+
+
+def best_measured_point(surrogate: Surrogate) -> np.ndarray:
+    """The measured finger with the largest predicted outcome, d."""
+    x = surrogate.data.x[surrogate.data.s == REAL]
+    return np.asarray(np.clip(x[np.argmax(surrogate.mean(x, REAL))], 0.0, 1.0))
+
+
+def _reference_of(space: DesignSpace) -> Design | None:
+    """The reference finger as one of the space's family, if it can draw it and the ranges hold it."""
+    try:
+        design = make_reference(next(iter(REFERENCES)), space.family)
+    except UsageError:
+        return None
+    point = space.to_unit([design])[0]
+    return design if ((point >= 0.0) & (point <= 1.0)).all() else None

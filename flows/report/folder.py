@@ -10,6 +10,7 @@ import matplotlib.image
 import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from fast.flows.report.campaign.queries import Result
 from fast.flows.report.style import figure_style, save_svg
@@ -28,17 +29,28 @@ class Folder:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.written: list[str] = []
+        self._places: dict[str, list[Bbox]] = {}
         try:
             for name in ("figures", "data"):
                 (root / name).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"The report folder {root} cannot be written ({error}); give another one.") from error
 
-    def draw(self, name: str, figure: Figure, for_print: bool = False) -> str:
-        """Save a figure as SVG, and as PNG where it may be printed; returns its address in the page."""
+    def draw(self, name: str, figure: Figure, *, for_print: bool = False, kind: str | None = None) -> str:
+        """Save a figure as SVG, and as PNG where it may be printed; returns its address in the page.
+
+        Figures of one kind have the same size, axes and limits. The first is laid out, which is half of the work, and
+        the others have their axes where it has them.
+        """
+        if kind in self._places:
+            figure.set_layout_engine("none")
+            for axes, place in zip(figure.axes, self._places[kind], strict=True):
+                axes.set_position(place)
         if for_print:
             figure.savefig(self.root / "figures" / f"{name}.png", dpi=PRINT_DPI, metadata={"Software": "FAST"})
         save_svg(figure, self.root / "figures" / f"{name}.svg")
+        if kind is not None:
+            self._places.setdefault(kind, [axes.get_position() for axes in figure.axes])
         self.written.append(name)
         return f"figures/{name}.svg"
 

@@ -63,7 +63,7 @@ def render(
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.axis("off")
     axes.add_collection(
-        PolyCollection(list(corners[order]), facecolors=colours[order], linewidths=0, antialiased=False)
+        PolyCollection(corners[order], facecolors=colours[order], linewidths=0, antialiased=False)
     )
     left, bottom = (low + high - mm_per_px * size_px) / 2
     axes.set(xlim=(left, left + mm_per_px * size_px[0]), ylim=(bottom, bottom + mm_per_px * size_px[1]))

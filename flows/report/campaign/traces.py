@@ -91,7 +91,7 @@ def draw_panel(
     except UsageError as error:
         _LOG.info("object %d is drawn without its picture: %s", object_id, error)
         image = ""
-    drawn = folder.draw(f"{kind}/object_{object_id:02d}", figure)
+    drawn = folder.draw(f"{kind}/object_{object_id:02d}", figure, kind=kind)
     label = name or "object"
     return {"name": label, "object_id": object_id, "image": image, "drawn": drawn, "over": over}
 

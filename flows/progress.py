@@ -10,13 +10,17 @@ UNKNOWN = "time left not known yet"
 
 @dataclass(frozen=True)
 class Bar:
-    """How far work of one kind is; `left_s` None: not known. `note` follows the counts."""
+    """How far work of one kind is; `left_s` None: not known. `note` follows the counts.
+
+    uncounted: what comes in between and is not in the time left, since nobody knows how long it takes.
+    """
 
     label: str
     done: int
     total: int
     left_s: float | None
     note: str = ""
+    uncounted: str = ""
 
     @property
     def counts(self) -> str:
@@ -47,7 +51,7 @@ def format_report(what: str, bars: Sequence[Bar]) -> str:
     """`12:00:00  what  |  grasps 84/96, simulated 96/96  |  30 s left`."""
     counts = ", ".join(f"{bar.label} {bar.counts}" for bar in bars)
     parts = [what, counts] if what else [counts]
-    left = describe_time_left(*(bar.left_s for bar in bars))
+    left = leave_out(describe_time_left(*(bar.left_s for bar in bars)), next((b.uncounted for b in bars), ""))
     return f"{time.strftime('%H:%M:%S')}  {'  |  '.join([*parts, left])}"
 
 
@@ -89,6 +93,11 @@ def describe_time_left(*estimates_s: float | None) -> str:
     """Time until works that go on side by side have all ended; not known as long as that of one is not."""
     known = [each for each in estimates_s if each is not None]
     return f"{describe_duration(max(known))} left" if len(known) == len(estimates_s) else UNKNOWN
+
+
+def leave_out(left: str, uncounted: str) -> str:
+    """A time left in words, and what it does not count: `5 min left, without gap searches`."""
+    return f"{left}, without {uncounted}" if uncounted and left != UNKNOWN else left
 
 
 def describe_duration(seconds: float) -> str:

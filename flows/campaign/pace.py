@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.state import CampaignState
 from fast.tasks.scientist.observe import unfinished_tools
 
@@ -42,6 +43,12 @@ def count_left(campaign: Campaign, state: CampaignState) -> list[StageLeft]:
         n_each = campaign.config.objects.n_grasps_without(state.left_out.objects(schedule.batches_of(stage)[0]))
         left.append(StageLeft(n_tools * n_each, n_designs * n_objects, True))
     return left
+
+
+def name_uncounted(config: CampaignConfig) -> str:
+    """What a campaign does between two stages that no time left counts: it hangs on what was measured."""
+    parts = [("gap searches", config.gap.active), ("nights", config.night.active)]
+    return " and ".join(name for name, is_done in parts if is_done)
 
 
 def find_stage(campaign: Campaign, state: CampaignState) -> int:

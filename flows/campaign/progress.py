@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from fast.flows.campaign.pace import Pace, StageLeft, count_left
+from fast.flows.campaign.pace import Pace, StageLeft, count_left, name_uncounted
 from fast.flows.progress import Bar
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.simulator_versions import at_present
@@ -127,13 +127,13 @@ class CampaignProgress:
             self._next_look_s = time.monotonic() + (time.thread_time() - before_s) / MOST_CPU
         self.pace.see(self._left[0])
         left_s = self.pace.seconds_left(self._left, len(self._campaign.object_ids))
-        self._report(what, _bars(self._load, left_s))
+        self._report(what, _bars(self._load, left_s, name_uncounted(self._campaign.config)))
         self._next_line_s = time.monotonic() + self._interval_s
 
 
-def _bars(load: Workload, left_s: float | None) -> list[Bar]:
+def _bars(load: Workload, left_s: float | None, uncounted: str) -> list[Bar]:
     """Of bench and simulations, which end together; what people take to print is not in the time."""
     return [
-        Bar("grasps", load.grasps_done, load.grasps_total, left_s),
-        Bar("simulated", load.simulated_done, load.simulated_total, left_s),
+        Bar("grasps", load.grasps_done, load.grasps_total, left_s, uncounted=uncounted),
+        Bar("simulated", load.simulated_done, load.simulated_total, left_s, uncounted=uncounted),
     ]

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from fast.flows.cli.common import tell
-from fast.flows.progress import UNKNOWN, Bar, ProgressReporter, describe_duration
+from fast.flows.progress import UNKNOWN, Bar, ProgressReporter, describe_duration, leave_out
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -81,4 +81,4 @@ def describe_left(bar: Bar) -> str:
     """Its time left in words."""
     if bar.done >= bar.total:
         return "done"
-    return UNKNOWN if bar.left_s is None else f"{describe_duration(bar.left_s)} left"
+    return UNKNOWN if bar.left_s is None else leave_out(f"{describe_duration(bar.left_s)} left", bar.uncounted)

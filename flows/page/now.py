@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from fast.flows.campaign.forecast import Forecast, forecast
-from fast.flows.campaign.pace import LONGEST_GAP_S, PROPOSAL_S, StageLeft, count_left, find_stage
+from fast.flows.campaign.pace import LONGEST_GAP_S, PROPOSAL_S, StageLeft, count_left, find_stage, name_uncounted
 from fast.flows.campaign.progress import Workload, count_work
 from fast.flows.campaign.status import read_campaign
-from fast.flows.progress import describe_duration
+from fast.flows.progress import describe_duration, leave_out
 from fast.hardware.parts.layout import N_OBJECTS, N_SLOTS, BenchLayout
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimTraceRow, SimulationRow
@@ -165,7 +165,7 @@ class NowReader:
             is_complete=load.fraction >= 1.0,
             need=_say_need(seen, now),
             needs_now=seen.in_s == 0 and seen.batch is not None,
-            left=_say_left(left, s_per_grasp, s_per_simulation, len(campaign.object_ids)),
+            left=_say_left(campaign, left, s_per_grasp, s_per_simulation),
             s_per_grasp=s_per_grasp,
             ticks=_place_ticks(campaign, load),
             best=self._find_best(campaign, state),
@@ -342,7 +342,7 @@ def _say_need(seen: Forecast, now: datetime) -> str:
 
 
 def _say_left(
-    left: Sequence[StageLeft], s_per_grasp: float | None, s_per_simulation: float | None, n_objects: int
+    campaign: Campaign, left: Sequence[StageLeft], s_per_grasp: float | None, s_per_simulation: float | None
 ) -> str:
     """How long the rest of the schedule takes at the pace of the last grasps, prints left aside."""
     total_s = 0.0
@@ -351,9 +351,11 @@ def _say_left(
             if n and each_s is None:
                 return "how long is not known yet"
         bench_s = stage.grasps * (s_per_grasp or 0.0)
-        proposal_s = PROPOSAL_S / n_objects if stage.is_guided else 0.0
+        proposal_s = PROPOSAL_S / len(campaign.object_ids) if stage.is_guided else 0.0
         total_s += max(bench_s, stage.simulated * ((s_per_simulation or 0.0) + proposal_s))
-    return f"{describe_duration(total_s)} of work left" if total_s else "all is done"
+    if not total_s:
+        return "all is done"
+    return leave_out(f"{describe_duration(total_s)} of work left", name_uncounted(campaign.config))
 
 
 def _say_misses(findings: Findings) -> str:

@@ -8,6 +8,7 @@ drawn larger and averaged down instead.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -62,9 +63,8 @@ def render(
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.axis("off")
-    axes.add_collection(
-        PolyCollection(corners[order], facecolors=colours[order], linewidths=0, antialiased=False)
-    )
+    quads: Any = corners[order]  # an array is a third faster than a list, which the stubs want
+    axes.add_collection(PolyCollection(quads, facecolors=colours[order], linewidths=0, antialiased=False))
     left, bottom = (low + high - mm_per_px * size_px) / 2
     axes.set(xlim=(left, left + mm_per_px * size_px[0]), ylim=(bottom, bottom + mm_per_px * size_px[1]))
     canvas.draw()

@@ -26,7 +26,12 @@ def lines():
 
 @pytest.fixture
 def reporter(lines):
-    return CampaignProgress(SimpleNamespace(object_ids=(0, 1)), ProgressReporter(lines.append, lines.append).report)
+    return CampaignProgress(campaign_with(), ProgressReporter(lines.append, lines.append).report)
+
+
+def campaign_with(gap=False, night=False) -> SimpleNamespace:
+    config = SimpleNamespace(gap=SimpleNamespace(active=gap), night=SimpleNamespace(active=night))
+    return SimpleNamespace(object_ids=(0, 1), config=config)
 
 
 def test_share_of_work_done():
@@ -79,3 +84,20 @@ def test_a_break_is_no_part_of_the_pace_of_the_grasps(monkeypatch, clock, lines,
         reporter.grasp("a grasp")
     said = [line.rpartition("  |  ")[2] for line in lines]
     assert said == [UNKNOWN, "2 min left", "2 min left", "2 min left", "80 s left"]
+
+
+@pytest.mark.parametrize(
+    ("gap", "night", "words"),
+    [(True, False, ", without gap searches"), (True, True, ", without gap searches and nights"), (False, False, "")],
+)
+def test_what_nobody_can_time_is_no_part_of_the_time_left_and_is_said(monkeypatch, clock, lines, gap, night, words):
+    grasps = [0]
+    monkeypatch.setattr(progress, "count_work", lambda campaign, state: Workload(grasps[0], 20, 4, 4))
+    monkeypatch.setattr(progress, "count_left", lambda campaign, state: [StageLeft(20 - grasps[0], 0, is_guided=False)])
+    reporter = CampaignProgress(campaign_with(gap, night), ProgressReporter(lines.append, lines.append).report)
+    for _ in range(10):
+        grasps[0] += 1
+        clock.s += 30.0
+        reporter.grasp("a grasp")
+    assert lines[0].endswith(UNKNOWN)
+    assert lines[-1].endswith(f"5 min left{words}")

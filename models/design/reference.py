@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pydantic.fields import FieldInfo
 
 from fast.models.design.fin_ray import FinRay
-from fast.models.design.space import BEST_PUBLISHED
+from fast.models.design.space import BEST_PUBLISHED, DesignSpace
 from fast.models.errors import UsageError
 from fast.models.records import Design
 from fast.models.validation import closest
@@ -35,6 +35,16 @@ def make_reference(name: str, family: type[Design]) -> Design:
             "schedule.reference, and print it in a campaign of fin rays."
         )
     return finger if family is FinRay else family(**finger.model_dump())
+
+
+def reference_within(space: DesignSpace) -> Design | None:
+    """The first reference finger as one of the space's family; None where that cannot draw it or the ranges lack it."""
+    try:
+        design = make_reference(next(iter(REFERENCES)), space.family)
+    except UsageError:
+        return None
+    point = space.to_unit([design])[0]
+    return design if ((point >= 0.0) & (point <= 1.0)).all() else None
 
 
 def find_reference(design: Design) -> str | None:

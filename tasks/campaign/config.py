@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from fast.models.design.printability import PrintingRules
 from fast.models.design.recipe import Recipe
-from fast.models.design.reference import make_reference
+from fast.models.design.reference import make_reference, reference_within
 from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.material import TABLE_3, MaterialLot
@@ -341,6 +341,7 @@ def _check_science(config: CampaignConfig, source: str) -> None:
     try:
         _check_design(config)
         _check_recipe(config)
+        _check_simpler(config)
         _check_objectives(config)
         build_effects(config.simulator.effects)
         for name in config.scientist.own_functions:
@@ -372,6 +373,25 @@ def _check_recipe(config: CampaignConfig) -> None:
                 f"the recipe {recipe.name} prints walls from {recipe.wall_mm:g} mm ({recipe.wall_rule}), `{name}` may "
                 f"be {lowest:g} mm; set design.ranges.{name} = [{recipe.wall_mm:g}, "
                 f"{largest[name]:g}] or change the recipe."
+            )
+
+
+def _check_simpler(config: CampaignConfig) -> None:
+    """Refuse simpler fingers that the design cannot have.
+
+    Raises:
+        UsageError: with those that it can.
+    """
+    if not config.schedule.simpler:
+        return
+    from fast.models.scientist.insights.simplest import name_criteria  # half a second of imports
+
+    known = name_criteria(config.design.space, reference_within(config.design.space))
+    for name in config.schedule.simpler:
+        if name not in known:
+            raise UsageError(
+                f"no finger of `{config.design.family}` within the ranges of [design] is simpler by `{name}`; "
+                f"schedule.simpler may name {' or '.join(f'`{one}`' for one in known)}."
             )
 
 

@@ -5,10 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fast.models.design.reference import REFERENCES, make_reference
-from fast.models.design.space import DesignSpace
-from fast.models.errors import UsageError
-from fast.models.records import Design, Record
+from fast.models.design.reference import reference_within
+from fast.models.records import Record
 from fast.models.scientist.insights.simplest import Simpler, find_simpler
 from fast.models.scientist.propose import MIN_DISTANCE, keep_allowed
 from fast.models.scientist.surrogate.observations import REAL
@@ -40,7 +38,9 @@ def find_simpler_fingers(
         apart = np.linalg.norm(allowed[:, None] - taken[None], axis=2).min(axis=1)
         return np.asarray(allowed[apart >= MIN_DISTANCE])
 
-    found = find_simpler(surrogate, space, best_measured_point(surrogate), rng, default=_reference_of(space), keep=keep)
+    found = find_simpler(
+        surrogate, space, best_measured_point(surrogate), rng, default=reference_within(space), keep=keep
+    )
     designs = space.from_unit(np.array([one.point for one in found]).reshape(-1, space.n_dims))
     return [SimplerFinger(finding=one, design=design.model_dump()) for one, design in zip(found, designs, strict=True)]
 
@@ -49,13 +49,3 @@ def best_measured_point(surrogate: Surrogate) -> np.ndarray:
     """The measured finger with the largest predicted outcome, d."""
     x = surrogate.data.x[surrogate.data.s == REAL]
     return np.asarray(np.clip(x[np.argmax(surrogate.mean(x, REAL))], 0.0, 1.0))
-
-
-def _reference_of(space: DesignSpace) -> Design | None:
-    """The reference finger as one of the space's family, if it can draw it and the ranges hold it."""
-    try:
-        design = make_reference(next(iter(REFERENCES)), space.family)
-    except UsageError:
-        return None
-    point = space.to_unit([design])[0]
-    return design if ((point >= 0.0) & (point <= 1.0)).all() else None

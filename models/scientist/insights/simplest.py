@@ -15,7 +15,7 @@ from fast.models.design.space import DesignSpace
 from fast.models.records import Design, Record
 from fast.models.scientist.acquisition.candidates import CandidateSettings, candidate_points, mutate
 from fast.models.scientist.insights.effects import Interval
-from fast.models.scientist.insights.rules import FEWEST_RIBS, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST
+from fast.models.scientist.insights.rules import FEWEST_RIBS, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST, SIMPLER
 from fast.models.scientist.insights.worlds import widening
 from fast.models.scientist.surrogate.health import Z_90
 from fast.models.scientist.surrogate.observations import REAL
@@ -24,6 +24,7 @@ from fast.models.scientist.surrogate.posterior import Surrogate, prior_covarianc
 LOSS = 0.02  # of the best finger's force that simplicity may cost
 SURE = 0.95  # how probable it must be that it costs no more
 PRINT_ERROR_MM = 0.1  # by which walls and ribs come out thicker or thinner
+_WALL = "_thickness_mm"  # how the names of walls and ribs end
 _LEAST_GAIN = 0.02  # of a criterion's value: a finger that is simpler by less is the same finger
 _N_NEAR = 1500  # designs around the best finger
 _N_LINE, _N_LOWEST = 60, 60  # designs that a criterion is guessed from, and those that it is asked of
@@ -98,18 +99,29 @@ def find_simpler(
     return found
 
 
+def name_criteria(space: DesignSpace, default: Design | None) -> tuple[str, ...]:
+    """Names of what fingers of a space can be simpler by: none has fewest ribs without ribs, or is nearest to None."""
+    has = {
+        FEWEST_RIBS: "rib_count" in space.names,
+        MOST_TOLERANCE: any(name.endswith(_WALL) for name in space.names),
+        NEAREST: default is not None and type(default) is space.family,
+    }
+    return tuple(name for name in SIMPLER if has.get(name, True))
+
+
 def criteria_of(surrogate: Surrogate, space: DesignSpace, default: Design | None) -> Mapping[str, Criterion]:
-    """Criteria by name; a family without ribs has none of them, and nothing is nearest without a known finger."""
+    """Criteria by name, those of `name_criteria`."""
+    names = name_criteria(space, default)
     found: dict[str, Criterion] = {}
-    if "rib_count" in space.names:
+    if FEWEST_RIBS in names:
         column = space.names.index("rib_count")
         low, high = space.lower[column], space.upper[column]
         found[FEWEST_RIBS] = lambda x: np.round(low + x[:, column] * (high - low))
     found[LEAST_MATERIAL] = lambda x: np.array([estimate_mass_g(design) for design in space.from_unit(x)])
-    thick = [column for column, name in enumerate(space.names) if name.endswith("_thickness_mm")]
-    if thick:
+    if MOST_TOLERANCE in names:
+        thick = [column for column, name in enumerate(space.names) if name.endswith(_WALL)]
         found[MOST_TOLERANCE] = lambda x: _lost_to_print(surrogate, space, thick, x)
-    if default is not None and type(default) is space.family:
+    if default is not None and NEAREST in names:
         at = space.to_unit([default])[0]
         found[NEAREST] = lambda x: np.linalg.norm(x - at, axis=1)
     return found

@@ -201,3 +201,10 @@ def test_a_file_of_designs_that_are_printed_stays(tmp_path: Path) -> None:
 def test_wrong_words_about_simpler_fingers_are_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Schedule.model_validate(changes)
+
+
+def test_a_family_without_ribs_has_none_with_fewest(tmp_path: Path) -> None:
+    config = CONFIG.replace('designs = "mine.csv"\n', "").replace("[schedule]", '[schedule]\nsimpler = ["fewest ribs"]')
+    begin(tmp_path, config=config)
+    with pytest.raises(ConfigError, match="simpler by `fewest ribs`; schedule.simpler may name `least material` or"):
+        begin(tmp_path, config=config + '[design]\nfamily = "free-form"\n')

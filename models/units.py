@@ -46,6 +46,12 @@ def spell_share(share: float, digits: int = 0) -> str:
     return f"{100.0 * share:.{digits}f} %"
 
 
+def spell_number(value: float, digits: int = 2) -> str:
+    """A number of so many digits, large ones without an exponent (127.4 -> `130`, 0.0312 -> `0.031`)."""
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:.0f}" if abs(rounded) >= 10.0**digits else f"{rounded:.{digits}g}"
+
+
 def force_n_from_kg(mass_kg: float) -> float:
     """Force of a mass under standard gravity: load cells are read in kg."""
     return mass_kg * STANDARD_GRAVITY_M_PER_S2

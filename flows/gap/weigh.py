@@ -24,7 +24,7 @@ from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.simulated import Beside, stand_beside
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
-from fast.models.units import spell_name, unit_of
+from fast.models.units import spell_name, spell_number, unit_of
 from fast.tasks.calibration.mean_data import TooLittleDataError, find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.gap.ask import ask
@@ -92,9 +92,9 @@ class Weighed:
         """How far the other simulator is from this one, and where its constants would go."""
         modulus, friction, ratio = self.naming.trials.fit.theta - beside.theta
         return (
-            f"Your simulator is {100.0 * beside.apart:.2g} % of the force from ours at its likeliest constants; the "
-            f"measured grasps move it by {modulus:+.2g} MPa, {friction:+.2g} of friction and {ratio:+.2g} of Poisson's "
-            "ratio."
+            f"Your simulator is {spell_number(100.0 * beside.apart)} % of the force from ours at its likeliest "
+            f"constants; the measured grasps move it by {modulus:+.2g} MPa, {friction:+.2g} of friction and {ratio:+.2g} "
+            "of Poisson's ratio."
         )
 
 

@@ -11,7 +11,7 @@ from fast.lake.handoff.cells import MOST_FORCE_N, number_or_nan
 from fast.lake.handoff.format import CHANNELS, TRACE_COLUMNS
 from fast.lake.handoff.tables import Reader, Table, has_columns, read_csv
 from fast.models.records import Trace
-from fast.models.units import unit_of
+from fast.models.units import spell_number, unit_of
 
 MOST_LIFT_MM = 1000.0
 LIFT_BACK_MM = 2.0  # more is no noise of an encoder
@@ -102,7 +102,7 @@ def _find_implausible(trace: Trace) -> tuple[str, int, str] | None:
     top = int(trace.lift_mm.argmax())
     back_mm = (np.maximum.accumulate(trace.lift_mm) - trace.lift_mm)[: top + 1]
     if back_mm.max() > LIFT_BACK_MM:
-        fall = f"it falls by {back_mm.max():.3g} mm"
+        fall = f"it falls by {spell_number(back_mm.max(), 3)} mm"
         limit = f"must not fall by more than {LIFT_BACK_MM:g} mm before the top of the lift, {fall}"
         return "lift_mm", int(back_mm.argmax()), limit
     start, end = (int(np.argmax(trace.lift_mm >= share * trace.lift_mm[top])) for share in _LIFT_SHARES)

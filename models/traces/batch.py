@@ -9,6 +9,7 @@ from fast.models.errors import UsageError
 from fast.models.records import Trace
 from fast.models.traces.kernel import features_of_flat
 from fast.models.traces.names import FEATURES, MIN_LIFT_MM
+from fast.models.units import spell_number
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ def features_of(traces: Sequence[Trace]) -> TraceFeatures:
     if without.size:
         lifted_mm = max(float(lifts[without[0]].max(initial=0.0)), 0.0)
         raise UsageError(
-            f"trace {without[0]} of {len(traces)} lifts by {lifted_mm:.3g} mm, a pull-off needs {MIN_LIFT_MM:g} mm; "
-            "leave that grasp out."
+            f"trace {without[0]} of {len(traces)} lifts by {spell_number(lifted_mm, 3)} mm, a pull-off needs "
+            f"{MIN_LIFT_MM:g} mm; leave that grasp out."
         )
     return found

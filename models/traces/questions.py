@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fast.models.question import Question
+from fast.models.units import spell_number
 
 UNITS_N = {"kgf": 9.80665, "lbf": 4.4482216152605, "gf": 9.80665e-3, "kN": 1000.0, "mN": 1e-3}
 _LEAST_REPEAT_SD = 0.03  # of ln force: no gauge and no hand repeats a pull-off better than 3 %
@@ -86,7 +87,7 @@ def _name_slip(told: Sequence[Told], cell: Sequence[int], number: int, middle: f
     if shift and abs(departure - shift * _TENFOLD) < max(6 * sd, 0.25):
         right_n = one.force_n / 10.0**shift
         return Question("decimal point", f"{where}, a decimal point? It would be {right_n:g} N", (number,))
-    return Question("outlier", f"{where}; its repeats say about {usual_n:.3g} N", (number,))
+    return Question("outlier", f"{where}; its repeats say about {spell_number(usual_n, 3)} N", (number,))
 
 
 def _find_slip_of_two(
@@ -120,7 +121,9 @@ def _find_slip_of_one(told: Sequence[Told], number: int, log_n: float, level: fl
     rest = departure - shift * _TENFOLD
     if shift and abs(rest) < min(max(2 * sd, 0.25), _MOST_REST) and departure**2 - rest**2 > 2 * sd**2 * _LIMIT_NATS:
         one = told[number]
-        sentence = f"{one.place}: {one.force_n:g} N where about {np.exp(level):.2g} N are expected, a decimal point?"
+        sentence = (
+            f"{one.place}: {one.force_n:g} N where about {spell_number(np.exp(level))} N are expected, a decimal point?"
+        )
         yield Question("decimal point", f"{sentence} It would be {one.force_n / 10.0**shift:g} N", (number,))
 
 
@@ -222,7 +225,8 @@ def _find_unit(told: Sequence[Told], log_n: np.ndarray, odd: set[int]) -> Iterat
     if gain > _UNIT_NATS:
         factor = float(np.exp(abs(middle)))
         how = "smaller" if middle < 0 else "larger"
-        sentence = f"all forces are {factor:.3g} times {how} than expected, {best}? 1 {best} is {UNITS_N[best]:.4g} N"
+        sentence = f"all forces are {spell_number(factor, 3)} times {how} than expected, {best}? "
+        sentence += f"1 {best} is {UNITS_N[best]:.4g} N"
         yield Question("unit", sentence, tuple(range(len(told))))
 
 

@@ -16,6 +16,7 @@ from fast.models.traces import flags
 from fast.models.traces.anomalies import STILL_HELD_N, Labels, find_anomalies
 from fast.models.traces.batch import TraceFeatures, features_of_samples
 from fast.models.traces.names import NOISE_N
+from fast.models.units import spell_number
 
 LIMIT_P = 1e-4  # of one trace; a question needs more than half of a cell's repeats
 FEWEST_CELLS = 8
@@ -76,7 +77,8 @@ def _ask_of_file(told: Sequence[ToldTrace], measured: TraceFeatures, expected: T
     ends_n = np.array([_end_n(one.trace) for one in told])
     if is_seen.sum() >= 3:
         if (peak_n[is_seen] < np.maximum(_NO_FORCE * wanted_n[is_seen], NOISE_N)).mean() > _NO_GRIP:
-            text = f"{is_seen.sum()} traces hold no force where {np.median(wanted_n[is_seen]):.3g} N are expected"
+            usual_n = spell_number(float(np.median(wanted_n[is_seen])), 3)
+            text = f"{is_seen.sum()} traces hold no force where {usual_n} N are expected"
             return Question("no grip", f"{text}, a valve that stuck, or another channel?", every)
     if (question := _ask_of_axes(told, is_seen)) is not None:
         return question
@@ -86,16 +88,16 @@ def _ask_of_file(told: Sequence[ToldTrace], measured: TraceFeatures, expected: T
     )  # a held object shows at the end alone
     spread_n = 1.4826 * float(np.median(np.abs(np.concatenate([starts_n, ends_n]) - zero_n)))
     if len(told) >= 3 and abs(zero_n) > max(_ZERO_N, spread_n / _ZERO_SPREAD):
-        text = f"forces end at {zero_n:.2g} N with the object free, a zero that was not taken?"
-        return Question("zero", f"{text} Take {zero_n:.2g} N off all of them", every)
+        text = f"forces end at {spell_number(zero_n)} N with the object free, a zero that was not taken?"
+        return Question("zero", f"{text} Take {spell_number(zero_n)} N off all of them", every)
     is_cut = np.array([_is_cut(one.trace, end_n) for one, end_n in zip(told, ends_n, strict=True)])
     if len(told) >= 3 and is_cut.mean() > _MOST:
         return Question("cut off", f"{is_cut.sum()} of {len(told)} traces {_say_cut(told, is_cut, ends_n)}", every)
     free_mm, wanted_mm = measured.column("separation_lift_mm"), expected.column("separation_lift_mm")
     is_freed = is_seen & np.isfinite(free_mm) & np.isfinite(wanted_mm)
     if is_freed.sum() >= 3 and np.median(free_mm[is_freed] / wanted_mm[is_freed]) < _EARLY:
-        text = f"objects are free at {np.median(free_mm[is_freed]):.3g} mm of lift"
-        text += f", {np.median(wanted_mm[is_freed]):.3g} mm are expected"
+        text = f"objects are free at {spell_number(np.median(free_mm[is_freed]), 3)} mm of lift"
+        text += f", {spell_number(np.median(wanted_mm[is_freed]), 3)} mm are expected"
         return Question("lost early", f"{text}: lost early, a lift in another unit, or a start that was cut?", every)
     return None
 
@@ -119,7 +121,8 @@ def _ask_of_axes(told: Sequence[ToldTrace], is_seen: np.ndarray) -> Question | N
         return None
     force, lift = np.exp(np.median(told_at[part], axis=0))
     wanted_n, wanted_mm = np.exp(np.median(wanted[part], axis=0))
-    text = f"peaks are {force:.3g} N at {lift:.3g} mm, expected are {wanted_n:.3g} N at {wanted_mm:.3g} mm"
+    text = f"peaks are {spell_number(force, 3)} N at {spell_number(lift, 3)} mm, expected are "
+    text += f"{spell_number(wanted_n, 3)} N at {spell_number(wanted_mm, 3)} mm"
     return Question("exchanged axes", f"{text}: force and lift exchanged?", every)
 
 
@@ -153,7 +156,9 @@ def _is_cut(trace: Trace, end_n: float) -> bool:
 
 def _say_cut(told: Sequence[ToldTrace], is_cut: np.ndarray, ends_n: np.ndarray) -> str:
     lift_mm = np.median([one.trace.lift_mm.max() for one, cut in zip(told, is_cut, strict=True) if cut])
-    return f"end at {lift_mm:.3g} mm with {np.median(ends_n[is_cut]):.3g} N still held, cut off?"
+    return (
+        f"end at {spell_number(lift_mm, 3)} mm with {spell_number(np.median(ends_n[is_cut]), 3)} N still held, cut off?"
+    )
 
 
 def _find_cut(told: Sequence[ToldTrace]) -> list[Question]:

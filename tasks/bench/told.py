@@ -20,6 +20,7 @@ from fast.models.ids import canonical_json
 from fast.models.question import Question, settle
 from fast.models.records import BENCH_FAULT, GraspRequest, Trace, find_setup_id
 from fast.models.traces import initial_force_n, peak_force_n, work_j
+from fast.models.units import spell_number
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.measure import find_first_order
 from fast.tasks.bench.plan import order_cells
@@ -299,8 +300,8 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
     speed, wanted = float(np.ptp(lift_mm[lifted])) / max(took_s, 1e-9), request.setup.lift_speed_mm_per_s
     if not wanted / _SPEED_FACTOR <= speed <= wanted * _SPEED_FACTOR:
         return (
-            f"{one.place}: the lift has {speed:.3g} mm/s, {wanted:g} mm/s were asked for; look at the units of time "
-            "and lift, or set grasp.lift_speed_mm_per_s"
+            f"{one.place}: the lift has {spell_number(speed, 3)} mm/s, {wanted:g} mm/s were asked for; look at the "
+            "units of time and lift, or set grasp.lift_speed_mm_per_s"
         )
     return _find_force_fault(campaign, one, peak_force_n(trace)) or _find_force_fault(
         campaign, one, float(np.abs(trace.force_n).max())

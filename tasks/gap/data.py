@@ -23,6 +23,7 @@ from fast.models.ids import content_id
 from fast.models.records import Design, GraspContext, GraspSetup, Placement, Trace
 from fast.models.traces.step_features import N_STEPS, STEP_MM, is_usable, step_means
 from fast.models.traces.step_noise import QUIET_S, SensorNoise, noise_of_readings, noise_of_repeats
+from fast.models.units import spell_number
 from fast.tasks.campaign.state import THICKNESSES
 from fast.tasks.gap.panel import WHOLE, PanelSize, select_panel
 from fast.tasks.gap.readings import read_readings
@@ -328,7 +329,7 @@ def _noise(
         noise = noise_of_repeats(steps_n, cell, setup.lift_speed_mm_per_s)
         return noise, [
             "traces have too few readings before the fingers touch: the noise of the load cell, "
-            f"{noise.sd_n:.2g} N, is taken from repeats."
+            f"{spell_number(noise.sd_n)} N, is taken from repeats."
         ]
 
 

@@ -10,7 +10,7 @@ from fast.models.gap.where.cells import UnsureCell
 from fast.models.gap.where.locate import Where
 from fast.models.gap.where.residuals import Residuals
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.units import spell_share
+from fast.models.units import spell_number, spell_share
 
 # Tensile bars of the paper (Methods); friction and Poisson ratio were not measured on their own.
 INDEPENDENT = {"young_modulus_mpa": (11.5, 1.75)}
@@ -184,8 +184,8 @@ def describe_notes(found: RoundFindings, is_leftover: bool) -> list[str]:
         )
     elif found.patternless_n is not None and named.kind != "unknown":
         notes.append(
-            f"Differences of {found.patternless_n:.2g} N are left in which designs, objects and repeats show no "
-            "pattern. Honest solvers differ by as much: they are not counted as a gap."
+            f"Differences of {spell_number(found.patternless_n)} N are left in which designs, objects and repeats show "
+            "no pattern. Honest solvers differ by as much: they are not counted as a gap."
         )
     return notes
 

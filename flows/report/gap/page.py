@@ -45,7 +45,7 @@ from fast.models.gap.where.locate import describe_silence
 from fast.models.gap.where.permutation_tests import Q
 from fast.models.gap.where.residuals import PHASES
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.units import spell_name, spell_share
+from fast.models.units import spell_name, spell_number, spell_share
 from fast.tasks.templates import number
 
 PAGE, FINDINGS = "report.html", "findings.json"
@@ -118,8 +118,8 @@ def _prepare_round(findings: Findings, place: int, folder: Folder) -> dict[str, 
         # The sentence of an answer is its titles and parameters again; formulas and the table show them better.
         "known": [CATALOGUE[effect] for effect in named.effects if effect in CATALOGUE and named.parameters],
         "parameters": [
-            {"name": spell_name(name, with_unit=True), "median": f"{p.median:.3g}",
-             "interval": f"{p.ci90[0]:.3g} to {p.ci90[1]:.3g}"}
+            {"name": spell_name(name, with_unit=True), "median": spell_number(p.median, 3),
+             "interval": f"{spell_number(p.ci90[0], 3)} to {spell_number(p.ci90[1], 3)}"}
             for name, p in named.parameters.items()
         ],
         "notes": describe_notes(found, findings.is_leftover(place)),
@@ -216,14 +216,15 @@ def _tell_constant(row: ThetaRow) -> dict[str, Any]:
         "before": _median(row.before),
         "after": _median(row.after),
         "independent": known,
-        "bars": None if known is None else f"{known[0]:.3g} \u00b1 {known[1]:.2g}",
+        "bars": None if known is None else f"{spell_number(known[0], 3)} \u00b1 {spell_number(known[1])}",
         "moved": _moved(row.before[0], row.after[0], known),
     }
 
 
 def _median(of: tuple[float, float, float]) -> str:
     median, low, high = of
-    return f"{median:.3g} [{low:.3g}, {high:.3g}]" if high > low else f"{median:.3g}"
+    told = spell_number(median, 3)
+    return f"{told} [{spell_number(low, 3)}, {spell_number(high, 3)}]" if high > low else told
 
 
 def _moved(before: float, after: float, independent: tuple[float, float] | None) -> str:

@@ -10,6 +10,7 @@ from fast.models.gap.ask.hypotheses import Hypothesis
 from fast.models.gap.bank.surrogate import FEATURES
 from fast.models.gap.findings import UNKNOWN, Outcome
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import spell_number
 
 MEANS = "What it would mean: "  # stands in a question before its outcomes
 _CLEAR_SD = 3.0
@@ -39,7 +40,9 @@ def describe_reading(
 ) -> tuple[Outcome, ...]:
     """What a person would read if each hypothesis is true; of *unknown* nobody can say it."""
     return tuple(
-        Outcome(effect=one.name, sentence=f"the reading ({label}) is about {forecast.means[number, place, 0]:.2g}")
+        Outcome(
+            effect=one.name, sentence=f"the reading ({label}) is about {spell_number(forecast.means[number, place, 0])}"
+        )
         for number, one in enumerate(hypotheses)
         if forecast.is_sharp[number] and one.name != UNKNOWN
     )
@@ -49,7 +52,7 @@ def _say_change(feature: str, change: float, *, is_seen: bool) -> str:
     what, unit, more, less = _name_feature(feature)
     if not is_seen:
         return f"{what} stays"
-    return f"{what} {more if change > 0 else less} {abs(change):.2g} {unit}"
+    return f"{what} {more if change > 0 else less} {spell_number(abs(change))} {unit}"
 
 
 def _name_feature(feature: str) -> tuple[str, str, str, str]:

@@ -12,6 +12,7 @@ from fast.models.gap.findings import Rest
 from fast.models.gap.where.jackknife import jackknife
 from fast.models.gap.where.residuals import AT, PHASES, Residuals, smooth
 from fast.models.traces.step_features import N_STEPS, STEP_MM
+from fast.models.units import spell_number
 
 LEAST_N = 0.05  # less is not told
 _EMPTY = 0.02  # of the simulated peak: less is no grip any more
@@ -77,7 +78,7 @@ class _Size:
     def words(self) -> str:
         """The size and its interval, without sign."""
         low, high = sorted((abs(self.low), abs(self.high)))
-        return f"{abs(self.value):.2g} N [{low:.2g}, {high:.2g}]"
+        return f"{spell_number(abs(self.value))} N [{spell_number(low)}, {spell_number(high)}]"
 
 
 def _mean(rows: np.ndarray) -> np.ndarray:
@@ -126,12 +127,12 @@ def _describe_tail(residuals: Residuals, gap_n: np.ndarray, is_free: np.ndarray,
     own_mm = weights @ _LIFT_MM / weights.sum(axis=1)
     at_middle_n = size.value + value * (middle_mm - float(own_mm.mean()))
     noun = "pull" if at_middle_n > 0 else "push"
-    head = f"A {noun} stays after the object has gone: {abs(at_middle_n):.2g} N at {middle_mm:.0f} mm of lift"
+    head = f"A {noun} stays after the object has gone: {spell_number(abs(at_middle_n))} N at {middle_mm:.0f} mm of lift"
     span_mm = float(np.ptp(_LIFT_MM[is_free.any(axis=0)]))
     if low * high <= 0 or abs(value) * span_mm < max(_LEAST_SLOPE * abs(at_middle_n), LEAST_N):
         return f"{head}, about the same at all lifts."
     verb = "grows" if value * at_middle_n > 0 else "falls"
-    return f"{head}, and {verb} by {abs(value):.2g} N per mm."
+    return f"{head}, and {verb} by {spell_number(abs(value))} N per mm."
 
 
 def _find_largest_phase(residuals: Residuals) -> str | None:
@@ -146,7 +147,7 @@ def _find_largest_phase(residuals: Residuals) -> str | None:
         return None
     size, phase = max(told, key=lambda pair: abs(pair[0].value))
     words = "more" if size.value > 0 else "less"
-    others = [f"{AT[other]} {_sign(of.value)}{abs(of.value):.2g} N" for of, other in told if other != phase]
+    others = [f"{AT[other]} {_sign(of.value)}{spell_number(abs(of.value))} N" for of, other in told if other != phase]
     also = f" ({'; '.join(others)})" if others else ""
     return f"The difference is largest {AT[phase]}: {size.words} {words} than simulated{also}."
 
@@ -159,6 +160,6 @@ def _describe_patternless(gap_n: np.ndarray, mean_n: np.ndarray) -> str:
     rms_n = float(np.sqrt(np.mean(gap_n**2)))
     at = int(np.abs(mean_n).argmax())
     return (
-        f"What is left is {rms_n:.2g} N (root mean square) and has no sign on which tools and objects agree; its mean "
-        f"is at most {abs(mean_n[at]):.2g} N, at {_LIFT_MM[at]:.0f} mm of lift."
+        f"What is left is {spell_number(rms_n)} N (root mean square) and has no sign on which tools and objects "
+        f"agree; its mean is at most {spell_number(abs(mean_n[at]))} N, at {_LIFT_MM[at]:.0f} mm of lift."
     )

@@ -17,7 +17,7 @@ from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS, N_DESCRIBED, Trials
 from fast.models.gap.evidence.worlds import DRIFTS, LARGEST, NOTHING, SMALLEST, Group, World, make_world
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.units import spell_share
+from fast.models.units import spell_number, spell_share
 
 FALSE_SHARE = 0.01  # of worlds with nothing hidden, that each line lets pass
 SEEN = 0.9
@@ -181,10 +181,10 @@ class Rehearsal:
         if len(hidden) < FEWEST_HIDDEN:
             return f"What could still hide is not known: of {made} too few hide anything; rehearse 40 or more."
         if size is not None:
-            newton = "" if force_n is None else f" ({size * force_n:.2g} N)"
+            newton = "" if force_n is None else f" ({spell_number(size * force_n)} N)"
             return (
-                f"A cause that changes the force by {100.0 * size:.2g} %{newton} or more, beyond what the simulator's "
-                f"constants make up for, is seen in nine of ten of {made}."
+                f"A cause that changes the force by {spell_number(100.0 * size)} %{newton} or more, beyond what the "
+                f"simulator's constants make up for, is seen in nine of ten of {made}."
             )
         large = [one for one in hidden if one.size >= LARGE]
         n_seen = sum(self.is_alarm(one.nats, one.omnibus) for one in large)

@@ -16,6 +16,7 @@ from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_pa
 from fast.models.gap.fit.recalibrate import Fitter, estimate_theta
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE, is_one_curve
+from fast.models.units import spell_number
 
 _LARGEST_SET = 3
 _ADVICE = {
@@ -92,8 +93,8 @@ class Decider:
             kind="unknown",
             probability=probability,
             sentence=(
-                f"Something is missing that no effect of the catalogue explains: {words}, {size_n:.2g} N root mean "
-                f"square ({share:.2g} % of the force), {self._find_most(change_n)}.{words_near}"
+                f"Something is missing that no effect of the catalogue explains: {words}, {spell_number(size_n)} N "
+                f"root mean square ({spell_number(share)} % of the force), {self._find_most(change_n)}.{words_near}"
                 f"{_ADVICE.get('' if pattern is None else pattern.kind, '')}"
             ),
             drift=self._find_drift(),

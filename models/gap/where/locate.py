@@ -23,7 +23,7 @@ from fast.models.gap.where.residuals import AT, PHASES, WORDS, Residuals
 from fast.models.gap.where.strata import FAMILY, OBJECT_FEATURES
 from fast.models.gap.where.tree import Leaf, grow_honest_tree
 from fast.models.objects.catalogue import get_object
-from fast.models.units import spell_name
+from fast.models.units import spell_name, spell_number
 
 # Of the peak, beyond what numerical variants change: meshes and contact laws that the bank does not know make
 # gaps of 2 % here and there in null worlds (docs/explanation/gap-discovery-limits.md).
@@ -216,6 +216,10 @@ def _with_notes(found: tuple[WhereFinding, ...], residuals: Residuals, tests: Te
 
 
 def _describe_size(effect_n: float, share: float, interval: tuple[float, float]) -> str:
-    """A size in N and in per cent of the peak, with the interval in per cent, signs left to the sentence."""
+    """A size in N and in per cent of the peak, with the interval in per cent, signs left to the sentence.
+
+    One tool or object alone gives no interval.
+    """
     low, high = sorted(np.sign(share or 1.0) * np.array(interval))
-    return f"{abs(effect_n):.2g} N ({abs(100 * share):.0f} % of the peak [{100 * low:.0f}, {100 * high:.0f}])"
+    told = f"[{100 * low:.0f}, {100 * high:.0f}]" if high > low else "without an interval, as it is one object or tool"
+    return f"{spell_number(abs(effect_n))} N ({abs(100 * share):.0f} % of the peak {told})"

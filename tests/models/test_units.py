@@ -1,0 +1,16 @@
+"""How numbers are spelt for people."""
+
+import pytest
+
+from fast.models.units import spell_number
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (127.4, 2, "130"), (99.6, 2, "100"), (1234.0, 3, "1230"), (9.96, 2, "10"), (0.0312, 2, "0.031"),
+        (-250.0, 2, "-250"), (0.0, 2, "0"), (12.34, 3, "12.3"),
+    ],
+)  # fmt: skip
+def test_a_large_number_has_no_exponent(value: float, digits: int, text: str) -> None:
+    assert spell_number(value, digits) == text

@@ -93,8 +93,8 @@ class Weighed:
         modulus, friction, ratio = self.naming.trials.fit.theta - beside.theta
         return (
             f"Your simulator is {spell_number(100.0 * beside.apart)} % of the force from ours at its likeliest "
-            f"constants; the measured grasps move it by {modulus:+.2g} MPa, {friction:+.2g} of friction and {ratio:+.2g} "
-            "of Poisson's ratio."
+            f"constants; the measured grasps move it by {modulus:+.2g} MPa, {friction:+.2g} of friction and "
+            f"{ratio:+.2g} of Poisson's ratio."
         )
 
 

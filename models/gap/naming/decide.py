@@ -14,12 +14,14 @@ from fast.models.gap.findings import UNKNOWN, Decision
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.fit.recalibrate import Fitter, estimate_theta
+from fast.models.objects.catalogue import name_object
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE, is_one_curve
 from fast.models.units import spell_number
 
 _LARGEST_SET = 3
 _ADVICE = {
+    "": " Film a grasp of this tool on this object, and hold it beside the simulated one (`fast view`).",
     "by object": " Measure this object and one that is as simulated: size, edges, surface, and how far it gives way.",
     "by tool": " Measure this tool and one that is as simulated: walls, ribs, and how it is mounted.",
 }  # where a person can look, by kind of pattern
@@ -83,7 +85,7 @@ class Decider:
         share = 100.0 * size_n / compute_rms(fit.force_n)
         nearest = max((*self.trials.tried, *self.trials.refused), key=lambda trial: trial.nats, default=None)
         by_law = ", but only by a law that is not its own" if nearest is not None and nearest.is_refused else ""
-        words_near = "" if nearest is None else f" {CATALOGUE[nearest.effect].title} comes nearest{by_law}."
+        words_near = "" if nearest is None else f" Nearest comes: {CATALOGUE[nearest.effect].title}{by_law}."
         words = (
             f"cells are {np.sqrt(fit.omnibus):.1f} times further off than honest simulators, without a pattern"
             if pattern is None
@@ -125,7 +127,7 @@ class Decider:
             return int(np.argmax([squares[group == one].mean() if (group == one).any() else 0.0 for one in range(n)]))
 
         obj, tool = most(problem.obj, len(grasps.objects)), most(problem.tool, len(grasps.tools))
-        return f"most on object {grasps.objects[obj]} and tool {grasps.tools[tool]}"
+        return f"most on {name_object(grasps.objects[obj])} and tool {grasps.tools[tool]}"
 
     def _list_possible(self, chosen: Sequence[str], name: float) -> tuple[str, ...]:
         """What is said, and what nine in ten rehearsed alarms of its kind of truth do not exclude.

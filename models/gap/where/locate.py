@@ -221,5 +221,5 @@ def _describe_size(effect_n: float, share: float, interval: tuple[float, float])
     One tool or object alone gives no interval.
     """
     low, high = sorted(np.sign(share or 1.0) * np.array(interval))
-    told = f"[{100 * low:.0f}, {100 * high:.0f}]" if high > low else "without an interval, as it is one object or tool"
-    return f"{spell_number(abs(effect_n))} N ({abs(100 * share):.0f} % of the peak {told})"
+    told = f" [{100 * low:.0f}, {100 * high:.0f}]" if high > low else ", no interval"
+    return f"{spell_number(abs(effect_n))} N ({abs(100 * share):.0f} % of the peak{told})"

@@ -46,6 +46,13 @@ def spell_share(share: float, digits: int = 0) -> str:
     return f"{100.0 * share:.{digits}f} %"
 
 
+def spell_chance(chance: float) -> str:
+    """A probability as a person reads it; what was rehearsed a number of times is never said to be sure."""
+    if 0.005 <= chance <= 0.995:
+        return spell_share(chance)
+    return "less than 1 %" if chance < 0.5 else "more than 99 %"
+
+
 def spell_number(value: float, digits: int = 2) -> str:
     """A number of so many digits, large ones without an exponent (127.4 -> `130`, 0.0312 -> `0.031`)."""
     rounded = float(f"{value:.{digits}g}")

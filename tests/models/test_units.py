@@ -2,7 +2,7 @@
 
 import pytest
 
-from fast.models.units import spell_number
+from fast.models.units import spell_chance, spell_number
 
 
 @pytest.mark.parametrize(
@@ -14,3 +14,10 @@ from fast.models.units import spell_number
 )  # fmt: skip
 def test_a_large_number_has_no_exponent(value: float, digits: int, text: str) -> None:
     assert spell_number(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("chance", "text"), [(0.0, "less than 1 %"), (1.0, "more than 99 %"), (0.006, "1 %"), (0.42, "42 %")]
+)
+def test_a_rehearsed_chance_is_never_sure(chance: float, text: str) -> None:
+    assert spell_chance(chance) == text

@@ -20,7 +20,7 @@ from fast.models.scientist.insights.effects import LEAST_TOOLS, Effect, Pair
 from fast.models.scientist.insights.rules import LEAST_CHANCE
 from fast.models.scientist.insights.stopping import Outlook
 from fast.models.scientist.objectives import OUTCOMES
-from fast.models.units import spell_name, spell_share, unit_of
+from fast.models.units import spell_chance, spell_name, spell_share, unit_of
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
@@ -71,7 +71,7 @@ def _tiles(outlook: Outlook) -> list[tuple[str, str]]:
     until = f"more than {len(outlook.ahead)}" if n is None else str(n)
     return [
         (
-            spell_share(outlook.chance),
+            spell_chance(outlook.chance),
             f"chance that the next batch beats the best by {spell_share(outlook.margin)}",
         ),
         (number(outlook.ahead[0].gain_n, 1, "N"), "what it adds, in the median"),

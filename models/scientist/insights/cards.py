@@ -15,11 +15,12 @@ from fast.models.scientist.insights.effects import (
 from fast.models.scientist.insights.rules import FEWEST_RIBS, LEAST_CHANCE, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST
 from fast.models.scientist.insights.simplest import LOSS, PRINT_ERROR_MM, Simpler
 from fast.models.scientist.insights.stopping import Outlook
-from fast.models.units import spell_name, spell_share, unit_of
+from fast.models.units import spell_chance, spell_name, spell_share, unit_of
 
 Tone = Literal["green", "yellow", "red"]
 Topic = Literal["gap", "effect", "pair", "stop", "simplest", "health"]
-MATTERS = 0.05  # total share of the variance, from which a parameter is said to matter
+MATTERS = 0.05  # total share of the variance, of which it must be sure where a parameter is said to matter
+_N_NAMED = 3  # parameters in the summary
 
 
 class Card(Record):
@@ -106,19 +107,26 @@ def pair_card(pair: Pair, unit: str = "N") -> Card:
     )
 
 
+def list_that_matter(effects: Sequence[Effect]) -> list[Effect]:
+    """Those that surely have a part in the differences between fingers, the largest first."""
+    return [effect for effect in effects if effect.total.low >= MATTERS]
+
+
 def summary_card(effects: Sequence[Effect], n_tools: int) -> Card | None:
     """Which parameters matter, in a sentence; None before there are tools enough."""
     if n_tools < LEAST_TOOLS:
         return None
-    matter = [effect for effect in effects if effect.total.middle >= MATTERS and effect.size.is_sure]
+    matter = list_that_matter(effects)[:_N_NAMED]
     if not matter:
         sentence = f"{n_tools} tools do not tell yet which parameter matters."
     else:
-        names = [spell_name(effect.parameter) for effect in matter[:3]]
-        explained = ", ".join(spell_share(effect.total.middle) for effect in matter[:3])
-        listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+        names = [spell_name(effect.parameter) for effect in matter]
+        explained = _list([spell_share(effect.total.middle) for effect in matter])
         verb = "matters most: it has" if len(names) == 1 else "matter most: they have"
-        sentence = f"{listed} {verb} a part in {explained} of the differences between fingers."
+        sentence = f"{_list(names)} {verb} a part in {explained} of the differences between fingers."
+        open_names = [spell_name(effect.parameter) for effect in matter if not effect.size.is_sure]
+        if open_names:
+            sentence += f" Which values of {_list(open_names)} are better depends on the others, or is not known yet."
     return Card(topic="effect", name="effects", sentence=sentence[0].upper() + sentence[1:])
 
 
@@ -126,7 +134,7 @@ def stop_card(outlook: Outlook, cost: BatchCost) -> Card:
     """Whether another batch is worth it."""
     sentence = (
         f"The chance that the next batch beats the best finger by {spell_share(outlook.margin)} is "
-        f"{spell_share(outlook.chance)}; in the median it adds {outlook.ahead[0].gain_n:.1f} N to "
+        f"{spell_chance(outlook.chance)}; in the median it adds {outlook.ahead[0].gain_n:.1f} N to "
         f"{outlook.best_n:.1f} N. It takes {cost.words}."
     )
     n = outlook.n_worth
@@ -154,7 +162,7 @@ def night_card(outlook: Outlook) -> Card | None:
         name="night",
         sentence=(
             f"A night of {outlook.n_night} simulations before the next batch makes its chance "
-            f"{spell_share(after.chance)} instead of {spell_share(before.chance)}, its median gain "
+            f"{spell_chance(after.chance)} instead of {spell_chance(before.chance)}, its median gain "
             f"{after.gain_n:.1f} N instead of {before.gain_n:.1f} N: {verdict}."
         ),
     )
@@ -181,9 +189,14 @@ def simplest_card(one: Simpler) -> Card:
         sentence=(
             f"A finger {what} ({numbers.format(factor * one.value, factor * one.best_value)}) holds "
             f"{spell_share(one.share.middle)} [{100 * one.share.low:.0f}, {100 * one.share.high:.0f}] of the best "
-            f"one's force; that it loses no more than {spell_share(LOSS)} is {spell_share(one.sure)} likely."
+            f"one's force; that it loses no more than {spell_share(LOSS)} is {spell_chance(one.sure)} likely."
         ),
     )
+
+
+def _list(words: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def say(interval: Interval) -> str:

@@ -7,7 +7,7 @@ from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
 from fast.models.records import Record
 from fast.models.scientist.insights.rules import IN_A_ROW, STOP_CHANCE
-from fast.models.units import spell_share
+from fast.models.units import spell_chance, spell_share
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.state import tuples
@@ -109,7 +109,7 @@ def has_stopped(campaign: Campaign, stage: int | None = None) -> bool:
 def describe_stop(campaign: Campaign) -> str:
     """Why the campaign ended by itself, and how it goes on all the same."""
     said = read_advice(campaign.lake, campaign.campaign_id)
-    chances = " and ".join(spell_share(advice.chance) for advice in reversed(said[:IN_A_ROW]))
+    chances = " and ".join(spell_chance(advice.chance) for advice in reversed(said[:IN_A_ROW]))
     return (
         f"The campaign ends by itself: the chance of another batch to beat the best finger by "
         f"{spell_share(campaign.config.schedule.stop_margin)} was {chances} after the last {IN_A_ROW} batches. To "

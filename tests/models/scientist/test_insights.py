@@ -141,8 +141,8 @@ def test_shapes_in_words(mean, words) -> None:
     assert describe_shape(effect_of(mean)) == words
 
 
-def effect_of(mean, size=(3.0, 2.0, 4.0), needed=None) -> Effect:
-    one = Interval(middle=0.5, low=0.3, high=0.6)
+def effect_of(mean, size=(3.0, 2.0, 4.0), needed=None, least_share=0.3) -> Effect:
+    one = Interval(middle=0.5, low=least_share, high=0.6)
     curve = Curve(mean=mean, low=mean, high=mean)
     return Effect(
         parameter="rib_count", levels=tuple(range(1, len(mean) + 1)), main=curve, best=curve,
@@ -163,9 +163,15 @@ def test_cards_say_the_size_or_how_many_tools_it_takes() -> None:
         "Rib count: 6 measured tools are too few for an effect; it takes 10 at least."
     )
     assert summary_card([known], 6) is None
-    assert summary_card([known, unknown], 30).sentence == (
+    hidden = effect_of((1.0, 2.0, 3.0), size=(1.0, -1.0, 3.0), least_share=0.01)
+    assert summary_card([known, hidden], 30).sentence == (
         "Rib count matters most: it has a part in 50 % of the differences between fingers."
     )
+    assert summary_card([known, unknown, hidden], 30).sentence == (
+        "Rib count and rib count matter most: they have a part in 50 % and 50 % of the differences between fingers. "
+        "Which values of rib count are better depends on the others, or is not known yet."
+    )
+    assert summary_card([hidden], 30).sentence == "30 tools do not tell yet which parameter matters."
 
 
 def test_a_simulator_that_turns_an_effect_round_is_the_first_thing_said(grid: Grid) -> None:

@@ -17,7 +17,15 @@ from fast.models.design.printability import estimate_mass_g
 from fast.models.design.space import BEST_PUBLISHED, FIN_RAYS
 from fast.models.ids import seed_from
 from fast.models.records import Record
-from fast.models.scientist.insights.effects import Grid, Interval, find_disagreements, find_effects, find_pairs
+from fast.models.scientist.insights.cards import list_that_matter
+from fast.models.scientist.insights.effects import (
+    Grid,
+    Interval,
+    find_disagreements,
+    find_effects,
+    find_pairs,
+    sobol_indices,
+)
 from fast.models.scientist.insights.rules import IN_A_ROW, MARGIN, STOP_CHANCE
 from fast.models.scientist.insights.simplest import LOSS, find_simpler
 from fast.models.scientist.insights.stopping import look_ahead
@@ -59,7 +67,8 @@ class Taught(Record):
     """What a race was asked and what is true.
 
     best_n: largest true force so far, after the first tools and each batch. chances, gains_n: said before each batch.
-    simpler: (criterion, true share of the best finger's force).
+    simpler: (criterion, true share of the best finger's force). matter: (tools, place among all parameters by the true
+    share of the variance, from 0) of the first two that are said to matter.
     """
 
     landscape: str
@@ -71,6 +80,7 @@ class Taught(Record):
     widened: tuple[float, ...]
     answers: tuple[Answer, ...]
     simpler: tuple[tuple[str, float], ...]
+    matter: tuple[tuple[int, int], ...]
     cpu_s: float
 
 
@@ -103,6 +113,7 @@ def measure_insights(options: Options) -> Tables:
     found = list(known.values())
     return {
         "effects": effect_rows(found),
+        "matter": matter_rows(found),
         "chances": chance_rows(found),
         "stopping": stopping_rows(found),
         "simplest": simplest_rows(found),
@@ -126,6 +137,7 @@ def ask_race(number: int, name: str, seed: int) -> Taught:
         widened=tuple(asked.widened),
         answers=tuple(asked.answers),
         simpler=tuple(asked.simpler),
+        matter=tuple(asked.matter),
         cpu_s=round(time.process_time() - start, 2),
     )
 
@@ -139,6 +151,7 @@ class _Asked:
         self.widened: list[float] = []
         self.answers: list[Answer] = []
         self.simpler: list[tuple[str, float]] = []
+        self.matter: list[tuple[int, int]] = []
 
     def ask(self, data: ObservationSet) -> None:
         surrogate = fit_surrogate(data)
@@ -159,6 +172,8 @@ class _Asked:
         grid = Grid.of(FIN_RAYS, self._rng)
         effects = find_effects(worlds, FIN_RAYS, best, grid)
         names, ends = list(FIN_RAYS.names), {}
+        places = true_order(self._number)
+        self.matter += [(n, places.index(names.index(one.parameter))) for one in list_that_matter(effects)[:2]]
         for effect in effects:
             column = names.index(effect.parameter)
             ends[effect.parameter] = [grid.levels[column][p] for p in (effect.worst_level, effect.best_level)]
@@ -179,6 +194,17 @@ def true_mean(number: int, changes: tuple[tuple[int, float], ...]) -> float:
     """True mean force over fingers spread over the space with some parameters (place, level) set."""
     grid = Grid.of(FIN_RAYS, np.random.default_rng(N_TRUE), N_TRUE)
     return float(read_landscape(BANK, number).real(grid.with_level(changes)).mean())
+
+
+@lru_cache(maxsize=100)
+def true_order(number: int) -> list[int]:
+    """Parameters by their true share of the variance between fingers with all that they change in others (Sobol')."""
+    landscape, grid = read_landscape(BANK, number), Grid.of(FIN_RAYS, np.random.default_rng(N_TRUE), N_TRUE)
+    totals = []
+    for column, levels in enumerate(grid.levels):
+        table = np.array([landscape.real(grid.with_level([(column, level)])) for level in levels])
+        totals.append(float(sobol_indices(table[:, :, None], bool(FIN_RAYS.n_levels[column]))[1][0]))
+    return np.argsort(-np.array(totals)).tolist()
 
 
 def effect_rows(found: Sequence[Taught]) -> Rows:
@@ -203,6 +229,16 @@ def effect_rows(found: Sequence[Taught]) -> Rows:
                         "true_n": float(np.median([abs(a.true) for a in some])),
                     }
                 )
+    return rows
+
+
+def matter_rows(found: Sequence[Taught]) -> Rows:
+    """How often the first two parameters that are said to matter are among the first three in truth."""
+    told = np.array([one for race in found for one in race.matter]).reshape(-1, 2)
+    rows = []
+    for n in sorted(set(told[:, 0].tolist())):
+        places = told[told[:, 0] == n, 1]
+        rows.append({"tools": n, "named": len(places), "first_three": float(np.mean(places < 3))})
     return rows
 
 

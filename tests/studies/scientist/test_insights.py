@@ -15,6 +15,7 @@ from tests.studies.scientist.insights import (
     Taught,
     chance_rows,
     effect_rows,
+    matter_rows,
     simplest_rows,
     stop,
     stopping_rows,
@@ -24,7 +25,7 @@ from tests.studies.scientist.insights import (
 def taught(best_n=(10.0, 20.0, 20.0, 20.0, 22.0), chances=(0.9, 0.01, 0.015, 0.5), **more) -> Taught:
     return Taught(
         landscape="made up", strategy=insights.MEASURED, seed=0, best_n=best_n, chances=chances,
-        gains_n=(0.0,) * len(chances), widened=(1.0,), answers=more.get("answers", ()), simpler=more.get("simpler", ()),
+        gains_n=(0.0,) * len(chances), widened=(1.0,), answers=more.get("answers", ()), simpler=more.get("simpler", ()), matter=more.get("matter", ()),
         cpu_s=0.0,
     )  # fmt: skip
 
@@ -53,6 +54,14 @@ def test_intervals_and_simpler_fingers_are_counted() -> None:
     race = taught(answers=answers, simpler=(("fewest ribs", 0.99), ("fewest ribs", 0.97)))
     assert effect_rows([race])[0]["held"] == 0.5
     assert simplest_rows([race])[0]["as_good"] == 0.5
+
+
+def test_parameters_that_are_said_to_matter_are_held_against_the_true_ones() -> None:
+    races = [taught(matter=((30, 0), (30, 3))), taught(matter=((30, 2), (60, 8)))]
+    assert matter_rows(races) == [
+        {"tools": 30, "named": 3, "first_three": pytest.approx(2 / 3)},
+        {"tools": 60, "named": 1, "first_three": 0.0},
+    ]
 
 
 @pytest.mark.slow  # a race of the paper's schedule

@@ -25,7 +25,8 @@ from tests.studies.scientist.insights import (
 def taught(best_n=(10.0, 20.0, 20.0, 20.0, 22.0), chances=(0.9, 0.01, 0.015, 0.5), **more) -> Taught:
     return Taught(
         landscape="made up", strategy=insights.MEASURED, seed=0, best_n=best_n, chances=chances,
-        gains_n=(0.0,) * len(chances), widened=(1.0,), answers=more.get("answers", ()), simpler=more.get("simpler", ()), matter=more.get("matter", ()),
+        gains_n=(0.0,) * len(chances), widened=(1.0,), answers=more.get("answers", ()), simpler=more.get("simpler", ()),
+        matter=more.get("matter", ()),
         cpu_s=0.0,
     )  # fmt: skip
 

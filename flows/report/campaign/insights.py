@@ -75,7 +75,7 @@ def _tiles(outlook: Outlook) -> list[tuple[str, str]]:
             f"chance that the next batch beats the best by {spell_share(outlook.margin)}",
         ),
         (number(outlook.ahead[0].gain_n, 1, "N"), "what it adds, in the median"),
-        (until, f"batches until the chance falls below {spell_share(LEAST_CHANCE)}"),
+        (until, f"batch{'' if n == 1 else 'es'} until the chance falls below {spell_share(LEAST_CHANCE)}"),
     ]
 
 

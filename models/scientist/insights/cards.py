@@ -126,7 +126,7 @@ def summary_card(effects: Sequence[Effect], n_tools: int) -> Card | None:
         sentence = f"{_list(names)} {verb} a part in {explained} of the differences between fingers."
         open_names = [spell_name(effect.parameter) for effect in matter if not effect.size.is_sure]
         if open_names:
-            sentence += f" Which values of {_list(open_names)} are better depends on the others, or is not known yet."
+            sentence += f" Which values of {_list(open_names)} are better is not known yet."
     return Card(topic="effect", name="effects", sentence=sentence[0].upper() + sentence[1:])
 
 
@@ -161,9 +161,9 @@ def night_card(outlook: Outlook) -> Card | None:
         topic="stop",
         name="night",
         sentence=(
-            f"A night of {outlook.n_night} simulations before the next batch makes its chance "
-            f"{spell_chance(after.chance)} instead of {spell_chance(before.chance)}, its median gain "
-            f"{after.gain_n:.1f} N instead of {before.gain_n:.1f} N: {verdict}."
+            f"A night of {outlook.n_night} simulations before the next batch takes its chance from "
+            f"{spell_chance(before.chance)} to {spell_chance(after.chance)}, its median gain from "
+            f"{before.gain_n:.1f} to {after.gain_n:.1f} N: {verdict}."
         ),
     )
 
@@ -187,9 +187,9 @@ def simplest_card(one: Simpler) -> Card:
         topic="simplest",
         name=one.criterion,
         sentence=(
-            f"A finger {what} ({numbers.format(factor * one.value, factor * one.best_value)}) holds "
+            f"A finger {what} ({numbers.format(factor * one.value, factor * one.best_value)}) is expected to hold "
             f"{spell_share(one.share.middle)} [{100 * one.share.low:.0f}, {100 * one.share.high:.0f}] of the best "
-            f"one's force; that it loses no more than {spell_share(LOSS)} is {spell_chance(one.sure)} likely."
+            f"one's force. The chance that it holds {spell_share(1.0 - LOSS)} or more is {spell_chance(one.sure)}."
         ),
     )
 

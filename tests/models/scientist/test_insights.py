@@ -169,7 +169,7 @@ def test_cards_say_the_size_or_how_many_tools_it_takes() -> None:
     )
     assert summary_card([known, unknown, hidden], 30).sentence == (
         "Rib count and rib count matter most: they have a part in 50 % and 50 % of the differences between fingers. "
-        "Which values of rib count are better depends on the others, or is not known yet."
+        "Which values of rib count are better is not known yet."
     )
     assert summary_card([hidden], 30).sentence == "30 tools do not tell yet which parameter matters."
 

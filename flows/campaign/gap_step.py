@@ -18,7 +18,7 @@ from fast.flows.campaign.operator_prompts import make_reading_form
 from fast.flows.campaign.told_step import await_asked
 from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.scheduled import search_and_tell
-from fast.flows.gap.search import GapOrder, GapOutcome
+from fast.flows.gap.search import GapOrder, GapOutcome, UnfinishedError
 from fast.lake.leases import is_held
 from fast.lake.tables.campaign import EventRow
 from fast.models.gap.findings import NextExperiment, PersonQuestion
@@ -62,7 +62,10 @@ def close_gap(run: CampaignRun, stage: int, wait: Wait) -> bool:
 
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
 def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
-    """Search the campaign's measurements for what its simulator misses; None where there is too little to search."""
+    """Search the campaign's measurements for what its simulator misses; None where there is too little to search.
+
+    None, too, when somebody asked to stop meanwhile: the next run goes on with what was simulated.
+    """
     campaign = run.campaign
     if is_held(campaign.lake.storage, GAP_LEASE):
         logger.warning("another process searches this lake for a gap; the campaign goes on without a search here.")
@@ -75,6 +78,10 @@ def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
             run.reporter,
             run.should_stop,
         )
+    except UnfinishedError:
+        if not run.should_stop():
+            raise
+        return None
     except TooLittleDataError as error:
         words = f"{label}: no search. {error}"
         run.reporter.announce(words)

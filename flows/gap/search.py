@@ -56,6 +56,10 @@ MOST_ROUNDS = 4
 REHEARSED = 120  # made-up worlds of the panel: half a minute
 
 
+class UnfinishedError(FastError):
+    """Simulations of a search are missing; the same search goes on with those that are made."""
+
+
 @dataclass(frozen=True)
 class GapOrder:
     """What is asked for."""
@@ -220,7 +224,7 @@ class Simulator:
         """Simulate what the lake lacks of plans, which are called `what`.
 
         Raises:
-            FastError: it is not complete.
+            UnfinishedError: the time was up, or somebody asked to stop.
         """
         minutes, began = self.order.budget_minutes, time.monotonic()
 
@@ -239,7 +243,7 @@ class Simulator:
         self.spent_s += time.monotonic() - began
         n_left = n_missing(self.lake, plans)
         if n_left:
-            raise FastError(
+            raise UnfinishedError(
                 f"{what} lacks {n_left} of {n_all} simulations after {describe_duration(self.spent_s)} of simulating; "
                 "run the same command again to go on from here."
             )

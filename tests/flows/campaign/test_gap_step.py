@@ -19,6 +19,7 @@ from fast.flows.campaign.process import with_run_page
 from fast.flows.campaign.progress import Workload
 from fast.flows.campaign.status import describe_state
 from fast.flows.gap.scheduled import search_and_tell
+from fast.flows.gap.search import UnfinishedError
 from fast.flows.progress import ProgressReporter
 from fast.hardware.bench import open_virtual_bench
 from fast.hardware.tools.mounted import MountedTool
@@ -186,6 +187,27 @@ def test_a_campaign_with_too_little_to_search_says_so_once(
     (event,) = campaign.lake.records(EventRow, kind=gap_step.NOT_SEARCHED)
     assert event.message.startswith("gap after stage 0: no search. 2 designs were measured, gap discovery needs")
     assert said.count(event.message) == 2
+
+
+@pytest.mark.parametrize("is_asked_to_stop", [True, False])
+def test_a_pause_within_a_search_is_no_failure(
+    campaign: Campaign, in_turn: None, monkeypatch: pytest.MonkeyPatch, is_asked_to_stop: bool
+) -> None:
+    """Ctrl-C while the search simulates: the campaign is paused, as it is within a batch."""
+    run, wait = make_run(campaign)
+    asked_to_stop = [False]
+    run.should_stop = lambda: asked_to_stop[0]
+
+    def stop(*_: object) -> None:
+        asked_to_stop[0] = is_asked_to_stop
+        raise UnfinishedError("the bank lacks 5 of 9 simulations")
+
+    monkeypatch.setattr(gap_step, "search_and_tell", stop)
+    if is_asked_to_stop:
+        assert not close_gap(run, 0, wait)
+    else:
+        with pytest.raises(UnfinishedError, match="lacks 5 of 9"):
+            close_gap(run, 0, wait)
 
 
 def test_a_tool_that_is_gone_is_not_waited_for(campaign: Campaign, in_turn: None) -> None:

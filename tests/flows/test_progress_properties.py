@@ -17,11 +17,17 @@ from fast.flows.campaign.progress import CampaignProgress, Workload
 from fast.flows.progress import UNKNOWN, ProgressReporter
 from fast.flows.simulation import progress as simulation_progress
 from fast.flows.simulation.progress import simulate_missing
+from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.simulation.plan import PointDone
 
 ALL_DONE = "0 s left"
 EVENTS = ("grasp", "simulation", "both", "failed grasp", "given up", "resume")
 GAPS_S = st.floats(0.01, 80) | st.floats(100, 1e5)  # work, or a print, a pause, a night
+
+
+def small_config() -> CampaignConfig:
+    """A config that searches no gaps and has no nights, of which no time left would be known."""
+    return CampaignConfig.model_validate({"name": "small", "bench": {"world": "world.toml"}})
 
 
 @settings(max_examples=200, deadline=None)
@@ -43,9 +49,8 @@ def test_a_campaign_says_what_is_done_and_never_that_it_ends_while_work_is_left(
         stack.enter_context(
             mock.patch.object(campaign_progress, "count_left", side_effect=lambda *each: [left_of(load[0])])
         )
-        new = partial(
-            CampaignProgress, SimpleNamespace(object_ids=(1,)), ProgressReporter(lines.append, lines.append).report
-        )
+        campaign = SimpleNamespace(object_ids=(1,), config=small_config())
+        new = partial(CampaignProgress, campaign, ProgressReporter(lines.append, lines.append).report)
         reporter, n_seen = new(), 0
         for event, gap_s in events:
             clock[0] += gap_s

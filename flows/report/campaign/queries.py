@@ -154,13 +154,14 @@ WHERE s.design_id IN {_ASKED}
 GROUP BY ALL
 ORDER BY min((s.sequence, s.created_at)), v.young_modulus_mpa DESC NULLS FIRST, v.version_id"""
 
+# Grasps that a gap search asks of kept tools come hours later, and are no part of how long a batch took.
 BATCHES = """
 SELECT b.batch, b.kind, b.n_tools,
        count(g.grasp_id) FILTER (g.status = 'ok') AS n_grasps,
        count(g.grasp_id) FILTER (g.status = 'failed') AS n_failed,
-       min(g.started_at) AS first_grasp_at, max(g.started_at) AS last_grasp_at,
-       epoch(max(g.started_at) - min(g.started_at)) / 3600 AS duration_h,
-       count(g.grasp_id) / nullif(duration_h, 0) AS grasps_per_h
+       min(g.started_at) AS first_grasp_at, max(g.started_at) FILTER (g.request_id IS NULL) AS last_grasp_at,
+       epoch(last_grasp_at - first_grasp_at) / 3600 AS duration_h,
+       count(g.grasp_id) FILTER (g.request_id IS NULL) / nullif(duration_h, 0) AS grasps_per_h
 FROM batches b
 LEFT JOIN grasps g ON g.campaign_id = b.campaign_id AND g.batch = b.batch
 WHERE b.campaign_id = {campaign}

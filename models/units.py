@@ -3,6 +3,8 @@
 The suffix of a name is its unit; `UNIT_OF_SUFFIX` is what the lake writes into field metadata.
 """
 
+from collections.abc import Sequence
+
 STANDARD_GRAVITY_M_PER_S2 = 9.80665  # CGPM 1901, exact
 
 UNIT_OF_SUFFIX = {
@@ -44,6 +46,11 @@ def spell_name(name: str, with_unit: bool = False) -> str:
 def spell_share(share: float, digits: int = 0) -> str:
     """A share as a person reads it, with the space that the SI asks for (0.26 -> `26 %`)."""
     return f"{100.0 * share:.{digits}f} %"
+
+
+def spell_list(words: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def spell_chance(chance: float) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 
 from fast.models.design.reference import reference_within
 from fast.models.records import Record
+from fast.models.scientist.acquisition.candidates import Spacing
 from fast.models.scientist.insights.simplest import Simpler, find_simpler
 from fast.models.scientist.propose import MIN_DISTANCE, keep_allowed
 from fast.models.scientist.surrogate.observations import REAL
@@ -30,13 +31,12 @@ def find_simpler_fingers(
     them.
     """
     space, config = campaign.space, campaign.config
+    nowhere = np.zeros((0, space.n_dims))
+    spacing = Spacing(nowhere, nowhere if taken is None else taken, MIN_DISTANCE)
 
     def keep(points: np.ndarray) -> np.ndarray:
         allowed = keep_allowed(points, config.proposal_rules, campaign.constraint, space)
-        if taken is None or not len(taken) or not len(allowed):
-            return allowed
-        apart = np.linalg.norm(allowed[:, None] - taken[None], axis=2).min(axis=1)
-        return np.asarray(allowed[apart >= MIN_DISTANCE])
+        return np.asarray(allowed[spacing.allowed(allowed)])
 
     found = find_simpler(
         surrogate, space, best_measured_point(surrogate), rng, default=reference_within(space), keep=keep

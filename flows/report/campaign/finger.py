@@ -18,7 +18,7 @@ from fast.models.design.fin_ray import APEX_EXTRA_MM, BASE_HEIGHT_MM, FinRay
 from fast.models.design.finger import finger_bodies
 from fast.models.design.space import BEST_PUBLISHED, DesignSpace
 from fast.models.records import Design
-from fast.models.units import spell_name
+from fast.models.units import spell_list, spell_name
 from fast.tasks.templates import number
 
 PICTURE_PX = 1100
@@ -110,8 +110,11 @@ def describe_twins(space: DesignSpace, design: Design, others: Sequence[tuple[st
         return ""
     names = [f"the {spell_name(name)}" for name in space.names if name in differ]
     but = f" but for {' and '.join(names)}" if names else ""
-    told, are = (twins[0], "is") if len(twins) == 1 else (f"{', '.join(twins[:-1])} and {twins[-1]}", "are")
-    return f"{told} {are} nearly the same finger{but}: the best tools are fewer different answers than they seem."
+    are = "is" if len(twins) == 1 else "are"
+    return (
+        f"{spell_list(twins)} {are} nearly the same finger{but}: the best tools are fewer different answers than they "
+        "seem."
+    )
 
 
 def draw_finger(design: Design, mark: str) -> np.ndarray:

@@ -15,7 +15,7 @@ from fast.models.scientist.insights.effects import (
 from fast.models.scientist.insights.rules import FEWEST_RIBS, LEAST_CHANCE, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST
 from fast.models.scientist.insights.simplest import LOSS, PRINT_ERROR_MM, Simpler
 from fast.models.scientist.insights.stopping import Outlook
-from fast.models.units import spell_chance, spell_name, spell_share, unit_of
+from fast.models.units import spell_chance, spell_list, spell_name, spell_share, unit_of
 
 Tone = Literal["green", "yellow", "red"]
 Topic = Literal["gap", "effect", "pair", "stop", "simplest", "health"]
@@ -121,12 +121,12 @@ def summary_card(effects: Sequence[Effect], n_tools: int) -> Card | None:
         sentence = f"{n_tools} tools do not tell yet which parameter matters."
     else:
         names = [spell_name(effect.parameter) for effect in matter]
-        explained = _list([spell_share(effect.total.middle) for effect in matter])
+        explained = spell_list([spell_share(effect.total.middle) for effect in matter])
         verb = "matters most: it has" if len(names) == 1 else "matter most: they have"
-        sentence = f"{_list(names)} {verb} a part in {explained} of the differences between fingers."
+        sentence = f"{spell_list(names)} {verb} a part in {explained} of the differences between fingers."
         open_names = [spell_name(effect.parameter) for effect in matter if not effect.size.is_sure]
         if open_names:
-            sentence += f" Which values of {_list(open_names)} are better is not known yet."
+            sentence += f" Which values of {spell_list(open_names)} are better is not known yet."
     return Card(topic="effect", name="effects", sentence=sentence[0].upper() + sentence[1:])
 
 
@@ -192,11 +192,6 @@ def simplest_card(one: Simpler) -> Card:
             f"one's force. The chance that it holds {spell_share(1.0 - LOSS)} or more is {spell_chance(one.sure)}."
         ),
     )
-
-
-def _list(words: Sequence[str]) -> str:
-    """`a`, `a and b`, `a, b and c`."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def say(interval: Interval) -> str:

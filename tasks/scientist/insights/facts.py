@@ -104,9 +104,9 @@ def _surrogate_health(campaign: Campaign, surrogate: Surrogate) -> SurrogateHeal
     fits = campaign.lake.records(FitRow, campaign_id=campaign.campaign_id, purpose="tools")
     same = [row for row in fits if row.n_real == data.n_real and row.n_sim == data.n_sim and row.outcome is None]
     if same and same[-1].loo_rmse_n is not None:
-        # Rows of older programs lack what came later.
-        known = same[-1].model_dump(include=set(SurrogateHealth.model_fields), exclude_none=True)
-        return SurrogateHealth(**known)
+        # Rows of older programs lack what came later, which has a default; what else is None is of no simulations.
+        row, fields = same[-1].model_dump(), SurrogateHealth.model_fields
+        return SurrogateHealth(**{k: row[k] for k, f in fields.items() if f.is_required() or row[k] is not None})
     return health_of(surrogate)
 
 

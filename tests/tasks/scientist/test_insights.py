@@ -9,6 +9,7 @@ from fast.flows.campaign.status import format_status, read_status
 from fast.lake.tables.campaign import CampaignRow, EventRow
 from fast.models.scientist.insights.cards import Card
 from fast.models.scientist.insights.stopping import BatchAhead, Outlook
+from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event
@@ -17,7 +18,8 @@ from fast.tasks.scientist.backtest import backtest
 from fast.tasks.scientist.insights.advice import ADVICE, Advice, describe_stop, has_stopped, note_advice, read_advice
 from fast.tasks.scientist.insights.facts import read_cost, read_facts
 from fast.tasks.scientist.insights.insights import Insights, find_insights
-from fast.tasks.scientist.propose import propose_initial
+from fast.tasks.scientist.observe import observe
+from fast.tasks.scientist.propose import propose_guided, propose_initial
 from tests.tasks.campaign.small_campaign import begun, small_campaign
 from tests.tasks.simulation.made_up import append_grasp
 
@@ -191,3 +193,15 @@ def test_strategies_are_replayed_on_the_campaign(campaign: Campaign) -> None:
         ("mean_peak_n", "random", 3), ("mean_peak_n", "measured only", 3),
     ]  # fmt: skip
     assert all(0.5 < row["share"] <= 1.0 for row in rows)
+
+
+def test_what_is_taught_without_simulations_is_told_while_the_next_batch_hangs(tmp_path: Path) -> None:
+    """The fit behind a proposed batch is in the lake, and has no numbers of simulations."""
+    campaign = measured(tmp_path)
+    propose_guided(campaign, 3)
+    state = campaign.state()
+    facts = read_facts(campaign, state, fit_surrogate(observe(campaign, state, (1, 2))))
+    assert facts.surrogate is not None
+    assert (facts.surrogate.n_sim, facts.surrogate.sim_loo_rmse_n) == (0, None)
+    assert facts.surrogate.loo_rmse_n is not None
+    assert find_insights(campaign).outlook is not None

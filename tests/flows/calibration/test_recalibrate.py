@@ -6,8 +6,9 @@ import pytest
 
 from fast.flows.server.server import server
 from fast.lake.tables.campaign import CalibrationRow, FlowRunRow
-from tests.flows.server.on_server import asked, python, wait_for
+from tests.flows.server.on_server import asked, python
 from tests.tasks.calibration.calibration_lake import calibration_lake
+from tests.waiting import wait_for
 
 # Made before SQLAlchemy was held below 2.1, with which Prefect's scheduler fails.
 IS_OLD_ENVIRONMENT = version("sqlalchemy") >= "2.1"

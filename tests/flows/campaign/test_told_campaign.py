@@ -5,14 +5,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ProposalRow
+from tests.waiting import wait_for
 
 ROOT = Path(__file__).parents[3]
 CONFIG = """
@@ -49,16 +48,9 @@ def run(folder: Path, *words: object) -> "subprocess.Popen[str]":
     )
 
 
-def wait_for(condition: Callable[[], bool], limit_s: float = 200.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, "the campaign did not get that far in time"
-        time.sleep(0.2)
-
-
 def tell(folder: Path, batch: str) -> str:
     results = folder / "lake" / "outputs" / "pull" / f"{batch}-bench" / "results.csv"
-    wait_for(results.exists)
+    wait_for(results.exists, 200.0)
     rows = list(csv.DictReader(results.read_text().splitlines()))
     told = folder / f"{batch}.csv"
     with told.open("w", newline="") as file:
@@ -79,7 +71,7 @@ def test_it_waits_is_killed_goes_on_and_ends_when_all_is_told(tmp_path: Path) ->
     try:
         assert "3 grasps written" in tell(tmp_path, "B01")
         bench = tmp_path / "lake" / "outputs" / "pull" / "B02-bench"
-        wait_for(bench.exists)
+        wait_for(bench.exists, 200.0)
     finally:
         os.killpg(first.pid, signal.SIGKILL)
         first.communicate()

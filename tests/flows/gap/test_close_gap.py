@@ -6,8 +6,9 @@ from fast.flows.server.server import server
 from fast.lake.tables.campaign import FlowRunRow
 from fast.models.records import EffectValue
 from tests.flows.server.local_server import local_server
-from tests.flows.server.on_server import asked, python, wait_for
+from tests.flows.server.on_server import asked, python
 from tests.tasks.gap.gap_lake import gap_lake
+from tests.waiting import wait_for
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -13,7 +13,7 @@ from fast.flows.page.app import make_app
 from fast.flows.server.access import Role, own_login
 from fast.flows.server.gate import add_gate
 from fast.lake.store import Lake
-from tests.flows.server.on_server import wait_for
+from tests.waiting import wait_for
 
 CHROMIUM = Path("/usr/bin/chromium")
 

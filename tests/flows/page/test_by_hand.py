@@ -10,8 +10,8 @@ from fast.tasks.campaign.requests import GANTRY_LEASE
 from tests.flows.cli.cli_lakes import QUICK, WORLD, proposed_lake
 from tests.flows.page.lab_page import Browser
 from tests.flows.page.served import CHROMIUM, find_barriers, open_browser, say_name, serve
-from tests.flows.server.on_server import wait_for
 from tests.tasks.bench.lent_bench import lent
+from tests.waiting import wait_for
 
 BENCH_FILE = 'serial_port = "/dev/pts/9"\nplc_host = "127.0.0.1"\ntransmitter_host = "127.0.0.1"\n'
 

@@ -11,7 +11,7 @@ from fast.flows.page.live import LiveHub
 from fast.hardware.cell.live import GraspInView, read_samples
 from fast.lake.store import Lake
 from fast.tasks.bench.live import live_path, read_live, show_live
-from tests.flows.server.on_server import wait_for
+from tests.waiting import wait_for
 
 
 class Measuring:

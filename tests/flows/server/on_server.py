@@ -2,8 +2,6 @@
 
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +28,3 @@ def python(api: Api, root: Path, *words: object, **settings: str) -> str:
 def asked(api: Api, path: str, **body: Any) -> Any:
     """Answer of a POST to the server."""
     return ask_server(api, path, body, timeout_s=30)
-
-
-def wait_for(condition: Callable[[], Any], limit_s: float = 120.0) -> Any:
-    """What the condition says once it is true."""
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.5)
-    raise AssertionError("it did not come in time")

@@ -23,8 +23,8 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.errors import FastError
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
-from tests.flows.server.on_server import wait_for
 from tests.studies.platform.sockets import family, is_loopback, listening
+from tests.waiting import wait_for
 
 OWN = ("flows", "tasks", "lake", "hardware", "models")
 # Between a process and the workers it started, over their pipe; nothing from a lake or the network.

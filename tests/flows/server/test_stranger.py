@@ -32,8 +32,8 @@ from fast.hardware.virtual.bench import VirtualBench
 from fast.hardware.virtual.world.file import World
 from fast.lake.store import Lake
 from tests.flows.cli.cli_lakes import ROOT
-from tests.flows.server.on_server import wait_for
 from tests.studies.platform.sockets import family, is_loopback, listening
+from tests.waiting import wait_for
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from fast.models.traces import peak_force_n
 from tests.hardware.arm.arm_lines import ArmProcess
 from tests.hardware.arm.bench_contract import SETUP, TOOLS, BenchContract
 from tests.hardware.cell.test_cell import physics
-from tests.hardware.wire.test_wire_log import wait_for
+from tests.waiting import wait_for
 
 
 @pytest.fixture
@@ -192,9 +192,9 @@ def test_at_rest_an_arm_takes_longer_steps_and_none_of_a_program():
     server = ArmServer(Watched(World(seed=1), TOOLS, physics), "127.0.0.47", speed_up=10.0)
     server.start()
     try:
-        assert wait_for(lambda: server.arm.rest_s > 22.0, timeout_s=60.0)
+        assert wait_for(lambda: server.arm.rest_s > 22.0, limit_s=60.0)
         server.arm.run_program("def fast():\n  movel(p[0.1, 0.1, 0.6, 0, 3.14159, 0], a=1, v=0.05)\nend\n")
-        assert wait_for(lambda: server.arm.rest_s > 1.0, timeout_s=60.0)
+        assert wait_for(lambda: server.arm.rest_s > 1.0, limit_s=60.0)
     finally:
         server.stop()
     assert {duration_s for duration_s, is_at_work in steps_s if is_at_work} == {STEP_S}

@@ -8,8 +8,8 @@ from fast.hardware.arm.by_hand import open_arm_by_hand
 from fast.hardware.hand import HandStep
 from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.models.errors import DeviceError, InterlockError, UsageError
-from tests.flows.server.on_server import wait_for
 from tests.hardware.arm.arm_lines import ArmProcess
+from tests.waiting import wait_for
 
 
 @pytest.fixture

@@ -1,12 +1,12 @@
 import os
 import pty
 import threading
-import time
 import tty
 
 import pytest
 
 from fast.hardware.wire.serial import LinkLostError, SerialTransport
+from tests.waiting import wait_for
 
 
 @pytest.fixture
@@ -17,13 +17,6 @@ def line():
     os.close(slave)
     if master >= 0:
         os.close(master)
-
-
-def wait_for(condition, timeout_s=5.0):
-    deadline = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.005)
-    return condition()
 
 
 def test_bytes_go_both_ways_and_are_logged(line):

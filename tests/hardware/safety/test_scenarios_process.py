@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from fast.hardware.clock import ScaledClock
 from fast.hardware.virtual.bench import VirtualBench
 from tests.hardware.safety.host_process import OBJECTS
 from tests.hardware.safety.scenario_bench import REST_Z_MM, TOOLS, WORLD, is_pulling, physics
+from tests.waiting import wait_for
 
 SPEED_UP = 8.0
 ROOT = Path(__file__).parents[3]
@@ -45,13 +45,6 @@ def host(virtual: VirtualBench, may_vent: bool = False):
         process.communicate()
 
 
-def wait_until(is_so):
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not is_so():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.005)
-
-
 def end(process):
     """Exit status, grasps told, last line of stderr."""
     out, err = process.communicate(timeout=PATIENCE_S)
@@ -70,10 +63,10 @@ WATCHDOG = {"lock": True, "grip": True, "supply": False, "motors": False}
 def kill_in_a_lift(virtual, number):
     """Exit status of a host that gets a signal in its first lift, and the grasps it told."""
     with host(virtual) as process:
-        wait_until(lambda: is_pulling(virtual) or process.poll() is not None)
+        wait_for(lambda: is_pulling(virtual) or process.poll() is not None, PATIENCE_S)
         process.send_signal(number)
         status, lines, says = end(process)
-    wait_until(lambda: state_of(virtual) == WATCHDOG)
+    wait_for(lambda: state_of(virtual) == WATCHDOG, PATIENCE_S)
     assert virtual.state.pressure_psi == pytest.approx(30.0, abs=0.5), says
     assert virtual.grbl.position_mm()[2] > REST_Z_MM
     return status, lines

@@ -18,18 +18,12 @@ from fast.hardware.wire.log_files import WireFiles, list_logs, read_log, read_se
 from fast.hardware.wire.modbus import tcp_link
 from fast.models.errors import InterlockError, UsageError
 from tests.hardware.safety.scenario_bench import TOOLS, WORLD, physics
+from tests.waiting import wait_for
 
 
 @pytest.fixture(autouse=True)
 def _short_period(monkeypatch):
     monkeypatch.setattr(wire_files, "WRITE_PERIOD_S", 0.01)
-
-
-def wait_for(condition, timeout_s=10.0):
-    deadline = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.005)
-    return condition()
 
 
 def test_memory_is_bounded():

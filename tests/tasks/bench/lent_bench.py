@@ -5,8 +5,8 @@ from contextlib import contextmanager
 
 from fast.hardware.by_hand import ByHand
 from fast.tasks.bench.lend import Lender, read_lent
-from tests.flows.server.on_server import wait_for
 from tests.hardware.safety.scenario_bench import open_bench
+from tests.waiting import wait_for
 
 
 @contextmanager

@@ -12,8 +12,8 @@ from fast.models.errors import UsageError
 from fast.tasks.bench.lend import DONE, ORDER, Order, give_bench_order, read_lent, reading_path
 from fast.tasks.campaign.orders import StaleOrderError
 from fast.tasks.campaign.requests import GANTRY_LEASE
-from tests.flows.server.on_server import wait_for
 from tests.tasks.bench.lent_bench import lent
+from tests.waiting import wait_for
 
 
 @pytest.fixture

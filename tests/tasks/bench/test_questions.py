@@ -16,9 +16,9 @@ from fast.models.errors import InterlockError, UsageError
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.bench.questions import answer_question, list_open_questions, make_ask
 from fast.tasks.scientist.propose import propose_initial
-from tests.flows.server.on_server import wait_for
 from tests.hardware.safety.scenario_bench import physics
 from tests.studies.benchmarks.made_up_batch import measure_missing, rack_of
+from tests.waiting import wait_for
 
 QUESTION = BenchQuestion(
     key="pads", sentence="The pads are worn.", choices=("new pads", "go on"),

@@ -20,6 +20,7 @@ from fast.models.gap.bank.bank import CENTRE, DEEPER_MM, NUMERICAL, WIDER_MM, Ba
 from fast.models.gap.bank.sensor_effects import N_LEAD
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup
+from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import N_STEPS
 
 _DIGITS = 3
@@ -98,7 +99,8 @@ def read_bank(path: Path, design_ids: Sequence[str], objects: Sequence[int]) -> 
 
 def _list_rows(bank: Bank, design_ids: Sequence[str]) -> Iterator[dict[str, Any]]:
     centre = bank.centre.model_dump()
-    numerical = [{name: part.model_dump(mode="json") for name, part in choice.items()} for choice in NUMERICAL]
+    usual = SimulatorVersion()
+    numerical = [usual.model_copy(update=dict(one)).model_dump(mode="json", include=set(one)) for one in NUMERICAL]
     kinds: list[tuple[str, str, np.ndarray, list[Any]]] = [
         ("centre", "", bank.centre_steps_n[:, :, None], [{}]),
         ("numerical", "", bank.numerical_steps_n, numerical),

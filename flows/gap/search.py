@@ -50,6 +50,7 @@ from fast.tasks.simulation.plan import SimulationPlan
 if TYPE_CHECKING:
     from fast.models.gap.evaluation.evaluate import Evaluation
     from fast.tasks.gap.calibrate import SearchInputs
+    from fast.tasks.gap.refine import Next
     from fast.tasks.gap.rounds import Round
 
 MOST_ROUNDS = 4
@@ -251,18 +252,37 @@ class Simulator:
 
 def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
-    from fast.tasks.gap.ask import list_requests
-    from fast.tasks.gap.calibrate import SearchInputs
     from fast.tasks.gap.refine import ask_next
-    from fast.tasks.gap.rehearse import rehearse_panel
-    from fast.tasks.gap.rounds import evaluate_rounds, judge
+    from fast.tasks.gap.rounds import evaluate_rounds
 
-    order, grasps, began = search.order, search.measured.grasps, time.monotonic() - simulator.spent_s
-    bank = read_bank(lake, search.base, grasps.cells)
-    data = make_data(search.measured, bank, search.split)
-    warnings = [*search.measured.warnings, *check_units(data), *check_repeats(data.grasps), *_failed(data)]
+    order, began = search.order, time.monotonic() - simulator.spent_s
     start = _find_start(lake, search)
-    wide = SearchInputs(
+    wide, warnings = _gather_inputs(lake, search, start.effects, simulator, reporter)
+    rounds = _repeat_rounds(wide, start.effects, order.rounds, reporter)
+    following = ask_next(rounds, order.asking)
+    said = [f"to be asked: {following.asked.sentence}"] if following.asked is not None else []
+    for sentence in [*said, *([following.ranking.sentence] if following.ranking is not None else [])]:
+        reporter.announce(sentence)
+    reporter.progress("held-out grasps in the simulator, before and after")
+    evaluation = evaluate_rounds(rounds, order.seed)
+    if not rounds[-1].is_last:
+        warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
+    warnings += [*_failed(rounds[-1].search.data), *rounds[-1].after.warnings, *evaluation.warnings]
+    budget = _spent(simulator, time.monotonic() - began - simulator.spent_s)
+    findings = _sum_up(search, start, rounds, following, evaluation, budget, tuple(dict.fromkeys(warnings)))
+    return GapOutcome(_keep_answer(lake, search, rounds, findings), True, tuple(rounds), evaluation)
+
+
+def _gather_inputs(
+    lake: Lake, search: _Search, effects: Sequence[EffectValue], simulator: Simulator, reporter: ProgressReporter
+) -> "tuple[SearchInputs, list[str]]":
+    """What rounds on the wide bank work with, rehearsed, and what is to be warned of."""
+    from fast.tasks.gap.calibrate import SearchInputs
+    from fast.tasks.gap.rehearse import rehearse_panel
+
+    order = search.order
+    data = make_data(search.measured, read_bank(lake, search.base, search.measured.grasps.cells), search.split)
+    inputs = SearchInputs(
         lake=lake,
         gap_id=search.gap_id,
         data=data,
@@ -272,54 +292,63 @@ def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: Pro
         simulate=simulator.simulate,
         answers=search.measured.answers,
         progress=reporter.progress,
-        rehearsal=rehearse_panel(data, start.effects, order.rehearsed, order.settings.workers or 1, reporter.progress),
+        rehearsal=rehearse_panel(data, effects, order.rehearsed, order.settings.workers or 1, reporter.progress),
     )
-    rounds = _repeat_rounds(wide, start.effects, order.rounds, reporter)
-    following = ask_next(rounds, order.asking)
-    asked, ranking = following.asked, following.ranking
-    said = [f"to be asked: {asked.sentence}"] if asked is not None else []
-    for sentence in [*said, *([ranking.sentence] if ranking is not None else [])]:
-        reporter.announce(sentence)
-    if not rounds[-1].is_last:
-        warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
-    before, after = rounds[0].before, rounds[-1].after
-    reporter.progress("held-out grasps in the simulator, before and after")
-    verdict = judge(rounds[-1].search, rounds, start.version or search.version)
-    evaluation = evaluate_rounds(rounds, order.seed)
-    warnings += [*_failed(rounds[-1].search.data), *after.warnings, *evaluation.warnings]
-    findings = Findings(
+    return inputs, [*search.measured.warnings, *check_units(data), *check_repeats(data.grasps), *_failed(data)]
+
+
+def _sum_up(
+    search: _Search,
+    start: Start,
+    rounds: "Sequence[Round]",
+    following: "Next",
+    evaluation: "Evaluation",
+    budget: dict[str, float],
+    warnings: tuple[str, ...],
+) -> Findings:
+    """The answer of all rounds."""
+    from fast.tasks.gap.rounds import judge
+
+    told = (*(one.asked for one in rounds), following.refined)
+    return Findings(
         alarm=any(one.findings.named.kind != "none" for one in rounds),
         rounds=tuple(one.findings for one in rounds),
         gap=evaluation.gap,
         aliases=rounds[0].confounds,
-        next_experiment=asked,
-        asked=tuple(told for told in (*(one.asked for one in rounds), following.refined) if told is not None),
-        seed=order.seed,
-        budget=_spent(simulator, time.monotonic() - began - simulator.spent_s),
-        warnings=tuple(dict.fromkeys(warnings)),
-        verdict=verdict,
-        ranking=ranking,
+        next_experiment=following.asked,
+        asked=tuple(one for one in told if one is not None),
+        seed=search.order.seed,
+        budget=budget,
+        warnings=warnings,
+        verdict=judge(rounds[-1].search, rounds, start.version or search.version),
+        ranking=following.ranking,
         in_use=tuple(value.effect for value in start.effects),
     )
+
+
+def _keep_answer(lake: Lake, search: _Search, rounds: "Sequence[Round]", findings: Findings) -> GapRun:
+    """Write a search's answer and the grasps that it asks for."""
+    from fast.tasks.gap.ask import list_requests
+
+    order, before, asked = search.order, rounds[0].before, findings.next_experiment
     run = GapRun(
         gap_id=search.gap_id,
         campaign_id=order.campaign_id,
         seed=order.seed,
         split_id=search.split.split_id,
-        n_grasps=len(grasps.grasp_ids),
+        n_grasps=len(search.measured.grasps.grasp_ids),
         base_version_id=search.version.version_id,
         before_version_id=before.version.version_id,
-        after_version_id=after.version.version_id,
+        after_version_id=rounds[-1].after.version.version_id,
         calibration_ids=tuple(one.after.calibration_id for one in rounds),
         findings=findings,
     )
     parents = list(dict.fromkeys([before.calibration_id, *run.calibration_ids]))
     provenance = current_provenance(content_id("H", search.gap_id), order.seed, parents)
     if asked is not None and not read_requests(lake, search.gap_id):
-        requests = list_requests(asked)
-        write_requests(lake, search.gap_id, requests, order.campaign_id, provenance, asked.parameter)
+        write_requests(lake, search.gap_id, list_requests(asked), order.campaign_id, provenance, asked.parameter)
     write_run(lake, run, write_answer(findings), provenance)
-    return GapOutcome(run, True, tuple(rounds), evaluation)
+    return run
 
 
 def _repeat_rounds(

@@ -16,7 +16,7 @@ from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.model import FingerModel, finger_model, place_nodes
 from fast.models.simulation.solver.newton import NewtonSettings
 from fast.models.simulation.solver.stepping import REFERENCE_LIMITS, StepLimits
-from fast.models.simulation.version import SimulatorVersion
+from fast.models.simulation.version import IN_ROWS, SimulatorVersion
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ TIER_NUMERICS = {"production": Numerics(), "reference": Numerics(limits=REFERENC
 
 
 def find_numerics(version: SimulatorVersion) -> Numerics:
-    """Numerics of a simulator version: those of its tier, with its stiffness of contact."""
+    """Numerics of a simulator version: those of its tier, with its stiffness and its points of contact."""
     usual, contact = TIER_NUMERICS[version.tier], version.contact
     law = replace(
         usual.contact,
         normal_n_per_mm3=contact.normal_n_per_mm3,
         tangential_n_per_mm3=contact.tangential_n_per_mm3,
     )
-    return replace(usual, contact=law)
+    return replace(usual, contact=law, spacing=PointSpacing(is_staggered=version.fem_version != IN_ROWS))
 
 
 @dataclass(frozen=True)

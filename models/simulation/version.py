@@ -39,6 +39,9 @@ class ContactSettings(Record):
     tangential_n_per_mm3: float = Field(default=4.0, gt=0, description="shear per slip, before the surface slides")
 
 
+# The code whose contact points lie in straight rows; it can still be simulated with, as the force ripples by them.
+IN_ROWS = "3"
+
 # Lakes may hold versions of the removed tier `screening`, a plane section of the finger: they are read, listed and
 # compared; `check_tier` refuses to simulate with them.
 Tier = Literal["screening", "production", "reference"]
@@ -53,7 +56,8 @@ class SimulatorVersion(Record):
     mesh: MeshSettings = MeshSettings()
     contact: ContactSettings = ContactSettings()
     tier: Tier = "production"
-    fem_version: str = "3"
+    fem_version: str = "4"
+    """Of the code: what it simulates is comparable only within one."""
 
     @property
     def version_id(self) -> str:

@@ -177,10 +177,10 @@ def made_up_trace(
     """Lift of a made-up grasp: `shape` (4) in the unit cube is what tool and object make of it.
 
     hidden: effects of cost C and F with all their parameters. late_mm: how much deeper the tips stand, by which all
-    forces come later. mesh: 3, shares of three numerical errors.
+    forces come later. mesh: shares of the numerical errors, one for each variant of a bank; the last is a ripple.
     """
     known = hidden or {}
-    errors = np.zeros(3) if mesh is None else mesh
+    errors = np.zeros(len(NUMERICAL)) if mesh is None else mesh
     ratio, z, length = theta.poisson_ratio, _LIFT_MM, 30.0 + 20.0 * shape[1]
     stiffness = theta.young_modulus_mpa / 10.0 * (4.0 + 16.0 * shape[0]) * (1.0 + 0.5 * (ratio - 0.35))
     stiffness *= (1.0 - 0.08 * (0.5 + shape[3]) * wider_mm) * (1.0 + 0.04 * errors[0] * (shape[2] - 0.3))
@@ -191,6 +191,7 @@ def made_up_trace(
     late = (z - 0.7 * length - 0.5 * errors[2]) / 6.0
     push = np.exp(-(late**2)) * (0.5 + ratio) - 0.3 * (1.0 - 2 * shape[3]) * np.exp(-z / 5.0)
     force = stiffness * hold * friction / (0.6 + friction) - 0.3 * stiffness * push * (z < length)
+    force = force * (1.0 + 0.01 * errors[3] * np.sin(3.0 * z + 6.0 * shape[2]))
     if "shear_adhesion" in known:
         area_mm2 = 500.0 * (0.3 + shape[1]) * np.sqrt(np.clip(1.0 - z / length, 0.0, None))
         force = force + known["shear_adhesion"]["shear_strength_mpa"] * area_mm2
@@ -321,7 +322,7 @@ def _measured(
 ) -> np.ndarray:
     """Noisy step means of the truth, n x 120."""
     tool_factor, offsets = scatter
-    mesh = truth.mesh * np.array([0.8, -0.6, 0.7])
+    mesh = truth.mesh * np.array([0.8, -0.6, 0.7, 0.5])
     rows = []
     for at_tool, at_obj, context, setup in made:
         covariance = truth.noise.step_covariance(N_STEPS, setup.lift_speed_mm_per_s)

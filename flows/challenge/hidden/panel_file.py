@@ -8,7 +8,8 @@ import numpy as np
 
 from fast.flows.challenge.hidden.panels import Panels
 from fast.flows.challenge.hidden.true_sets import CHANNELS, TrueSet
-from fast.models.gap.bank.bank import CENTRE, DEEPER_MM, WIDER_MM, Bank, EffectRuns
+from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import CENTRE, NUMERICAL, WIDER_MM, Bank, EffectRuns
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Trace
 
@@ -36,16 +37,24 @@ def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) ->
 
 
 def read_small(path: Path) -> tuple[Panels, Bank]:
-    """Panels and bank of a file of `write_small`."""
+    """Panels and bank of a file of `write_small`.
+
+    Raises:
+        UsageError: its bank is that of another version of the program.
+    """
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
+    n_variants = arrays["numerical_steps_n"].shape[2]
+    if n_variants != len(NUMERICAL):
+        raise UsageError(
+            f"the bank in {path} has {n_variants} numerical variants of each cell, that of this version "
+            f"{len(NUMERICAL)}; make the panel again with `python -m tests.studies gap-truth`."
+        )
     effects = {
         name: EffectRuns(name, tuple(json.loads(str(arrays[f"amplitudes {name}"]))), _unpacked(arrays[f"field {name}"]))
         for name in (key.removeprefix("field ") for key in arrays if key.startswith("field "))
     }
     centre_steps_n = _unpacked(arrays["centre_steps_n"])
-    t, o, n_steps = centre_steps_n.shape
-    placed = arrays.get("placed_steps_n")  # older files have none
     designs, objects = (tuple(int(number) for number in arrays[key]) for key in ("designs", "objects"))
     bank = Bank(
         targets=Cells.full([], objects, GraspSetup()).targets,
@@ -55,7 +64,7 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         centre_steps_n=centre_steps_n,
         grid_lead_n=_unpacked(arrays["grid_lead_n"]),
         numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
-        placed_steps_n=np.full((t, o, len(DEEPER_MM), n_steps), np.nan) if placed is None else _unpacked(placed),
+        placed_steps_n=_unpacked(arrays["placed_steps_n"]),
         wider_steps_n=_unpacked(arrays["wider_steps_n"]),
         wider_mm=np.array(WIDER_MM),
         effects=effects,

@@ -17,16 +17,18 @@ from fast.models.design.fin_ray import FinRay
 from fast.models.gap.grasps import Grasps, Target
 from fast.models.records import Design, EffectValue, GraspSetup, Record, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.simulation.version import ContactSettings, MeshSettings, SimulatorVersion
+from fast.models.simulation.version import IN_ROWS, ContactSettings, MeshSettings, SimulatorVersion
 
 CENTRE = Theta(young_modulus_mpa=GRID_MODULUS_MPA, friction=0.6, poisson_ratio=0.42)
 
 # Numerical variants, other choices of a simulator of the same physics: what they change is not to be explained by an
-# effect. How far a contact gives way before it slides decides the first millimetre of the lift (decision 052).
-NUMERICAL: tuple[Mapping[str, Record], ...] = (
+# effect. How far a contact gives way before it slides decides the first millimetre of the lift (decision 052); contact
+# points in straight rows ripple, as those of many a simulator do (decision 086).
+NUMERICAL: tuple[Mapping[str, Record | str], ...] = (
     {"mesh": MeshSettings(edge_mm=5.0)},
     {"contact": ContactSettings(tangential_n_per_mm3=2.0)},
     {"contact": ContactSettings(tangential_n_per_mm3=8.0)},
+    {"fem_version": IN_ROWS},
 )
 
 # How much deeper the tips stand below the object, in mm: a bench places objects to about this height.

@@ -107,7 +107,8 @@ def _find_missed(surrogate: Surrogate) -> np.ndarray:
 
 
 def _pool(shares: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Outer products of errors (t x k x v x b) by variant, v x b x b: their mean over the cells that are known."""
+    """Outer products of errors (t x k x v x b) by variant, v x b x b: their mean over the cells where each is known."""
     rows = shares[known]
-    rows = rows[np.isfinite(rows).all(axis=(1, 2))]
-    return np.asarray(np.einsum("cvb,cvd->vbd", rows, rows) / max(len(rows), 1))
+    is_known = np.isfinite(rows).all(axis=2)
+    rows = np.where(is_known[..., None], rows, 0.0)
+    return np.asarray(np.einsum("cvb,cvd->vbd", rows, rows) / np.maximum(is_known.sum(axis=0), 1)[:, None, None])

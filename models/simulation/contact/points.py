@@ -8,8 +8,9 @@ import numpy as np
 
 from fast.models.simulation.body.shape_functions import face_shape
 
-KEPT_SUBDIVISIONS = 64  # of about ten of a finger
+KEPT_SUBDIVISIONS = 64  # of about twenty of a finger
 PATCH_CELLS = 4  # points along one side of a patch: few enough to be near together, many enough to skip at once
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,11 @@ class PointSpacing:
 
     along_mm: float = 0.25
     across_mm: float = 0.25
+    is_staggered: bool = True
+    """Whether columns are shifted along the finger, each by another part of a cell.
+
+    A straight rim touches one straight row or two, and the force ripples with the distance of rows.
+    """
 
 
 class ContactPoints(NamedTuple):
@@ -90,7 +96,7 @@ def _subdivide(corners: np.ndarray, spacing: PointSpacing) -> tuple[np.ndarray, 
         along = np.linalg.norm(corners[1] - corners[0])
         across = np.linalg.norm(corners[3] - corners[0])
         n_r, n_s = max(int(np.ceil(along / spacing.along_mm)), 1), max(int(np.ceil(across / spacing.across_mm)), 1)
-        cells = _square_cells(n_r, n_s)
+        cells = _square_cells(n_r, n_s, _find_way(corners) if spacing.is_staggered else None)
     else:
         longest = max(np.linalg.norm(corners[i] - corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
         n = max(int(np.ceil(longest / spacing.along_mm)), 1)
@@ -125,11 +131,36 @@ def _cells(k: int, points: np.ndarray, cells: np.ndarray, share: float) -> _Cell
     return _Cells(values[order], gradients, patch[order], order, share)
 
 
+class _Way(NamedTuple):
+    """How a face runs in space: rows up (1) or down (-1), columns from the middle plane outwards or towards it.
+
+    Neighbours number their corners in different ways. Shifts by the face's own numbers would leave gaps between them.
+    """
+
+    up: int
+    is_outwards: bool
+
+
+def _find_way(corners: np.ndarray) -> _Way:
+    along = corners[1] - corners[0]
+    return _Way(int(np.sign(along[np.abs(along).argmax()])), bool(abs(corners[0][1]) <= abs(corners[3][1])))
+
+
 @lru_cache(maxsize=KEPT_SUBDIVISIONS)
-def _square_cells(n_r: int, n_s: int) -> _Cells:
-    """A face with 8 nodes in n_r by n_s cells."""
+def _square_cells(n_r: int, n_s: int, way: _Way | None) -> _Cells:
+    """A face with 8 nodes in n_r by n_s cells; staggered if its way in space is given."""
     cells = np.column_stack([np.repeat(np.arange(n_r), n_s), np.tile(np.arange(n_s), n_r)])
-    return _cells(8, 2.0 * (cells + 0.5) / np.array([n_r, n_s]) - 1.0, cells, 4.0 / (n_r * n_s))
+    at = cells + 0.5
+    if way is not None:
+        shifts = way.up * _spread_shifts(n_s)
+        at[:, 0] += (shifts if way.is_outwards else shifts[::-1])[cells[:, 1]]
+    return _cells(8, 2.0 * at / np.array([n_r, n_s]) - 1.0, cells, 4.0 / (n_r * n_s))
+
+
+def _spread_shifts(n: int) -> np.ndarray:
+    """Shifts (n) between -0.5 and 0.5, evenly spread, neighbours far apart: ranks of multiples of the golden ratio."""
+    ranks = np.argsort(np.argsort(np.arange(n) * _GOLDEN % 1.0))
+    return (ranks + 0.5) / n - 0.5
 
 
 def _triangle_cells(n: int) -> np.ndarray:

@@ -147,6 +147,14 @@ def test_other_bad_input_is_named(made: Path, tmp_path: Path) -> None:
         make_challenge(SECRET, made, 3)
     with pytest.raises(UsageError, match="is no panel of true grasps"):
         make_challenge(SECRET, tmp_path / "worlds", 3, tmp_path / "text.json")
+    with np.load(PANEL) as file:
+        older = {name: file[name] for name in file.files}
+    older["numerical_steps_n"] = older["numerical_steps_n"][:, :, :3]
+    np.savez(tmp_path / "older.npz", **older)
+    with pytest.raises(
+        UsageError, match="has 3 numerical variants of each cell, that of this version 4; make the panel"
+    ):
+        make_challenge(SECRET, tmp_path / "worlds", 3, tmp_path / "older.npz")
     assert not (tmp_path / "worlds").exists()
 
 

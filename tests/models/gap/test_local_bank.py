@@ -11,6 +11,7 @@ from fast.models.calibration.traces.theta_grid import ThetaGrid
 from fast.models.gap.bank.bank import (
     CENTRE,
     CLOSED_LESS,
+    NUMERICAL,
     SIMULATED,
     WIDE,
     BankPlan,
@@ -55,7 +56,7 @@ def naming(base: Any, best: Any, r2: dict[str, float], drift: str = "") -> Any:
 
 def test_the_wide_bank_is_the_default() -> None:
     assert (WIDE.centre, WIDE.grid, WIDE.effects) == (CENTRE, ThetaGrid(), SIMULATED)
-    assert len(list_versions(SimulatorVersion())) == 12 + 1 + 3 + sum(
+    assert len(list_versions(SimulatorVersion())) == 12 + 1 + len(NUMERICAL) + sum(
         len(spec.bank_runs) for spec in CATALOGUE.values()
     )
 

@@ -69,8 +69,8 @@ def test_the_cost_of_a_cold_bank_is_not_known_until_a_few_grasps_of_each_variant
     costs = GraspCosts.read(lake)
     assert plan_probe(lake, PLANS, costs) == ()
     left = estimate_cost(lake, PLANS, costs)
-    assert left.n_grasps == n_all - 16  # what was tried is of the bank
-    assert left.cpu_s == pytest.approx(2.0 * (6 * (N_VERSIONS - 1) - 12) + 10.0 * (6 - 4))
+    assert left.n_grasps == n_all - 4 * len(probe)  # what was tried is of the bank
+    assert left.cpu_s == pytest.approx(2.0 * (6 * (N_VERSIONS - 1) - 4 * (len(probe) - 1)) + 10.0 * (6 - 4))
 
 
 def test_the_largest_bank_around_a_theta_has_nothing_of_the_wide_one() -> None:

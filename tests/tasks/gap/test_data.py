@@ -11,7 +11,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, EventRow, GraspRow, TraceRow
 from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
-from fast.models.gap.bank.bank import CENTRE, BankPlan, list_versions
+from fast.models.gap.bank.bank import CENTRE, NUMERICAL, BankPlan, list_versions
 from fast.models.gap.data import GapData
 from fast.models.gap.grasps import Cells
 from fast.models.records import Trace
@@ -43,7 +43,7 @@ def test_the_data_hold_every_grasp_with_its_bank(lake: Lake) -> None:
     assert grasps.objects == OBJECTS
     assert grasps.steps_n.shape == (len(DESIGNS) * len(OBJECTS) * 2, 120)
     assert bank.grid_steps_n.shape == (len(DESIGNS), len(OBJECTS), 12, 120)
-    assert bank.numerical_steps_n.shape[2] == 3
+    assert bank.numerical_steps_n.shape[2] == len(NUMERICAL)
     assert bank.wider_steps_n.shape[2] == 2
     assert bank.effects["static_kinetic_friction"].steps_n.shape[2] == 4
     assert bank.failed_share == 0.0

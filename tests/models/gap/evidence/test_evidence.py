@@ -136,7 +136,7 @@ def test_an_effect_on_trial_is_fitted_with_everything_else(worlds: Worlds) -> No
     assert described[0] == pytest.approx(min(np.log(best.nats / 100.0), 1.0))
     assert (described[1:3] <= np.log(2.0)).all()
     assert described[3] == 0.0
-    assert looked.left_quantities_nats > 0.1 * looked.nats > best.left_quantities_nats
+    assert looked.left_quantities_nats > 0.1 * best.nats > best.left_quantities_nats
 
 
 def test_evidence_of_a_fit_is_that_of_its_linear_model(problem: Problem) -> None:

@@ -2,8 +2,7 @@
 
 import asyncio
 import mimetypes
-from collections.abc import AsyncIterator, Awaitable, Callable
-from types import ModuleType
+from collections.abc import AsyncIterator
 from typing import Any
 
 from fastapi import FastAPI
@@ -13,38 +12,18 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.staticfiles import StaticFiles
 
-from fast.flows.campaign.status import read_campaign
 from fast.flows.page.interface import VERSION, add_interface, refuse_program
 from fast.flows.page.lab import LabPage
-from fast.flows.page.proposals import settle_proposal
 from fast.flows.page.shown import add_bench, add_results, add_start
 from fast.flows.page.todo import list_campaigns
-from fast.flows.page.web import (
-    HEADERS,
-    MOST_FILE_BYTES,
-    clean_name,
-    keep_name,
-    read_body,
-    read_form,
-    refuse,
-    require_token,
-    require_write,
-    say,
-    visitor_of,
-)
+from fast.flows.page.web import HEADERS, refuse, visitor_of
+from fast.flows.page.words import add_words
 from fast.flows.server.access import Role, role_login
 from fast.flows.server.gate import App
-from fast.hardware.parts.safe_state import Verb
 from fast.lake.store import Lake
-from fast.models.errors import FastError, UsageError
-from fast.tasks.bench.leave_out import leave_out as leave_part_out
-from fast.tasks.bench.questions import answer_question
-from fast.tasks.campaign.left_out import Part
-from fast.tasks.campaign.orders import give_order
-from fast.tasks.campaign.simulator_versions import at_present
+from fast.models.errors import FastError
 
 _OUTPUTS_POLICY = "sandbox; default-src 'self' data:; style-src 'self' 'unsafe-inline'; script-src 'none'"
-Handler = Callable[[Request], Awaitable[Response]]
 
 
 def make_app(lake: Lake, login: str) -> App:
@@ -69,7 +48,7 @@ def make_app(lake: Lake, login: str) -> App:
     app.add_exception_handler(FastError, show_error)
     app.add_middleware(GZipMiddleware, minimum_size=2000)
     _add_looks(app, page)
-    _add_words(app, page)
+    add_words(app, page)
     add_results(app, page)
     add_start(app, page)
     add_bench(app, page)
@@ -138,134 +117,6 @@ async def _until_gone(events: AsyncIterator[str]) -> AsyncIterator[str]:
         return
 
 
-def _add_words(app: FastAPI, page: LabPage) -> None:
-    """What people say and order."""
-
-    async def give_name(request: Request) -> Response:
-        require_token(request, page.token)
-        form = await read_form(request)
-        name = clean_name(form.get("name", ""))
-        if not name:
-            raise UsageError("Say a name, so that the lake can keep who did what.")
-        answer = say(Response(status_code=204, headers=HEADERS), f"Hello {name}.")
-        answer.headers["HX-Refresh"] = "true"
-        keep_name(request, answer, name)
-        return answer
-
-    async def order(request: Request) -> Response:
-        verb = {"pause": Verb.PAUSE, "stop": Verb.STOP}.get(request.path_params["verb"])
-        if verb is None:
-            raise UsageError("There is no such order.")
-
-        def work(form: dict[str, str], operator: str) -> str:
-            who = f"by {operator} on the lab's page"
-            return give_order(page.lake, _campaign_of(page, form), verb, who, form.get("run"))
-
-        return await page.write(request, Role.MOVE, work)
-
-    async def leave_out(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            campaign = at_present(read_campaign(page.lake, _campaign_of(page, form)))
-            try:
-                part = Part.model_validate_json(form.get("part", ""))
-            except ValueError as error:
-                raise UsageError("Choose what is left out; nothing was changed.") from error
-            return leave_part_out(campaign, part, form.get("reason", ""), operator, is_out="back" not in form)
-
-        return await page.write(request, Role.MOVE, work)
-
-    async def say_printed(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            return _answers().answer_print(page.lake, _campaign_of(page, form), _whole(form, "batch"), form, operator)
-
-        return await page.write(request, Role.SAY, work)
-
-    async def say_mounted(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            return _answers().answer_mount(page.lake, _campaign_of(page, form), form.get("search", ""), form, operator)
-
-        return await page.write(request, Role.SAY, work)
-
-    async def say_reading(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            return _answers().answer_reading(
-                page.lake, form.get("campaign", ""), form.get("search", ""), form, operator
-            )
-
-        return await page.write(request, Role.SAY, work)
-
-    async def say_to_bench(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            values = {name.removeprefix("field-"): text for name, text in form.items() if name.startswith("field-")}
-            name, asked = _campaign_of(page, form), form.get("question", "")
-            return answer_question(page.lake, name, asked, form.get("choice", ""), values, operator)
-
-        return await page.write(request, Role.MOVE, work)
-
-    async def decide(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            text = form.get("config", "").replace("\r\n", "\n")
-            return settle_proposal(page.lake, form.get("proposal", ""), form.get("accept") == "yes", text, operator)
-
-        return await page.write(request, Role.MOVE, work)
-
-    async def look_at_file(request: Request) -> Response:
-        require_write(request, page.token, Role.SAY)
-        campaign_id = _campaign_of(page, dict(request.query_params))
-        content = await read_body(request, MOST_FILE_BYTES)
-
-        def work() -> Response:
-            upload = _answers().keep_upload(page.lake, request.query_params.get("name", ""), content)
-            dropped = page.worker.call(_answers().look_at_upload, page.lake, campaign_id, upload)
-            return page.pages.show(request, "dropped.html", dropped=dropped, campaign=campaign_id)
-
-        return await run_in_threadpool(work)
-
-    async def write_file(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            write = _answers().write_upload
-            return str(page.worker.call(write, page.lake, _campaign_of(page, form), form, operator))
-
-        return await page.write(request, Role.SAY, work)
-
-    async def undo_file(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            return _answers().undo_told(page.lake, _campaign_of(page, form), operator)
-
-        return await page.write(request, Role.SAY, work)
-
-    async def undo_reading(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            campaign_id, search_id = form.get("campaign", ""), form.get("search", "")
-            return _answers().undo_reading(page.lake, campaign_id, search_id, form.get("kind", ""), operator)
-
-        return await page.write(request, Role.SAY, work)
-
-    routes: dict[str, Handler] = {
-        "/who": give_name,
-        "/orders/leave-out": leave_out,
-        "/orders/{verb}": order,
-        "/todo/print": say_printed,
-        "/todo/mount": say_mounted,
-        "/todo/reading": say_reading,
-        "/todo/reading/undo": undo_reading,
-        "/todo/proposal": decide,
-        "/todo/question": say_to_bench,
-        "/todo/told/look": look_at_file,
-        "/todo/told/write": write_file,
-        "/todo/told/undo": undo_file,
-    }
-    for path, handler in routes.items():
-        app.add_api_route(path, handler, methods=["POST"], include_in_schema=False)
-
-
-def _answers() -> ModuleType:
-    """What writes answers: seconds of imports, which whoever only looks does not wait for."""
-    from fast.flows.page import answers
-
-    return answers
-
-
 def _add_files(app: FastAPI, page: LabPage) -> None:
     """Style, scripts, and what the lake has put out for people, which runs no script here."""
     mimetypes.add_type("text/javascript", ".js")
@@ -297,22 +148,3 @@ class _Files(StaticFiles):
         answer = super().file_response(*args, **kwargs)
         answer.headers.update(self._headers)
         return answer
-
-
-def _campaign_of(page: LabPage, form: dict[str, str]) -> str:
-    """The campaign that a form names.
-
-    Raises:
-        UsageError: the lake has none of that name.
-    """
-    campaign_id = form.get("campaign", "")
-    if campaign_id not in list_campaigns(page.lake):
-        raise UsageError(f"This lake has no campaign `{campaign_id}`; load the page again.")
-    return campaign_id
-
-
-def _whole(form: dict[str, str], name: str) -> int:
-    text = form.get(name, "")
-    if not text.isdecimal():
-        raise UsageError(f"`{name}` of the form is not a whole number; load the page again.")
-    return int(text)

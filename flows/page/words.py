@@ -1,0 +1,179 @@
+"""What people say and order on the page: each word is a function of a form, with the role that it takes."""
+
+from collections.abc import Callable, Mapping
+from types import ModuleType
+
+from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from fast.flows.campaign.status import read_campaign
+from fast.flows.page.lab import LabPage
+from fast.flows.page.proposals import settle_proposal
+from fast.flows.page.todo import list_campaigns
+from fast.flows.page.web import (
+    HEADERS,
+    MOST_FILE_BYTES,
+    clean_name,
+    keep_name,
+    read_body,
+    read_form,
+    require_token,
+    require_write,
+    say,
+)
+from fast.flows.server.access import Role
+from fast.hardware.parts.safe_state import Verb
+from fast.models.errors import UsageError
+from fast.tasks.bench.leave_out import leave_out as leave_part_out
+from fast.tasks.bench.questions import answer_question
+from fast.tasks.campaign.left_out import Part
+from fast.tasks.campaign.orders import give_order
+from fast.tasks.campaign.simulator_versions import at_present
+
+# What a form makes of the lake, and the sentence that tells the person; arguments: page, form, name of the person.
+Word = Callable[[LabPage, dict[str, str], str], str]
+
+
+def add_words(app: FastAPI, page: LabPage) -> None:
+    """Names, orders, answers and told files."""
+
+    async def give_name(request: Request) -> Response:
+        require_token(request, page.token)
+        form = await read_form(request)
+        name = clean_name(form.get("name", ""))
+        if not name:
+            raise UsageError("Say a name, so that the lake can keep who did what.")
+        answer = say(Response(status_code=204, headers=HEADERS), f"Hello {name}.")
+        answer.headers["HX-Refresh"] = "true"
+        keep_name(request, answer, name)
+        return answer
+
+    async def look_at_file(request: Request) -> Response:
+        require_write(request, page.token, Role.SAY)
+        campaign_id = _campaign_of(page, dict(request.query_params))
+        content = await read_body(request, MOST_FILE_BYTES)
+
+        def work() -> Response:
+            upload = _answers().keep_upload(page.lake, request.query_params.get("name", ""), content)
+            dropped = page.worker.call(_answers().look_at_upload, page.lake, campaign_id, upload)
+            return page.pages.show(request, "dropped.html", dropped=dropped, campaign=campaign_id)
+
+        return await run_in_threadpool(work)
+
+    for path, handler in {"/who": give_name, "/todo/told/look": look_at_file}.items():
+        app.add_api_route(path, handler, methods=["POST"], include_in_schema=False)
+    for path, (role, word) in WORDS.items():
+        _add_word(app, page, path, role, word)
+
+
+def _add_word(app: FastAPI, page: LabPage, path: str, role: Role, word: Word) -> None:
+    async def handle(request: Request) -> Response:
+        def work(form: dict[str, str], operator: str) -> str:
+            return word(page, form, operator)
+
+        return await page.write(request, role, work)
+
+    app.add_api_route(path, handle, methods=["POST"], include_in_schema=False)
+
+
+def _pause(page: LabPage, form: dict[str, str], operator: str) -> str:
+    return _order(page, form, operator, Verb.PAUSE)
+
+
+def _stop(page: LabPage, form: dict[str, str], operator: str) -> str:
+    return _order(page, form, operator, Verb.STOP)
+
+
+def _order(page: LabPage, form: dict[str, str], operator: str, verb: Verb) -> str:
+    return give_order(page.lake, _campaign_of(page, form), verb, f"by {operator} on the lab's page", form.get("run"))
+
+
+def _leave_out(page: LabPage, form: dict[str, str], operator: str) -> str:
+    campaign = at_present(read_campaign(page.lake, _campaign_of(page, form)))
+    try:
+        part = Part.model_validate_json(form.get("part", ""))
+    except ValueError as error:
+        raise UsageError("Choose what is left out; nothing was changed.") from error
+    return leave_part_out(campaign, part, form.get("reason", ""), operator, is_out="back" not in form)
+
+
+def _say_printed(page: LabPage, form: dict[str, str], operator: str) -> str:
+    said = _answers().answer_print(page.lake, _campaign_of(page, form), _whole(form, "batch"), form, operator)
+    return str(said)
+
+
+def _say_mounted(page: LabPage, form: dict[str, str], operator: str) -> str:
+    said = _answers().answer_mount(page.lake, _campaign_of(page, form), form.get("search", ""), form, operator)
+    return str(said)
+
+
+def _say_reading(page: LabPage, form: dict[str, str], operator: str) -> str:
+    campaign_id, search_id = form.get("campaign", ""), form.get("search", "")
+    return str(_answers().answer_reading(page.lake, campaign_id, search_id, form, operator))
+
+
+def _undo_reading(page: LabPage, form: dict[str, str], operator: str) -> str:
+    campaign_id, search_id = form.get("campaign", ""), form.get("search", "")
+    return str(_answers().undo_reading(page.lake, campaign_id, search_id, form.get("kind", ""), operator))
+
+
+def _decide(page: LabPage, form: dict[str, str], operator: str) -> str:
+    text = form.get("config", "").replace("\r\n", "\n")
+    return settle_proposal(page.lake, form.get("proposal", ""), form.get("accept") == "yes", text, operator)
+
+
+def _say_to_bench(page: LabPage, form: dict[str, str], operator: str) -> str:
+    values = {name.removeprefix("field-"): text for name, text in form.items() if name.startswith("field-")}
+    name, asked = _campaign_of(page, form), form.get("question", "")
+    return answer_question(page.lake, name, asked, form.get("choice", ""), values, operator)
+
+
+def _write_file(page: LabPage, form: dict[str, str], operator: str) -> str:
+    return str(page.worker.call(_answers().write_upload, page.lake, _campaign_of(page, form), form, operator))
+
+
+def _undo_file(page: LabPage, form: dict[str, str], operator: str) -> str:
+    return str(_answers().undo_told(page.lake, _campaign_of(page, form), operator))
+
+
+WORDS: Mapping[str, tuple[Role, Word]] = {
+    "/orders/leave-out": (Role.MOVE, _leave_out),
+    "/orders/pause": (Role.MOVE, _pause),
+    "/orders/stop": (Role.MOVE, _stop),
+    "/todo/print": (Role.SAY, _say_printed),
+    "/todo/mount": (Role.SAY, _say_mounted),
+    "/todo/reading": (Role.SAY, _say_reading),
+    "/todo/reading/undo": (Role.SAY, _undo_reading),
+    "/todo/proposal": (Role.MOVE, _decide),
+    "/todo/question": (Role.MOVE, _say_to_bench),
+    "/todo/told/write": (Role.SAY, _write_file),
+    "/todo/told/undo": (Role.SAY, _undo_file),
+}
+
+
+def _answers() -> ModuleType:
+    """What writes answers: seconds of imports, which whoever only looks does not wait for."""
+    from fast.flows.page import answers
+
+    return answers
+
+
+def _campaign_of(page: LabPage, form: dict[str, str]) -> str:
+    """The campaign that a form names.
+
+    Raises:
+        UsageError: the lake has none of that name.
+    """
+    campaign_id = form.get("campaign", "")
+    if campaign_id not in list_campaigns(page.lake):
+        raise UsageError(f"This lake has no campaign `{campaign_id}`; load the page again.")
+    return campaign_id
+
+
+def _whole(form: dict[str, str], name: str) -> int:
+    text = form.get(name, "")
+    if not text.isdecimal():
+        raise UsageError(f"`{name}` of the form is not a whole number; load the page again.")
+    return int(text)

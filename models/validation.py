@@ -170,7 +170,8 @@ def _sentence(record_type: type[BaseModel], fault: Any) -> str:
         rule = _fields_at(record_type, fault["loc"][:-1])[fault["loc"][-1]].description
         return f"{what}, it must match {limits['pattern']} ({rule}); change it."
     reason = fault["msg"].removeprefix("Value error, ")
-    return f"`{path}` is {shown}: {reason[:1].lower()}{reason[1:]}." if path else f"{reason}."
+    end = "" if reason.endswith((".", "?", "!")) else "."
+    return f"`{path}` is {shown}: {reason[:1].lower()}{reason[1:]}{end}" if path else f"{reason}{end}"
 
 
 def _wanted(fault: Any) -> str:

@@ -316,11 +316,13 @@ class Findings(Record):
         """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.
 
         Law and parameters of a name are never exact: what they leave is less than a tenth of what the name explained,
-        or is taken by an effect of the same family.
+        or is taken by an effect of the same family, or by one that does not make held-out errors smaller.
         """
         named = self.rounds[place].named
         if place == 0 or named.kind == "none" or not self.rounds[0].named.effects:
             return False
+        if self.rounds[place].refused:
+            return True
         if named.family and named.family in {earlier.named.family for earlier in self.rounds[:place]}:
             return True
         if named.kind == "unknown" and self.rounds[0].named.left_share is not None:

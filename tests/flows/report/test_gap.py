@@ -289,6 +289,11 @@ def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
     assert answer.describe_sureness(much).endswith("; something else is missing that the catalogue does not have")
     said = _round(lag.model_copy(update={"left_share": 0.3}), _candidate("load_cell_lag", 0.9))
     assert not _told(said, _round(unknown, weak)).is_leftover(1)  # the round itself says how much is left
+    other = Decision(kind="effect", effects=("friction_wear",), probability=0.8, family="wear")
+    large = _candidate("friction_wear", 0.9)
+    helps, helps_not = (_told(first, _round(other, large, refused=why)) for why in ("", "it does not help."))
+    assert "then" in answer.describe_answer(helps)
+    assert "then" not in answer.describe_answer(helps_not)
 
 
 @pytest.mark.parametrize(

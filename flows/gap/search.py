@@ -20,7 +20,7 @@ from fast.lake.tables.catalogue_rows import missing_version_rows
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import FastError
 from fast.models.gap.data import GapData
-from fast.models.gap.findings import Findings
+from fast.models.gap.findings import Findings, Verdict
 from fast.models.ids import content_id
 from fast.models.records import EffectValue
 from fast.models.simulation.version import SimulatorVersion
@@ -253,7 +253,7 @@ class Simulator:
 def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: ProgressReporter) -> GapOutcome:
     """Round after round, then what it changed; writes the answer."""
     from fast.tasks.gap.refine import ask_next
-    from fast.tasks.gap.rounds import evaluate_rounds
+    from fast.tasks.gap.rounds import evaluate_rounds, judge
 
     order, began = search.order, time.monotonic() - simulator.spent_s
     start = _find_start(lake, search)
@@ -264,12 +264,14 @@ def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: Pro
     for sentence in [*said, *([following.ranking.sentence] if following.ranking is not None else [])]:
         reporter.announce(sentence)
     reporter.progress("held-out grasps in the simulator, before and after")
+    verdict = judge(rounds[-1].search, rounds, start.version or search.version)  # simulates what is compared next
     evaluation = evaluate_rounds(rounds, order.seed)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
     warnings += [*_failed(rounds[-1].search.data), *rounds[-1].after.warnings, *evaluation.warnings]
     budget = _spent(simulator, time.monotonic() - began - simulator.spent_s)
-    findings = _sum_up(search, start, rounds, following, evaluation, budget, tuple(dict.fromkeys(warnings)))
+    told = {"budget": budget, "warnings": tuple(dict.fromkeys(warnings))}
+    findings = _sum_up(order.seed, start, rounds, following, verdict, evaluation).model_copy(update=told)
     return GapOutcome(_keep_answer(lake, search, rounds, findings), True, tuple(rounds), evaluation)
 
 
@@ -298,17 +300,9 @@ def _gather_inputs(
 
 
 def _sum_up(
-    search: _Search,
-    start: Start,
-    rounds: "Sequence[Round]",
-    following: "Next",
-    evaluation: "Evaluation",
-    budget: dict[str, float],
-    warnings: tuple[str, ...],
+    seed: int, start: Start, rounds: "Sequence[Round]", following: "Next", verdict: Verdict, evaluation: "Evaluation"
 ) -> Findings:
-    """The answer of all rounds."""
-    from fast.tasks.gap.rounds import judge
-
+    """The answer of all rounds, but for what it took and its warnings."""
     told = (*(one.asked for one in rounds), following.refined)
     return Findings(
         alarm=any(one.findings.named.kind != "none" for one in rounds),
@@ -317,10 +311,9 @@ def _sum_up(
         aliases=rounds[0].confounds,
         next_experiment=following.asked,
         asked=tuple(one for one in told if one is not None),
-        seed=search.order.seed,
-        budget=budget,
-        warnings=warnings,
-        verdict=judge(rounds[-1].search, rounds, start.version or search.version),
+        seed=seed,
+        budget={},
+        verdict=verdict,
         ranking=following.ranking,
         in_use=tuple(value.effect for value in start.effects),
     )

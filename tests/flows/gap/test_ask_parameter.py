@@ -19,8 +19,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 def test_a_name_that_is_sure_leaves_a_parameter_to_ask_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(refine, "SURE_SHARE", 1.01)  # no order is ever sure
     lake = gap_lake(tmp_path / "lake", hidden=[LAG])
-    go(lake)
-    lake.append(answer_rows([request for request, _ in read_open_requests(lake)], [LAG]), PROVENANCE)
     named = go(lake).run
     asked, ranking = named.findings.next_experiment, named.findings.ranking
     assert asked is not None

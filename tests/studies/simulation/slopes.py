@@ -192,7 +192,10 @@ def _ripple_rows() -> Rows:
 
 
 def _tolerance_rows(cells: Sequence[_Cell], tell: Callable[[str], None]) -> Rows:
-    """Scatter that is said of every cell's peak, and that of copies with walls, height and closing drawn."""
+    """Scatter that is said of every cell's peak, and that of copies with walls, height and closing drawn.
+
+    Drawn evenly, with the standard deviations that are said: walls may differ by 0.3 mm at most, two of these.
+    """
     tolerances = Tolerances()
     rows: Rows = []
     for cell in cells:
@@ -201,7 +204,7 @@ def _tolerance_rows(cells: Sequence[_Cell], tell: Callable[[str], None]) -> Rows
             numbered_design(cell.design), get_object(cell.object_id), TIERS["production"], GraspSetup()
         )
         rng, sds = np.random.default_rng(cell.object_id), tolerances.stated
-        drawn = rng.normal(size=(N_COPIES, len(sds))) * list(sds.values())
+        drawn = rng.uniform(-np.sqrt(3.0), np.sqrt(3.0), (N_COPIES, len(sds))) * list(sds.values())
         peaks = np.array([_simulate_moved(inputs, dict(zip(sds, moves, strict=True))) for moves in drawn])
         said_n = find_scatter(inputs, tolerances).sd_n or np.nan
         simulated_n = float(peaks.std(ddof=1))

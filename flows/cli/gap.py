@@ -256,8 +256,9 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", *filter(None, [describe_in_use(findings)]), ""]
     for place, found in enumerate(findings.rounds):
-        sure = describe_probability(found.named.probability)
-        lines += [f"round {place + 1}: {found.named.kind}, right with probability {sure}. {found.named.sentence}"]
+        sure = f"right with probability {describe_probability(found.named.probability)}"
+        what = f"{found.named.kind}, {'left over' if findings.is_leftover(place) else sure}"
+        lines += [f"round {place + 1}: {what}. {found.named.sentence}"]
         lines += [f"  left: {found.named.rest.sentence}"] if found.named.rest is not None else []
         lines += [f"  {note}" for note in describe_notes(found, findings.is_leftover(place))]
         lines += [f"  where: {where.sentence}" for where in found.where[:3]]

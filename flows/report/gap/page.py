@@ -107,13 +107,15 @@ def _prepare_page(content: GapPage, folder: Folder) -> dict[str, Any]:
 
 def _prepare_round(findings: Findings, place: int, folder: Folder) -> dict[str, Any]:
     """An answer with its law or what is left, and what each candidate predicts."""
-    found = findings.rounds[place]
+    found, is_leftover = findings.rounds[place], findings.is_leftover(place)
     named, title, n = found.named, describe_decision(found.named), place + 1
+    title = f"what is left is most like this: {title}" if is_leftover and named.effects else title
     is_weighed = any(candidate.nats is not None for candidate in found.candidates)
     return {
         "place": n,
         "found": found,
         "named": named,
+        "is_leftover": is_leftover,
         "title": f"Round {n}: {title}" if len(findings.rounds) > 1 else title,
         # The sentence of an answer is its titles and parameters again; formulas and the table show them better.
         "known": [CATALOGUE[effect] for effect in named.effects if effect in CATALOGUE and named.parameters],
@@ -122,7 +124,7 @@ def _prepare_round(findings: Findings, place: int, folder: Folder) -> dict[str, 
              "interval": f"{spell_number(p.ci90[0], 3)} to {spell_number(p.ci90[1], 3)}"}
             for name, p in named.parameters.items()
         ],
-        "notes": describe_notes(found, findings.is_leftover(place)),
+        "notes": describe_notes(found, is_leftover),
         "dropped": [describe_effect(effect) for effect in found.dropped],
         "law": folder.draw(f"gap_law_{n}", draw_law(named.law)) if named.law is not None else None,
         "rest": folder.draw(f"gap_rest_{n}", draw_rest(named.rest)) if named.rest is not None else None,

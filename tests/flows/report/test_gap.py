@@ -294,6 +294,8 @@ def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
     helps, helps_not = (_told(first, _round(other, large, refused=why)) for why in ("", "it does not help."))
     assert "then" in answer.describe_answer(helps)
     assert "then" not in answer.describe_answer(helps_not)
+    assert not helps.is_leftover(1)
+    assert helps_not.is_leftover(1)
 
 
 @pytest.mark.parametrize(

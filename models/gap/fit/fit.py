@@ -106,6 +106,21 @@ class Fit:
         return np.asarray(np.linalg.inv(DEFLATION * flat @ flat.T + np.diag(self.precision)))
 
     @property
+    def worth(self) -> np.ndarray:
+        """How far coordinates (c) go to make up for each of v numerical errors of unit size, c x v; the errors do not.
+
+        All others are free to go along.
+        """
+        first = len(self.theta) + len(self.tool_log)
+        own = np.arange(first, first + len(self.numerical))
+        flat = self.columns.reshape(len(self.columns), -1)
+        errors, others = flat[own], np.delete(flat, own, axis=0)
+        curvature = DEFLATION * others @ others.T + np.diag(np.delete(self.precision, own))
+        found = np.zeros((len(flat), len(own)))
+        found[np.delete(np.arange(len(flat)), own)] = np.linalg.solve(curvature, DEFLATION * others @ errors.T)
+        return found
+
+    @property
     def tool_factor(self) -> np.ndarray:
         """Moduli of tools over Young's modulus, t."""
         return np.exp(self.tool_log)

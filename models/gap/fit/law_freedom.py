@@ -129,9 +129,10 @@ def estimate_freed_parameters(fit: Fit, effect: str) -> dict[str, ParameterEstim
 def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
     """The law of an effect of a fit as the data have it, with its 90 % band, over the states that occur.
 
-    The curve is linear in parameters and h, as the freed fit is, so its posterior is normal: as wide as deflated data
-    make it. Where the law is of a known quantity, its distance from no effect is multiplied by 1 + h; else the curve is
-    the change of the force in such states. None for an effect that is a plain number, or changes nothing.
+    The curve is linear in parameters and h, as the freed fit is, so its posterior is normal: as wide as deflated data,
+    and what other solvers are worth (`Fit.worth`), make it. Where the law is of a known quantity, its distance from no
+    effect is multiplied by 1 + h; else the curve is the change of the force in such states. None for an effect that is
+    a plain number, or changes nothing.
     """
     freedom = LawFreedom.of(fit, effect)
     if freedom is None:
@@ -150,7 +151,8 @@ def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
     moved[:, end - N_KNOTS : end] = (freedom.basis(places) * change).T
     moved[:, first : first + len(slopes)] = np.array(slopes).T
     median = neutral + change + moved @ solve_step(freed)
-    half = _Z90 * np.sqrt(((moved @ freed.deflated_covariance) * moved).sum(axis=1))
+    variance = ((moved @ freed.deflated_covariance) * moved).sum(axis=1) + ((moved @ freed.worth) ** 2).sum(axis=1)
+    half = _Z90 * np.sqrt(variance)
     return LawCurve(
         quantity=_CHANGE if quantity is None else quantity.name,
         state=freedom.state.name,

@@ -243,7 +243,7 @@ class LikelihoodSurface:
 
     def spread_by_solvers(self, v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Draws of v (... x k) with what other solvers are worth in the effects, as wide as few tools ask."""
-        worth = find_worth(self.fit)
+        worth = self.fit.worth[len(self.fit.columns) - self.fit.n_effect_columns :]
         moved = v.copy()
         for place, axis in enumerate(self.density.axes, start=_N_THETA):
             if CATALOGUE[axis.effect].bank_runs and axis.kind != "inverse":
@@ -279,19 +279,6 @@ class LikelihoodSurface:
         coefficients = np.linalg.lstsq(at, np.array([self.rows(one) for one in points]), rcond=None)[0]
         gram = coefficients @ self.project(coefficients.T) / self.phi
         return replace(self, point=point, density=replace(self.density, middle=point, spread=spread, gram=gram))
-
-
-def find_worth(fit: Fit) -> np.ndarray:
-    """How far p parameters of effects go to make up for each of v numerical errors of unit size, p x v.
-
-    All other coordinates of the fit are free to go along.
-    """
-    first, n = _N_THETA + len(fit.tool_log), len(fit.numerical)
-    flat = fit.columns.reshape(len(fit.columns), -1)
-    errors, others = flat[first : first + n], np.delete(flat, np.s_[first : first + n], axis=0)
-    precision = np.delete(fit.precision, np.s_[first : first + n])
-    worth = np.linalg.solve(DEFLATION * others @ others.T + np.diag(precision), DEFLATION * others @ errors.T)
-    return np.asarray(worth[len(worth) - fit.n_effect_columns :])
 
 
 def _vector(fit: Fit, axes: Sequence[Axis]) -> np.ndarray:

@@ -15,7 +15,7 @@ def test_what_takes_hours_follows_from_the_time_of_a_grasp(capsys, monkeypatch):
     assert [row["cpu_s"] for row in rows[:4]] == [0.5, 25_300, 2.0, 3.0]
     assert rows[1]["hours"] == pytest.approx(50_608 * 0.5 / os.cpu_count() / 3600, rel=0.05)
     assert [row["hours"] is None for row in rows] == [True, False, True, True, False]
-    assert "10 tools on 8 objects, 3760 grasps" in rows[4]["work"]  # 47 simulators of a wide bank
+    assert "10 tools on 8 objects, 3840 grasps" in rows[4]["work"]  # 48 simulators of a wide bank
 
 
 def test_a_grasp_and_the_scientist_take_time(monkeypatch):

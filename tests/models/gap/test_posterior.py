@@ -13,7 +13,6 @@ from fast.models.gap.fit.posterior import (
     SIZE_APART,
     LikelihoodSurface,
     effects_at,
-    find_worth,
     sample_posterior,
 )
 from fast.models.gap.fit.recalibrate import recalibrate
@@ -48,6 +47,10 @@ def test_the_gradient_is_that_of_the_density(hidden: tuple[EffectValue, ...]) ->
     steps = 1e-5 * np.eye(len(u))
     slopes = [(density(u + step)[0] - density(u - step)[0]) / 2e-5 for step in steps]
     np.testing.assert_allclose(density(u)[1], slopes, rtol=1e-4, atol=1e-3)
+
+
+def worth_of_effects(fit: Fit) -> np.ndarray:
+    return np.array(fit.worth[len(fit.columns) - fit.n_effect_columns :])
 
 
 def test_the_surface_is_the_likelihood_where_the_posterior_is(lagging: Fit) -> None:
@@ -107,7 +110,7 @@ def of_so_few_tools(surface: LikelihoodSurface) -> float:
 def test_data_do_not_learn_how_late_another_solver_is() -> None:
     hidden = EffectValue(effect="lift_misalignment", parameters={"shift_mm": 0.5})
     surface = LikelihoodSurface.around(fit_of(hidden), SETTINGS.priors)
-    ((axis,), worth) = surface.density.axes, find_worth(surface.fit)
+    ((axis,), worth) = surface.density.axes, worth_of_effects(surface.fit)
     assert axis.sd * worth[-1, -1] == pytest.approx(COMMON_SHIFT_MM, rel=0.1), "a shift is made up for by a shift"
     v = np.tile(surface.point, (2, 4000, 1))
     spread = surface.spread_by_solvers(v, np.random.default_rng(1))
@@ -122,7 +125,7 @@ def test_solvers_are_apart_in_effects_that_are_simulated() -> None:
     surface = LikelihoodSurface.around(fit_of(FRICTION), SETTINGS.priors)
     v = np.tile(surface.point, (2, 4000, 1))
     apart = half_width(surface.spread_by_solvers(v, np.random.default_rng(1)))[3:]
-    errors = np.linalg.norm(find_worth(surface.fit), axis=1)
+    errors = np.linalg.norm(worth_of_effects(surface.fit), axis=1)
     expected = np.hypot(errors, [SIZE_APART * abs(surface.point[3]), SHAPE_APART])
     np.testing.assert_allclose(apart, of_so_few_tools(surface) * expected, rtol=0.05)
 
@@ -131,5 +134,5 @@ def test_a_limit_of_the_force_is_no_further_apart_than_numerical_errors() -> Non
     surface = LikelihoodSurface.around(fit_of(JAWS), SETTINGS.priors)
     v = np.tile(surface.point, (2, 4000, 1))
     apart = half_width(surface.spread_by_solvers(v, np.random.default_rng(1)))[3:]
-    expected = of_so_few_tools(surface) * np.linalg.norm(find_worth(surface.fit), axis=1)
+    expected = of_so_few_tools(surface) * np.linalg.norm(worth_of_effects(surface.fit), axis=1)
     np.testing.assert_allclose(apart, expected, rtol=0.05)

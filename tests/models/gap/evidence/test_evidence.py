@@ -10,6 +10,7 @@ from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.challenge.hidden.worlds import Worlds
 from fast.models.gap.evidence.candidates import weigh_candidates, weigh_effects
 from fast.models.gap.evidence.drifts import find_batches
+from fast.models.gap.evidence.errors import Errors
 from fast.models.gap.evidence.facts import list_facts
 from fast.models.gap.evidence.laws import scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, add_effect, fit_evidence
@@ -66,6 +67,18 @@ def test_contrasts_are_orthonormal_and_blind_to_what_repeats_share(problem: Prob
     shared_n = np.random.default_rng(0).normal(size=(reading.n_cells, 120))[reading.cell]
     assert np.abs(reading.contrast(shared_n)).max() < 1e-12
     assert np.allclose(reading.average(shared_n), shared_n[reading.rows] @ OF_BINS.T)
+
+
+def test_a_variant_that_nobody_simulated_leaves_the_errors_of_the_others(problem: Problem) -> None:
+    bank = problem.surrogate.bank
+    lacking_n = bank.numerical_steps_n.copy()
+    lacking_n[:, :, -1] = np.nan
+    lacking, without = (
+        Errors.of(replace(problem.surrogate, bank=replace(bank, numerical_steps_n=steps_n)), problem.reading).solver
+        for steps_n in (lacking_n, bank.numerical_steps_n[:, :, :-1])
+    )
+    assert np.allclose(lacking, without)
+    assert np.trace(without) < np.trace(problem.errors.solver)
 
 
 def test_theta_is_found(worlds: Worlds, fit: EvidenceFit) -> None:

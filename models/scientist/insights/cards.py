@@ -154,9 +154,9 @@ def night_card(outlook: Outlook) -> Card | None:
         return None
     after, before = outlook.after_night, outlook.ahead[0]
     gain = after.chance - before.chance
-    verdict = (
-        "it is worth the night" if gain >= 0.05 or after.gain_n > 1.05 * before.gain_n + 0.05 else "it adds little"
-    )
+    # Less than a tenth of a newton more is not seen in the sentence.
+    is_worth = gain >= 0.05 or after.gain_n > 1.05 * before.gain_n + 0.1
+    verdict = "it is worth the night" if is_worth else "it adds little"
     return Card(
         topic="stop",
         name="night",

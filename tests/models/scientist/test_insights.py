@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from fast.models.design.space import BEST_PUBLISHED, FIN_RAYS, PARAMETERS, random_unit
-from fast.models.scientist.insights.cards import BatchCost, effect_card, gap_card, pair_card, stop_card, summary_card
+from fast.models.scientist.insights.cards import (
+    BatchCost,
+    effect_card,
+    gap_card,
+    night_card,
+    pair_card,
+    stop_card,
+    summary_card,
+)
 from fast.models.scientist.insights.classes import find_class_effects
 from fast.models.scientist.insights.effects import (
     Curve,
@@ -286,3 +294,15 @@ def test_levels_are_told_in_the_unit_of_their_parameter(grid: Grid) -> None:
     assert ribs == tuple(float(n) for n in range(1, 11))
     assert (height[0], height[-1]) == (90.0, 120.0)
     assert height[1] == pytest.approx(90.0 + 30.0 * grid.levels[HEIGHT][1], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("chance", "gain_n", "verdict"),
+    [(0.16, 0.34, "it adds little"), (0.16, 0.4, "it is worth the night"), (0.22, 0.25, "it is worth the night")],
+)
+def test_a_night_is_worth_it_if_its_sentence_shows_why(chance: float, gain_n: float, verdict: str) -> None:
+    before, after = BatchAhead(chance=0.16, gain_n=0.25), BatchAhead(chance=chance, gain_n=gain_n)
+    outlook = Outlook(margin=0.05, best_n=22.0, ahead=(before,), n_tools=10, after_night=after, n_night=8)
+    card = night_card(outlook)
+    assert card is not None
+    assert card.sentence.endswith(f": {verdict}.")

@@ -21,7 +21,7 @@ _BEGUN: set[int] = set()  # processes: a child does not inherit what its parent 
 def compile_once(call_kernels: Callable[[], object]) -> None:
     """Have the kernels compiled on this computer, by a function that calls them all; it returns at once where they are.
 
-    That takes some 50 s of CPU. A line says so every eight seconds, one for all processes of a terminal. What
+    That takes some 90 s of CPU. A line says so every eight seconds, one for all processes of a terminal. What
     `call_kernels` calls may ask for the same.
     """
     if os.getpid() in _BEGUN:
@@ -32,6 +32,11 @@ def compile_once(call_kernels: Callable[[], object]) -> None:
     except BaseException:
         _BEGUN.clear()
         raise
+
+
+def is_compiler() -> None:
+    """This process is the one that others wait for: it asks nobody to compile."""
+    _BEGUN.add(os.getpid())
 
 
 def _compile(call_kernels: Callable[[], object]) -> None:
@@ -88,7 +93,9 @@ def _told(ready: Path, lock: Path) -> Iterator[None]:
         while not over.wait(TELL_EVERY_S):
             if not (ready.exists() or _is_told_by_another(lock)):
                 passed_s = time.monotonic() - started
-                logger.warning("The simulator is compiled, once on this computer (a minute): %.0f s so far.", passed_s)
+                logger.warning(
+                    "The simulator is compiled, once on this computer (a minute and a half): %.0f s so far.", passed_s
+                )
 
     threading.Thread(target=tell, daemon=True, name="compiling").start()
     try:

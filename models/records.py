@@ -264,8 +264,9 @@ class Slope:
     """Derivative of a simulated trace by one parameter.
 
     `unit` is that of the slope, such as `N/mm`. `force_n` (n) per unit of the parameter at the samples of the trace,
-    and `peak_n` of the peak pull-off force. `usual`: by how much the parameter changes between prints, grasps or
-    designs. `step`: over how much to either side a finite difference was taken; None for the derivative itself.
+    NaN where it is not known: past both the lift to which slopes are good and the peak. `peak_n` of the peak pull-off
+    force. `usual`: by how much the parameter changes between prints, grasps or designs. `step`: over how much to either
+    side a finite difference was taken; None for the derivative itself.
     """
 
     unit: str

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,7 +62,7 @@ def _write_slopes(out: Path, result: "GraspSimulation", title: str) -> list[Path
     table, picture = out / "slopes.csv", out / "slopes.png"
     columns = [trace.time_s, trace.lift_mm, *(slope.force_n for slope in by.values())]
     head = ["time_s", "lift_mm", *(f"{name} ({slope.unit})" for name, slope in by.items())]
-    rows = [",".join(f"{number:.6g}" for number in row) for row in zip(*columns, strict=True)]
+    rows = [",".join("" if isnan(number) else f"{number:.6g}" for number in row) for row in zip(*columns, strict=True)]
     table.write_text("\n".join([",".join(head), *rows]) + "\n")
     with figure_style():
         draw_peak_changes(result, title).savefig(picture, dpi=PIXELS_PER_INCH)

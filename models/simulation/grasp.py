@@ -1,5 +1,7 @@
 """One simulated grasp: close, lift, separate; the sum of both fingers as the load cell sees it."""
 
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +18,7 @@ from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design, GraspContext, GraspSetup, GraspSimulation, Placement
 from fast.models.simulation.actuation import ClosingStall
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA
-from fast.models.simulation.contact.law import ObjectObstacle, Obstacle
+from fast.models.simulation.contact.law import Obstacle
 from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.finger import FingerState, FingerStep
 from fast.models.simulation.inputs import GraspInputs
@@ -28,15 +30,15 @@ from fast.models.simulation.output.recording import Camera, Phase, Recorder
 from fast.models.simulation.output.twist import TwistGauge
 from fast.models.simulation.placement import Side, check_overlap, check_reach, find_symmetry
 from fast.models.simulation.problem import FingerProblem, Numerics, find_numerics
-from fast.models.simulation.slopes.march import Copies
 from fast.models.simulation.slopes.parameters import find_parameters
-from fast.models.simulation.slopes.trace import SlopesPlan, find_slopes, plan_slopes
+from fast.models.simulation.slopes.trace import find_slopes, plan_slopes
 from fast.models.simulation.solver.newton import NewtonSolver
 from fast.models.simulation.solver.stepping import (
     FingerRecord,
     Path,
     Step,
     Stepper,
+    Walk,
     deadline_after,
     lift_step_mm,
     travel_to_touch,
@@ -116,7 +118,8 @@ def simulate_grasp(
     check_overlap(actual.obj, placement, actual.setup, [finger.first_gap_mm() for finger in solved])
     ready = time.process_time()
     watch = _as_half_turned(recorder) if symmetry.is_only_half_turn else recorder
-    fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side, plan) for f in solved]
+    keeps_steps = plan.has_copies
+    fingers = [simulate_finger(f.problem, f.obstacle, deadline, watch, f.side, keeps_steps) for f in solved]
     result = replace(_result_of(fingers, problem), setup_cpu_s=ready - started + sum(f.setup_cpu_s for f in fingers))
     if wanted:
 
@@ -135,7 +138,8 @@ def simulate_grasp(
                 deadline_s=rest_s,
             )
 
-        result = replace(result, slopes=find_slopes(plan, problem, fingers, result.trace, again))
+        problems = [finger.problem for finger in solved]
+        result = replace(result, slopes=find_slopes(plan, problems, fingers, result.trace, again, deadline))
     return replace(result, cpu_s=time.process_time() - started)
 
 
@@ -154,8 +158,25 @@ def simulate_inputs(inputs: GraspInputs, along: Sequence[str] | str = ()) -> Gra
 
 
 def compile_simulator() -> None:
-    """Have the simulator compiled on this computer; every simulation does. A whole grasp calls every kernel."""
-    compile_once(lambda: simulate_grasp(BEST_PUBLISHED, get_object(30)))
+    """Have the simulator compiled on this computer; every simulation does."""
+    compile_once(_compile_elsewhere)
+
+
+def _compile_elsewhere() -> None:
+    """Compile in a process of its own.
+
+    A process that compiles has every kernel twice, alone and within those that call it, and may use either, which
+    differ in the last bit. One that loads them uses the same as all others.
+    """
+    code = "from fast.models import kernels; kernels.is_compiler(); "
+    code += f"from {__name__} import call_kernels; call_kernels()"
+    if subprocess.run([sys.executable, "-c", code], check=False).returncode != 0:
+        call_kernels()  # what is wrong is wrong here too, and is told
+
+
+def call_kernels() -> None:
+    """Call every kernel: one grasp with slopes does."""
+    simulate_grasp(BEST_PUBLISHED, get_object(30), along=("friction", "closed_gap_mm"))
 
 
 def _result_of(fingers: Sequence[FingerResult], problem: FingerProblem) -> GraspSimulation:
@@ -201,7 +222,7 @@ class _Finger:
     """One finger to solve, as it stands on the +x side: for the left one everything is seen in the mirror x = 0."""
 
     problem: FingerProblem
-    obstacle: ObjectObstacle
+    obstacle: Obstacle
     side: Side
 
     @classmethod
@@ -209,7 +230,7 @@ class _Finger:
         """The finger on a side at a placement; seen in the mirror, a roll is one the other way."""
         is_mirrored = side == "left"
         rolled = replace(problem, roll_deg=-placement.roll_deg if is_mirrored else placement.roll_deg)
-        return cls(rolled, ObjectObstacle(obj, placement, is_mirrored=is_mirrored), side)
+        return cls(rolled, Obstacle.of(obj, placement, is_mirrored=is_mirrored), side)
 
     def first_gap_mm(self) -> float:
         """Least distance of the open finger from the object, negative inside; infinite where their boxes are apart."""
@@ -226,17 +247,17 @@ def simulate_finger(
     deadline: float = np.inf,
     recorder: Recorder | None = None,
     side: Side = "right",
-    plan: SlopesPlan | None = None,
+    keeps_steps: bool = False,
 ) -> FingerResult:
     """Close and lift one finger against an obstacle; `deadline` is a time of `time.monotonic`.
 
-    `recorder` is called with every converged step; `side` names the finger in its snapshots. `plan` says by which
-    parameters the forces get slopes.
+    `recorder` is called with every converged step; `side` names the finger in its snapshots. `keeps_steps`: for
+    copies that go the same way.
     """
     started = time.process_time()
     model = problem.model()
     finger = model.against(obstacle, problem.finger_stop_mm)
-    newton = NewtonSolver(model.linear, model.blocks, problem.numerics.newton, deadline)
+    newton = NewtonSolver(model.workspace, problem.numerics.newton, deadline)
     stepper = Stepper(finger, newton, problem.numerics.limits, problem.friction)
     setup_cpu_s = time.process_time() - started
     camera = None
@@ -244,8 +265,7 @@ def simulate_finger(
         scale = problem.force_scale
         camera = Camera(recorder, side, finger.body.mesh, finger.nodes, finger.surface, obstacle, scale)
     gauge = TwistGauge(problem.mesh, finger.nodes, problem.design.tip_height_mm)
-    copies = None if plan is None else plan.copies_of(finger, problem, deadline)
-    seen = _Observed(gauge, PressureGauge(finger.surface.areas, problem.mesh.is_half), camera, copies)
+    seen = _Observed(gauge, PressureGauge(finger.surface.areas, problem.mesh.is_half), camera, keeps_steps)
     _close_and_lift(finger, stepper, problem, seen)
     share = 2.0 if problem.mesh.is_half else 1.0
     return FingerResult(
@@ -264,8 +284,7 @@ def simulate_finger(
         pressure_mpa=seen.pressure.largest,
         mesh_error_n=share * seen.mesh_error_n,
         has_stalled=seen.has_stalled,
-        slopes_n={name: share * values for name, values in seen.record.slopes().items()},
-        failures={} if copies is None else copies.failures,
+        walk=seen.walk,
     )
 
 
@@ -279,8 +298,10 @@ class _Observed:
     """Largest contact pressure so far, MPa."""
     camera: Camera | None
     """Keeps pictures of the finger; None where nobody asked for them."""
-    copies: Copies | None = None
-    """Copies of the finger that give slopes; None without any."""
+    keeps_steps: bool = False
+    """Whether the steps are kept, for copies of the finger."""
+    walk: Walk | None = None
+    """The steps, if they are kept."""
     record: FingerRecord = field(default_factory=FingerRecord)
     """Samples of the closing, then of the lift."""
     n_closing: int = 0
@@ -306,17 +327,15 @@ class _Observed:
             self.camera.take(phase, time_s, travel_mm, state, clamp_n)
 
     def add(self, phase: Phase, time_s: float, travel_mm: float, step: Step) -> None:
-        """A converged step: its force and pressure too, and the slopes of its force."""
-        self.pressure.add(step.state.contact.pressure)
-        self.record.add(time_s, travel_mm if phase == "lift" else 0.0, step.clamp_n, self._slopes_of(step))
+        """A converged step: its force and pressure too."""
+        if self.walk is not None:
+            steps = self.walk.lift if phase == "lift" else self.walk.closing
+            steps.append((len(self.record.time_s), step))
+        self.pressure.add(step.state.contact)
+        self.record.add(time_s, travel_mm if phase == "lift" else 0.0, step.clamp_n)
         if phase == "lift":
             self.unresolved_n_mm.append(step.state.contact.unresolved_n_mm)
         self.look(phase, time_s, travel_mm, step.state, step.clamp_n)
-
-    def _slopes_of(self, step: Step) -> dict[str, np.ndarray] | None:
-        if self.copies is None:
-            return None
-        return self.copies.follow(step)
 
 
 def _close_and_lift(finger: FingerStep, stepper: Stepper, problem: FingerProblem, seen: _Observed) -> None:
@@ -354,8 +373,8 @@ def _close(finger: FingerStep, stepper: Stepper, problem: FingerProblem, seen: _
     touch_s, end_s = free / setup.close_speed_mm_per_s, stroke / setup.close_speed_mm_per_s
     if free > 0.0:
         record.add(touch_s, 0.0, no_force)
-    if seen.copies is not None:
-        seen.copies.start(state)
+    if seen.keeps_steps:
+        seen.walk = Walk(finger, state)
     seen.look("closing", touch_s, free, state, no_force)
     stall = ClosingStall(problem.jaw, stroke - free, problem.numerics.limits.closing_mm)
     closing = Path(state.base, INWARD, stroke - free, setup.close_speed_mm_per_s, stall.longest_step_mm)
@@ -366,8 +385,8 @@ def _close(finger: FingerStep, stepper: Stepper, problem: FingerProblem, seen: _
             seen.has_stalled = True
             break
     state.v[:] = 0.0
-    if seen.copies is not None:
-        record.slopes_n[-1] = seen.copies.stop_closing(stepper.finger, state, record.force_n[-1])
+    if seen.walk is not None:
+        seen.walk.rest = len(record.time_s) - 1, stepper.finger, state, record.force_n[-1]
     if record.time_s[-1] < end_s - 1e-9:
         record.repeat_until(end_s)
     if setup.dwell_s > 0.0:  # quasi-static: nothing happens

@@ -14,7 +14,7 @@ from fast.models.simulation.contact.self_contact import SelfContact
 from fast.models.simulation.finger import FingerStep
 from fast.models.simulation.mesh.cavities import cavity_faces
 from fast.models.simulation.mesh.solid import SolidMesh
-from fast.models.simulation.solver.cholesky import BlockCholesky, LinearSolver
+from fast.models.simulation.solver.newton import Workspace, make_workspace
 
 # Half and full width of one design: a design's objects come one after the other.
 MAX_KEPT = 2
@@ -24,15 +24,14 @@ MAX_KEPT = 2
 class FingerModel:
     """A finger ready to be grasped with: nodes (n, 3) in the object frame at rest, and what was derived from them.
 
-    `linear` and `blocks` (z, 3, 3) are working storage: a grasp overwrites them and assumes nothing about them.
+    `workspace` is storage: a grasp overwrites it and assumes nothing about it.
     """
 
     nodes: np.ndarray
     body: ElasticBody
     surface: ContactSurface
     inside: SelfContact
-    linear: LinearSolver
-    blocks: np.ndarray
+    workspace: Workspace
 
     def against(self, obstacle: Obstacle, stop_mm: float = 0.0) -> FingerStep:
         """The finger before an obstacle; the plane x = `stop_mm` stands for the other finger."""
@@ -71,9 +70,8 @@ def finger_model(
         nodes = place_nodes(mesh, height_mm, tip_below_mm, roll_deg)
         body = ElasticBody(mesh, nodes, material, factors=factors)
         surface = ContactSurface(body, nodes, law, spacing)
-        blocks = np.zeros((len(body.pattern.indices), 3, 3))
         inside = SelfContact(*cavity_faces(mesh), nodes, law)
-        model = FingerModel(nodes, body, surface, inside, BlockCholesky(body.pattern), blocks)
+        model = FingerModel(nodes, body, surface, inside, make_workspace(body.pattern))
     _KEPT.models[key] = model
     while len(_KEPT.models) > MAX_KEPT:
         _KEPT.models.popitem(last=False)

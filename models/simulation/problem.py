@@ -120,8 +120,10 @@ class FingerProblem:
     def friction(self, state: FingerState) -> np.ndarray:
         """Friction coefficient per contact point (n), frozen over the step from a state, from the effects' factors."""
         values = np.full(len(state.contact.slip), self.theta.friction)
-        for effect in self.effects:
-            values *= effect.friction_factor(state.contact.slip, self.force_scale * state.contact.pressure)
+        if self.effects:
+            pressure_mpa = self.force_scale * state.contact.spread_pressure()
+            for effect in self.effects:
+                values *= effect.friction_factor(state.contact.slip, pressure_mpa)
         return values
 
     def model(self) -> FingerModel:

@@ -2,8 +2,8 @@
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import numba as nb
 import numpy as np
@@ -14,7 +14,7 @@ from fast.models.simulation.body.elasticity import (
     VECTOR,
     MaterialLaw,
     add_forces,
-    element_stiffness,
+    add_tangents,
     lame_constants,
 )
 from fast.models.simulation.body.shape_functions import quadrature_of, shape_of
@@ -47,9 +47,8 @@ class Material:
         return 2.0 * self.stiffening / self.young_modulus_mpa
 
 
-@dataclass(frozen=True)
-class _Elements:
-    """One element block ready for assembly: what the kernels read.
+class Elements(NamedTuple):
+    """One element block ready for assembly.
 
     `connectivity` (m, k); `gradients` (q, 3, k') dN/dxi, with zeros up to whole vectors of nodes; `inverses` (q, 9, m)
     dxi_i/dX_j in 3 i + j, in 1/mm; `volumes` (q, m) in mm3, and `weights`, the same times the element's factor on the
@@ -63,6 +62,37 @@ class _Elements:
     weights: np.ndarray
     values: np.ndarray
     places: np.ndarray
+
+
+class Elastic(NamedTuple):
+    """What compiled code reads of a body: always two blocks, of which one may be empty, and the constants of the law.
+
+    They are the code of the law, Lame's constants lam and mu in MPa, and c in 1/MPa (see
+    `models.simulation.body.elasticity`).
+    """
+
+    first: Elements
+    second: Elements
+    law: int
+    lam: float
+    mu: float
+    c: float
+
+
+_NO_ELEMENTS = Elements(
+    np.zeros((0, 1), dtype=np.int32),
+    np.zeros((1, 3, VECTOR)),
+    *(np.zeros((1, 9, 0)), np.zeros((1, 0)), np.zeros((1, 0)), np.zeros((1, 1))),
+    np.zeros((0, 1, 1), dtype=np.int32),
+)
+
+
+class SymmetryBlocks(NamedTuple):
+    """Numbers of the blocks in the `rows` of nodes on the symmetry plane, in their `columns`, and in both."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    diagonal: np.ndarray
 
 
 class ElasticBody:
@@ -93,14 +123,14 @@ class ElasticBody:
         self._parts = [
             self._prepared(block, nodes, factor) for block, factor in zip(mesh.blocks, of_block, strict=True)
         ]
-        self._symmetry = _symmetry_blocks(mesh, self.row_of_node, self.pattern)
+        self.symmetry = _symmetry_blocks(mesh, self.row_of_node, self.pattern)
 
-    def _prepared(self, block: ElementBlock, nodes: np.ndarray, factor: np.ndarray | None) -> _Elements:
+    def _prepared(self, block: ElementBlock, nodes: np.ndarray, factor: np.ndarray | None) -> Elements:
         gradients, inverses, volumes, values = _reference_gradients(block, nodes, self._n_axial_points)
         weights = volumes if factor is None else volumes * factor
         connectivity = np.ascontiguousarray(block.connectivity, dtype=np.int32)
         places = block_map(connectivity, self.row_of_node, self.pattern)
-        return _Elements(connectivity, gradients, inverses, volumes, weights, values, places)
+        return Elements(connectivity, gradients, inverses, volumes, weights, values, places)
 
     def coupled(self, groups: np.ndarray) -> Self:
         """The same body; its tangent also has room for blocks between all nodes of each group (p, k)."""
@@ -108,8 +138,8 @@ class ElasticBody:
         connectivities = [part.connectivity for part in self._parts]
         rows, pattern = number_rows(len(self.row_of_node), self.mesh.base_nodes, [*connectivities, groups])
         other.row_of_node, other.pattern = rows, pattern
-        parts = [replace(part, places=block_map(part.connectivity, rows, pattern)) for part in self._parts]
-        other._parts, other._symmetry = parts, _symmetry_blocks(self.mesh, rows, pattern)  # noqa: SLF001 - a copy of this object
+        parts = [part._replace(places=block_map(part.connectivity, rows, pattern)) for part in self._parts]
+        other._parts, other.symmetry = parts, _symmetry_blocks(self.mesh, rows, pattern)  # noqa: SLF001 - a copy of this object
         return other
 
     def moved(self, nodes: np.ndarray, material: Material, factors: Sequence[np.ndarray] | None) -> Self:
@@ -120,7 +150,7 @@ class ElasticBody:
         for block, part, factor in zip(self.mesh.blocks, self._parts, of_block, strict=True):
             _, inverses, volumes, _ = _reference_gradients(block, nodes, self._n_axial_points)
             weights = volumes if factor is None else volumes * factor
-            parts.append(replace(part, inverses=inverses, volumes=volumes, weights=weights))
+            parts.append(part._replace(inverses=inverses, volumes=volumes, weights=weights))
         other._parts, other._material = parts, _constants(material)  # noqa: SLF001 - a copy of this object
         return other
 
@@ -128,37 +158,34 @@ class ElasticBody:
         """The same body, its unknowns in the order of one that differs in nothing but the pattern of its tangent."""
         other = copy.copy(self)
         other.row_of_node, other.pattern = body.row_of_node, body.pattern
-        parts = [replace(part, places=numbered.places) for part, numbered in zip(self._parts, body._parts, strict=True)]
-        other._parts, other._symmetry = parts, body._symmetry  # noqa: SLF001 - a copy of this object
+        parts = [part._replace(places=numbered.places) for part, numbered in zip(self._parts, body._parts, strict=True)]
+        other._parts, other.symmetry = parts, body.symmetry  # noqa: SLF001 - a copy of this object
         return other
 
     @property
     def n_dof(self) -> int:
         """Unknown displacements."""
-        return 3 * self.pattern.n - len(self._symmetry[2])
+        return 3 * self.pattern.n - len(self.symmetry.diagonal)
+
+    @property
+    def compiled(self) -> Elastic:
+        """What compiled code reads."""
+        first, *others = self._parts
+        return Elastic(first, others[0] if others else _NO_ELEMENTS, *self._material)
 
     def force(self, x: np.ndarray) -> np.ndarray | None:
         """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
         force = np.zeros(x.shape)
-        for part in self._parts:
-            elements = part.connectivity, part.gradients, part.inverses, part.weights
-            if not add_forces(x, *elements, *self._material, force):
-                return None
-        return force
+        return force if add_elastic_forces(self.compiled, x, force) else None
 
-    def stiffness(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray | None:
-        """As `force`; also overwrites `blocks` (z, 3, 3) with the tangent (symmetry not yet applied)."""
-        force = np.zeros(x.shape)
+    def stiffness(self, x: np.ndarray, blocks: np.ndarray) -> bool:
+        """Overwrite `blocks` (z, 3, 3) with the tangent at x (symmetry not yet applied); False if one is inverted."""
         blocks[:] = 0.0
-        for part in self._parts:
-            elements = part.connectivity, part.gradients, part.inverses, part.weights
-            if not _assemble(x, *elements, *self._material, part.places, force, blocks):
-                return None
-        return force
+        return bool(add_stiffness(self.compiled, x, blocks))
 
     def apply_symmetry(self, blocks: np.ndarray) -> None:
         """Decouple the y displacement of the nodes on the symmetry plane."""
-        _decouple_y(*self._symmetry, blocks)
+        decouple_y(self.symmetry, blocks)
 
     def lumped_volume(self) -> np.ndarray:
         """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
@@ -173,7 +200,7 @@ class ElasticBody:
 def _constants(material: Material) -> tuple[int, float, float, float]:
     """What the kernels take of a material."""
     lame = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
-    return LAW_CODE[material.law], *lame, material.stiffening_per_mpa
+    return LAW_CODE[material.law], *lame, float(material.stiffening_per_mpa)
 
 
 def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockPattern) -> np.ndarray:
@@ -228,69 +255,63 @@ def _node_pairs(local: np.ndarray) -> np.ndarray:
     return np.column_stack([first.ravel(), second.ravel()])
 
 
-def _symmetry_blocks(
-    mesh: SolidMesh, row_of_node: np.ndarray, pattern: BlockPattern
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _symmetry_blocks(mesh: SolidMesh, row_of_node: np.ndarray, pattern: BlockPattern) -> SymmetryBlocks:
     rows = row_of_node[mesh.symmetry_nodes]
     constrained = np.zeros(pattern.n, dtype=bool)
     constrained[rows[rows >= 0]] = True
     columns = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
     by_row, by_column = constrained[pattern.indices], constrained[columns]
     diagonal = by_row & (pattern.indices == columns)
-    return np.flatnonzero(by_row), np.flatnonzero(by_column), np.flatnonzero(diagonal)
+    return SymmetryBlocks(np.flatnonzero(by_row), np.flatnonzero(by_column), np.flatnonzero(diagonal))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _assemble(
-    x: np.ndarray,
-    elements: np.ndarray,
-    gradients: np.ndarray,
-    inverses: np.ndarray,
-    weights: np.ndarray,
-    law: int,
-    lam: float,
-    mu: float,
-    c: float,
-    places: np.ndarray,
-    force: np.ndarray,
-    blocks: np.ndarray,
-) -> bool:
-    m, k = elements.shape
-    slopes, local_weights = np.zeros((len(gradients), k, 3)), np.zeros(len(gradients))
-    local_x, local_force, K = np.zeros((k, 3)), np.zeros((k, 3)), np.zeros((k, 9, k))
-    for e in range(m):
-        for a in range(k):
-            local_x[a] = x[elements[e, a]]
-        for q in range(len(gradients)):
-            local_weights[q] = weights[q, e]
-            for j in range(3):
-                a0, a1, a2 = inverses[q, j, e], inverses[q, 3 + j, e], inverses[q, 6 + j, e]
-                for a in range(k):
-                    slopes[q, a, j] = gradients[q, 0, a] * a0 + gradients[q, 1, a] * a1 + gradients[q, 2, a] * a2
-        if not element_stiffness(local_x, slopes, local_weights, law, lam, mu, c, local_force, K):
+def add_elastic_forces(elastic: Elastic, x: np.ndarray, force: np.ndarray) -> bool:
+    """Add the internal nodal forces (n, 3) at deformed nodes x (n, 3); False if an element is inverted."""
+    for part in (elastic.first, elastic.second):
+        if not add_forces(
+            x,
+            part.connectivity,
+            part.gradients,
+            part.inverses,
+            part.weights,
+            elastic.law,
+            elastic.lam,
+            elastic.mu,
+            elastic.c,
+            force,
+        ):
             return False
-        for a in range(k):
-            for i in range(3):
-                force[elements[e, a], i] += local_force[a, i]
-            for b in range(a + 1):
-                place = places[e, a, b]
-                if place >= 0:
-                    for i in range(3):
-                        for j in range(3):
-                            blocks[place, i, j] += K[a, 3 * i + j, b]
-                elif place < -1:
-                    for i in range(3):
-                        for j in range(3):
-                            blocks[-2 - place, j, i] += K[a, 3 * i + j, b]
     return True
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _decouple_y(rows: np.ndarray, columns: np.ndarray, diagonal: np.ndarray, blocks: np.ndarray) -> None:
-    """Clear row 1 of the blocks `rows`, column 1 of `columns`, and put a 1 where the two of `diagonal` meet."""
-    for z in rows:
+def add_stiffness(elastic: Elastic, x: np.ndarray, blocks: np.ndarray) -> bool:
+    """Add the tangent at deformed nodes x (n, 3); False if an element is inverted."""
+    for part in (elastic.first, elastic.second):
+        if not add_tangents(
+            x,
+            part.connectivity,
+            part.gradients,
+            part.inverses,
+            part.weights,
+            elastic.law,
+            elastic.lam,
+            elastic.mu,
+            elastic.c,
+            part.places,
+            blocks,
+        ):
+            return False
+    return True
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def decouple_y(symmetry: SymmetryBlocks, blocks: np.ndarray) -> None:
+    """Clear what couples the y displacement of the nodes on the symmetry plane, and put a 1 on its diagonal."""
+    for z in symmetry.rows:
         blocks[z, 1, :] = 0.0
-    for z in columns:
+    for z in symmetry.columns:
         blocks[z, :, 1] = 0.0
-    for z in diagonal:
+    for z in symmetry.diagonal:
         blocks[z, 1, 1] = 1.0

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from fast.models.objects.distance import choose_rows, chosen_distance
+from fast.models.objects.distance import choose_rows, chosen_distance, solid_distance
 from fast.models.simulation.contact.friction import return_mapping
 from fast.models.simulation.contact.points import ContactPoints
 
@@ -69,12 +69,92 @@ class Law(NamedTuple):
     adhesion: float
 
 
+class Surface(NamedTuple):
+    """Points, places (f, k, k) of the blocks between the nodes of a face, the law, and buffers."""
+
+    points: ContactPoints
+    places: np.ndarray
+    law: Law
+    seen: Sightings
+    near: NearPoints
+    touching: Touching
+
+
 class FrictionState(NamedTuple):
     """Last converged nodes (nodes, 3) and tractions (n, 3), and the coefficient of every point (n)."""
 
     nodes: np.ndarray
     traction: np.ndarray
     coefficient: np.ndarray
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def respond(
+    surface: Surface,
+    rows: np.ndarray,
+    stop_mm: float,
+    state: FrictionState,
+    x: np.ndarray,
+    force: np.ndarray,
+    blocks: np.ndarray,
+) -> int:
+    """Add forces (nodes, 3) at deformed nodes x, and tangents to `blocks` unless that is empty.
+
+    `rows` are the primitives of the obstacle. Returns how many points touch it: they are in `surface.touching`.
+    """
+    n_patches = _find_near(surface.points, x, surface.seen, surface.near)
+    _measure(rows, surface.points, surface.near, n_patches)
+    _remember(surface.points, surface.near, n_patches, stop_mm, surface.seen)
+    return _add_contact(surface, x, n_patches, stop_mm, state, force, blocks)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def least_gap(rows: np.ndarray, points: ContactPoints, x: np.ndarray) -> float:
+    """Least distance in mm of any point at deformed nodes x from a solid of primitives, negative inside.
+
+    A distance changes at most as far as its point moves: only faces, and of these patches, are looked at whose middle
+    point is less than their size further away than the nearest point.
+    """
+    gap, local, position = np.inf, np.zeros((points.faces.shape[1], 3)), np.zeros((1, 3))
+    least = np.zeros(len(points.faces))
+    for f in range(len(points.faces)):
+        _take_nodes(points.faces, f, x, local)
+        middle = _distance_of_point(rows, points.shape, points.face_middle[f], local, position)
+        least[f] = middle - _size(points.face_reach[f], local, position)
+        gap = min(gap, middle)
+    for f in range(len(points.faces)):
+        if least[f] > gap:
+            continue
+        _take_nodes(points.faces, f, x, local)
+        for p in range(points.first_patch[f], points.first_patch[f + 1]):
+            middle = _distance_of_point(rows, points.shape, points.first_point[p], local, position)
+            if middle - _size(points.reach[p], local, position) > gap:
+                continue
+            for c in range(points.first_point[p], points.first_point[p + 1]):
+                gap = min(gap, _distance_of_point(rows, points.shape, c, local, position))
+    return gap
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _distance_of_point(rows: np.ndarray, shape: np.ndarray, c: int, local: np.ndarray, position: np.ndarray) -> float:
+    """Distance in mm of point c of the face with nodes `local` (k, 3); puts the point into `position` (1, 3)."""
+    _interpolate_point(shape, c, local, position, 0)
+    return solid_distance(rows, position[0, 0], position[0, 1], position[0, 2])[0]
+
+
+@nb.njit(inline="always")
+def _size(reach: float, local: np.ndarray, middle: np.ndarray) -> float:
+    """Bound on how far points within `reach` of a middle point (1, 3) are from it, a little more than rounding above.
+
+    `local` (k, 3): the nodes of their face.
+    """
+    most = 0.0
+    for a in range(len(local)):
+        square = 0.0
+        for i in range(3):
+            square += (local[a, i] - middle[0, i]) ** 2
+        most = max(most, square)
+    return reach * math.sqrt(most) + _MARGIN_MM
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -130,19 +210,8 @@ def _travel(shape: np.ndarray, c: int, reach: float, local: np.ndarray, before: 
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def measure(
-    rows: np.ndarray, points: ContactPoints, x: np.ndarray, stop_mm: float, seen: Sightings, near: NearPoints
-) -> int:
-    """Find and measure all points that may touch a solid of primitives; returns the number of their patches."""
-    n_patches, _ = find_near(points, x, seen, near)
-    measure_solid(rows, points, near, n_patches)
-    remember(points, near, n_patches, stop_mm, seen)
-    return n_patches
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def find_near(points: ContactPoints, x: np.ndarray, seen: Sightings, near: NearPoints) -> tuple[int, int]:
-    """Collect the patches that may touch something, and their points; returns how many of each."""
+def _find_near(points: ContactPoints, x: np.ndarray, seen: Sightings, near: NearPoints) -> int:
+    """Collect the patches that may touch something, and their points; returns how many patches."""
     n_patches = n_points = 0
     local = np.zeros((points.faces.shape[1], 3))
     for f in range(len(points.faces)):
@@ -167,11 +236,11 @@ def find_near(points: ContactPoints, x: np.ndarray, seen: Sightings, near: NearP
             for c in range(points.first_point[p], points.first_point[p + 1]):
                 _interpolate_point(points.shape, c, local, near.position, n_points)
                 n_points += 1
-    return n_patches, n_points
+    return n_patches
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def measure_solid(rows: np.ndarray, points: ContactPoints, near: NearPoints, n_patches: int) -> None:
+def _measure(rows: np.ndarray, points: ContactPoints, near: NearPoints, n_patches: int) -> None:
     """Distances and normals of the near points from a solid of primitives.
 
     A patch whose middle point is further away than its size is not looked at closer.
@@ -198,7 +267,7 @@ def measure_solid(rows: np.ndarray, points: ContactPoints, near: NearPoints, n_p
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def remember(points: ContactPoints, near: NearPoints, n_patches: int, stop_mm: float, seen: Sightings) -> None:
+def _remember(points: ContactPoints, near: NearPoints, n_patches: int, stop_mm: float, seen: Sightings) -> None:
     """Keep how far the patches just measured are from the nearest thing to touch."""
     i = 0
     for q in range(n_patches):
@@ -211,23 +280,20 @@ def remember(points: ContactPoints, near: NearPoints, n_patches: int, stop_mm: f
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def add_contact(
-    points: ContactPoints,
-    places: np.ndarray,
+def _add_contact(
+    surface: Surface,
     x: np.ndarray,
-    near: NearPoints,
     n_patches: int,
     stop_mm: float,
-    law: Law,
     state: FrictionState,
     force: np.ndarray,
     blocks: np.ndarray,
-    touching: Touching,
 ) -> int:
     """Add the forces (nodes, 3) of the near points, and their tangents to `blocks` unless that is empty.
 
     Forces and tangents are summed per face before they go to the nodes. Returns how many points touch the obstacle.
     """
+    points, places, near, law, touching = surface.points, surface.places, surface.near, surface.law, surface.touching
     k, has_tangent = points.faces.shape[1], len(blocks) > 0
     moved, point_force, tangent = np.zeros((k, 3)), np.zeros(3), np.zeros((3, 3))
     face_force, face_tangent, pairs = np.zeros((k, 3)), np.zeros((6, k * (k + 1) // 2)), np.zeros(k * (k + 1) // 2)

@@ -9,7 +9,7 @@ radius of 1 mm: with 1 mm spacing an edge hooks between two rows of points and t
 
 import copy
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import Self
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from fast.models.objects.rigid import RigidObject
 from fast.models.records import Placement
 from fast.models.simulation.body.assembly import ElasticBody, block_map
 from fast.models.simulation.contact import kernel as contact_kernel
-from fast.models.simulation.contact.kernel import FrictionState, Law, NearPoints, Sightings, Touching
+from fast.models.simulation.contact.kernel import FrictionState, Law, NearPoints, Sightings, Surface, Touching
 from fast.models.simulation.contact.points import ContactPoints, PointSpacing, contact_points
 from fast.models.simulation.placement import place
 
@@ -29,15 +29,12 @@ __all__ = [
     "ContactResponse",
     "ContactState",
     "ContactSurface",
-    "ObjectObstacle",
     "Obstacle",
     "PointSpacing",
-    "Solid",
 ]
 
 NO_STOP = -np.inf
-SURE_MM = 1e-9  # far above rounding
-_NO_BLOCKS = np.zeros((0, 3, 3))
+NO_BLOCKS = np.zeros((0, 3, 3))
 
 
 @dataclass(frozen=True)
@@ -60,45 +57,32 @@ class ContactLaw:
     @property
     def compiled(self) -> Law:
         """The law as compiled code takes it."""
-        return Law(self.normal_n_per_mm3, self.tangential_n_per_mm3, self.smoothing_mm, self.adhesion_mpa)
+        own = self.normal_n_per_mm3, self.tangential_n_per_mm3, self.smoothing_mm, self.adhesion_mpa
+        return Law(*(float(value) for value in own))
 
 
-class Obstacle(Protocol):
-    """A rigid body (or the space outside one) that a finger can touch."""
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance in mm (n) of points (n, 3), negative inside; must not change faster than the points move."""
-        ...
-
-    def normal(self, points: np.ndarray) -> np.ndarray:
-        """Unit outward normals (n, 3) at points (n, 3) inside, near the surface."""
-        ...
-
-
-@runtime_checkable
-class Solid(Protocol):
-    """An obstacle made of primitives, (n_rows, N_COLUMNS) of `models.objects.primitives`, measured in compiled code."""
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """A rigid body that a finger can touch: rows (n_rows, N_COLUMNS) of `models.objects.primitives`, in its frame."""
 
     primitives: np.ndarray
 
+    @classmethod
+    def of(cls, obj: RigidObject, placement: Placement, *, is_mirrored: bool) -> Self:
+        """The test object at its placement, in the frame of one finger (which stands on the +x side).
 
-class ObjectObstacle:
-    """The test object at its placement, in the frame of one finger (which stands on the +x side); a `Solid`.
-
-    For the finger on the other side the object is mirrored in x: its distance at (x, y, z) is the object's at
-    (-x, y, z).
-    """
-
-    def __init__(self, obj: RigidObject, placement: Placement, *, is_mirrored: bool) -> None:
+        For the finger on the other side the object is mirrored in x: its distance at (x, y, z) is the object's at
+        (-x, y, z).
+        """
         rows = place(obj, placement)
-        self.primitives = mirrored(rows) if is_mirrored else rows
+        return cls(np.ascontiguousarray(mirrored(rows) if is_mirrored else rows))
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """See `Obstacle`."""
+        """Signed distance in mm (n) of points (n, 3), negative inside."""
         return distance(self.primitives, points)
 
     def normal(self, points: np.ndarray) -> np.ndarray:
-        """See `Obstacle`."""
+        """Unit outward normals (n, 3) at points (n, 3) near the surface."""
         return distance_and_normal(self.primitives, points)[1]
 
 
@@ -106,17 +90,36 @@ class ObjectObstacle:
 class ContactState:
     """What friction remembers of the last converged step, and what the contact law stands for in it.
 
-    `nodes` (nodes, 3) mm, deformed; per contact point (n): `traction` (n, 3) MPa, `pressure` (n) MPa, `slip` (n)
-    accumulated, mm. `unresolved_n_mm`: sum over the points of A p^2 / kn |n_z|, with area A and normal n: twice the
-    energy of the springs that stand for the indentation that the mesh does not resolve, as far as they act along the
-    lift.
+    `nodes` (nodes, 3) mm, deformed. Of the points that touch the obstacle (m), in ascending order: their numbers
+    `points`, `traction` (m, 3) MPa, `pressure` (m) MPa. Of every point (n): `slip` accumulated, mm.
+    `unresolved_n_mm`: sum over the points of A p^2 / kn |n_z|, with area A and normal n: twice the energy of the
+    springs that stand for the indentation that the mesh does not resolve, as far as they act along the lift.
     """
 
     nodes: np.ndarray
+    points: np.ndarray
     traction: np.ndarray
     pressure: np.ndarray
     slip: np.ndarray
     unresolved_n_mm: float = 0.0
+
+    @classmethod
+    def before_contact(cls, nodes: np.ndarray, n: int) -> Self:
+        """State of n points that have not touched anything, at deformed nodes."""
+        return cls(nodes, np.zeros(0, dtype=np.int32), np.zeros((0, 3)), np.zeros(0), np.zeros(n))
+
+    def spread_pressure(self) -> np.ndarray:
+        """Pressure of every point (n), 0 where it does not touch."""
+        values = np.zeros(len(self.slip))
+        values[self.points] = self.pressure
+        return values
+
+
+class _Recalled:
+    """The traction (n, 3) of every point that the present step goes on from; `points` are those where it is not 0."""
+
+    def __init__(self, n: int) -> None:
+        self.traction, self.points = np.zeros((n, 3)), np.zeros(0, dtype=np.int32)
 
 
 @dataclass(frozen=True)
@@ -142,21 +145,25 @@ class ContactSurface:
     def __init__(self, body: ElasticBody, nodes: np.ndarray, law: ContactLaw, spacing: PointSpacing) -> None:
         """`nodes` (n, 3): undeformed mesh, in the frame of the calculation."""
         self.law = law
-        self._points = contact_points(body.mesh.contact_faces, nodes, spacing)
-        self._places = block_map(self._points.faces, body.row_of_node, body.pattern)
-        self._seen = _sightings(self._points)
-        self._seen_of: tuple[Obstacle | None, float] = (None, NO_STOP)
-        self._primitives: np.ndarray | None = None
-        n, n_patches = len(self.areas), len(self._points.reach)
+        points = contact_points(body.mesh.contact_faces, nodes, spacing)
+        n, n_patches = len(points.areas), len(points.reach)
         patch, face = np.zeros(n_patches, dtype=np.int32), np.zeros(n_patches, dtype=np.int32)
-        self._near = NearPoints(patch, face, np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)))
-        self._touching = Touching(np.zeros(n, dtype=np.int32), np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n))
+        self.compiled = Surface(
+            points,
+            block_map(points.faces, body.row_of_node, body.pattern),
+            law.compiled,
+            _sightings(points),
+            NearPoints(patch, face, np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3))),
+            Touching(np.zeros(n, dtype=np.int32), np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(n)),
+        )
+        self._seen_of: tuple[Obstacle | None, float] = (None, NO_STOP)
+        self._recalled = _Recalled(n)
 
     def on(self, body: ElasticBody) -> Self:
         """The same surface on a body that differs in the pattern of its tangent only; both share their buffers."""
         other = copy.copy(self)
-        places = block_map(self._points.faces, body.row_of_node, body.pattern)
-        other._places = places  # noqa: SLF001 - a copy of this object
+        places = block_map(self.compiled.points.faces, body.row_of_node, body.pattern)
+        other.compiled = self.compiled._replace(places=places)
         return other
 
     def moved(self, before: np.ndarray, after: np.ndarray, law: ContactLaw) -> Self:
@@ -165,16 +172,17 @@ class ContactSurface:
         Both share their buffers: what is remembered of distances holds for any nodes.
         """
         other = copy.copy(self)
-        ratio = _corner_areas(self._points.faces, after) / _corner_areas(self._points.faces, before)
-        per_face = np.diff(self._points.first_point[self._points.first_patch])
+        points = self.compiled.points
+        ratio = _corner_areas(points.faces, after) / _corner_areas(points.faces, before)
+        areas = self.areas * np.repeat(ratio, np.diff(points.first_point[points.first_patch]))
         other.law = law
-        other._points = self._points._replace(areas=self.areas * np.repeat(ratio, per_face))  # noqa: SLF001 - a copy
+        other.compiled = self.compiled._replace(points=points._replace(areas=areas), law=law.compiled)
         return other
 
     @property
     def areas(self) -> np.ndarray:
         """Undeformed area of every point (n) in mm2."""
-        return self._points.areas
+        return self.compiled.points.areas
 
     def forget(self) -> None:
         """Drop what is remembered of distances: the next evaluation starts as if it were the first."""
@@ -182,43 +190,41 @@ class ContactSurface:
 
     def start(self, x: np.ndarray) -> ContactState:
         """State before any contact, at deformed nodes x (n, 3)."""
-        n = len(self.areas)
-        return ContactState(x, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+        return ContactState.before_contact(x, len(self.areas))
 
     def advance(self, state: ContactState, x: np.ndarray, response: ContactResponse) -> ContactState:
         """State after a converged step from `state` to nodes x (n, 3) with this response."""
-        new = self.start(x)
-        new.traction[response.points], new.pressure[response.points] = response.traction, response.pressure
-        new.slip[:] = state.slip
-        new.slip[response.points] += response.slip_step
-        energies = self.areas[response.points] * response.pressure**2 / self.law.normal_n_per_mm3
-        new.unresolved_n_mm = float(energies @ np.abs(response.normal_z))
-        return new
+        points, pressure, slip = response.points.copy(), response.pressure.copy(), state.slip.copy()
+        slip[points] += response.slip_step
+        energies = self.areas[points] * pressure**2 / self.law.normal_n_per_mm3
+        unresolved_n_mm = float(energies @ np.abs(response.normal_z))
+        return ContactState(x, points, response.traction.copy(), pressure, slip, unresolved_n_mm)
+
+    def recall(self, state: ContactState, friction: np.ndarray) -> FrictionState:
+        """What friction goes on from in a step from `state`; good until the next call, also of a copy of this surface.
+
+        `friction` (n): coefficient of every point.
+        """
+        own = self._recalled
+        own.traction[own.points] = 0.0
+        own.traction[state.points], own.points = state.traction, state.points
+        return FrictionState(state.nodes, own.traction, friction)
 
     def positions(self, x: np.ndarray) -> np.ndarray:
         """Contact points (n, 3) at deformed nodes x."""
         positions = np.zeros((len(self.areas), 3))
-        contact_kernel.interpolate(self._points, x, positions)
+        contact_kernel.interpolate(self.compiled.points, x, positions)
         return positions
 
     def gap_mm(self, x: np.ndarray, obstacle: Obstacle) -> float:
-        """Least distance of any contact point at deformed nodes x from an obstacle, negative inside.
-
-        A distance changes at most as far as its point moves: only patches are measured whose middle point is less than
-        their size further away than the nearest middle point.
-        """
-        points, first = self.positions(x), self._points.first_point
-        count = np.diff(first)
-        distance = obstacle.distance(points[first[:-1]])
-        from_middle = np.linalg.norm(points - np.repeat(points[first[:-1]], count, axis=0), axis=1)
-        may_be_nearest = distance - np.maximum.reduceat(from_middle, first[:-1]) < distance.min() + SURE_MM
-        return float(obstacle.distance(points[np.repeat(may_be_nearest, count)]).min())
+        """Least distance of any contact point at deformed nodes x from an obstacle, negative inside."""
+        return float(contact_kernel.least_gap(obstacle.primitives, self.compiled.points, x))
 
     def positions_of(self, points: np.ndarray, x: np.ndarray) -> np.ndarray:
         """A few contact points (m, 3), given by their numbers (m), at deformed nodes x."""
-        first_of_face = self._points.first_point[self._points.first_patch[:-1]]
-        face = np.searchsorted(first_of_face, points, side="right") - 1
-        return np.einsum("mk,mki->mi", self._points.shape[points], x[self._points.faces[face]])
+        own = self.compiled.points
+        face = np.searchsorted(own.first_point[own.first_patch[:-1]], points, side="right") - 1
+        return np.einsum("mk,mki->mi", own.shape[points], x[own.faces[face]])
 
     def respond(
         self,
@@ -234,45 +240,22 @@ class ContactSurface:
         `friction` (n): coefficient per point. `stop_mm`: the frictionless plane x >= stop stands for the other
         finger (`NO_STOP`: there is none).
         """
-        n_patches = self._measure(x, obstacle, stop_mm)
-        force = np.zeros(x.shape)
-        m = contact_kernel.add_contact(
-            self._points,
-            self._places,
-            x,
-            self._near,
-            n_patches,
-            stop_mm,
-            self.law.compiled,
-            FrictionState(state.nodes, state.traction, friction),
-            force,
-            _NO_BLOCKS if blocks is None else blocks,
-            self._touching,
-        )
-        return ContactResponse(force, *(values[:m] for values in self._touching))
+        self.turn_to(obstacle, stop_mm)
+        force, own = np.zeros(x.shape), self.recall(state, friction)
+        of_blocks = NO_BLOCKS if blocks is None else blocks
+        m = contact_kernel.respond(self.compiled, obstacle.primitives, stop_mm, own, x, force, of_blocks)
+        return ContactResponse(force, *self.touching(m))
 
-    def _measure(self, x: np.ndarray, obstacle: Obstacle, stop_mm: float) -> int:
-        """Distances, and normals inside, of all points that may touch; returns the number of their patches.
-
-        A distance changes at most as far as its point moves, so faces and then patches that cannot have arrived
-        since they were last measured are left out.
-        """
-        points, near, seen = self._points, self._near, self._seen
+    def turn_to(self, obstacle: Obstacle, stop_mm: float) -> None:
+        """Forget the distances from another obstacle, or plane x = stop, than this."""
         if self._seen_of[0] is not obstacle or self._seen_of[1] != stop_mm:
-            self._seen_of = (obstacle, stop_mm)
-            self._primitives = obstacle.primitives if isinstance(obstacle, Solid) else None
+            self._seen_of, seen = (obstacle, stop_mm), self.compiled.seen
             seen.face_gap[:] = -np.inf
             seen.gap_in_face[:] = seen.patch_gap[:] = -np.inf
-        if self._primitives is not None:
-            return int(contact_kernel.measure(self._primitives, points, x, stop_mm, seen, near))
-        n_patches, n_points = contact_kernel.find_near(points, x, seen, near)
-        if n_points:
-            near.distance[:n_points] = obstacle.distance(near.position[:n_points])
-            inside = np.flatnonzero(near.distance[:n_points] < 0.0)
-            if inside.size:
-                near.normal[inside] = obstacle.normal(near.position[inside])
-        contact_kernel.remember(points, near, n_patches, stop_mm, seen)
-        return int(n_patches)
+
+    def touching(self, m: int) -> Touching:
+        """What the last evaluation wrote of the m points that touch."""
+        return Touching(*(values[:m] for values in self.compiled.touching))
 
 
 def _corner_areas(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from fast.models.simulation.body.assembly import ElasticBody, block_map
 from fast.models.simulation.body.shape_functions import face_shape
 from fast.models.simulation.contact import self_kernel
 from fast.models.simulation.contact.law import ContactLaw
-from fast.models.simulation.contact.self_kernel import Lines, Strips
+from fast.models.simulation.contact.self_kernel import Cavities, Lines, Strips
 
 SEGMENT_MM = 1.0  # an edge of 8 mm bent to a radius of 20 mm is at most 0.006 mm from its segments
 COUPLED_MM = 2.0  # faces nearer than this may come to press on each other within a few steps
@@ -39,6 +39,16 @@ class SelfContact:
         self._pair = np.full((len(faces), len(faces)), -1, dtype=np.int32)
         self._places = np.zeros((0, 16, 16), dtype=np.int32)
         self._lines = _lines(len(self._strips.areas), len(self._strips.face))
+
+    @classmethod
+    def of_nothing(cls, nodes: np.ndarray, law: ContactLaw) -> Self:
+        """No faces: a body that cannot touch itself."""
+        return cls(np.zeros((0, 8), dtype=np.int32), np.zeros(0, dtype=int), nodes, law)
+
+    @property
+    def compiled(self) -> Cavities:
+        """What compiled code reads."""
+        return Cavities(self._strips, self._law, self._lines, self._pair, self._places)
 
     def depth_mm(self, x: np.ndarray) -> float:
         """How deep the faces are in each other at most at deformed nodes x (n, 3); 0 where none touch."""
@@ -70,13 +80,11 @@ class SelfContact:
 
     def add_force(self, x: np.ndarray, force: np.ndarray) -> None:
         """Add the contact force at deformed nodes x to `force` (n, 3) in N."""
-        if self.depth_mm(x) > 0.0:
-            self_kernel.add_forces(self._strips, self._law, self._lines, force)
+        self_kernel.add_forces(self.compiled, x, force)
 
     def add_tangent(self, x: np.ndarray, blocks: np.ndarray) -> None:
         """Add minus the derivative of the force between pairs at x to `blocks` (z, 3, 3)."""
-        if self.depth_mm(x) > 0.0:
-            self_kernel.add_tangent(self._strips, self._pair, self._places, self._law, self._lines, blocks)
+        self_kernel.add_tangent(self.compiled, x, blocks)
 
 
 def _turned(faces: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -53,6 +53,20 @@ class Lines(NamedTuple):
     outward: np.ndarray
 
 
+class Cavities(NamedTuple):
+    """The faces of all cavities of a body, the law between them, and buffers.
+
+    `pair` (f, f): number of the pair of two faces, the lower one first, -1 for none; `places` (p, 16, 16): of the
+    blocks between the nodes of a pair, negative for those that others are the transpose of.
+    """
+
+    strips: Strips
+    law: Law
+    lines: Lines
+    pair: np.ndarray
+    places: np.ndarray
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def measure(strips: Strips, x: np.ndarray, lines: Lines) -> float:
     """Place all strips at deformed nodes x and find the nearest segments; returns the greatest depth in mm."""
@@ -156,11 +170,14 @@ def _depth(lines: Lines, v: int) -> tuple[float, float, float]:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def add_forces(strips: Strips, law: Law, lines: Lines, force: np.ndarray) -> None:
-    """Add to `force` (nodes, 3) what the segments do to each other, as last measured.
+def add_forces(cavities: Cavities, x: np.ndarray, force: np.ndarray) -> None:
+    """Add to `force` (nodes, 3) what the segments do to each other at deformed nodes x.
 
     Both sides press with half of their area, so the force is that of one penalty between them.
     """
+    strips, law, lines = cavities.strips, cavities.law, cavities.lines
+    if not measure(strips, x, lines) > 0.0:
+        return
     lines.force[:] = 0.0
     for v in range(len(strips.areas)):
         if lines.square[v] >= REACH_MM**2:
@@ -183,14 +200,11 @@ def add_forces(strips: Strips, law: Law, lines: Lines, force: np.ndarray) -> Non
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def add_tangent(
-    strips: Strips, pair: np.ndarray, places: np.ndarray, law: Law, lines: Lines, blocks: np.ndarray
-) -> None:
-    """Add minus the derivative of the forces between coupled faces to `blocks` (z, 3, 3); the lines do not turn.
-
-    `pair` (f, f): number of the pair of two faces, the lower one first, -1 for none; `places` (p, 16, 16): of the
-    blocks between the nodes of a pair, negative for those that others are the transpose of.
-    """
+def add_tangent(cavities: Cavities, x: np.ndarray, blocks: np.ndarray) -> None:
+    """Add minus the derivative of the forces between pairs at x to `blocks` (z, 3, 3); the lines do not turn."""
+    strips, law, lines, pair, places = cavities
+    if not measure(strips, x, lines) > 0.0:
+        return
     values = np.zeros(16)
     for v in range(len(strips.areas)):
         if lines.square[v] >= REACH_MM**2:

@@ -1,11 +1,12 @@
 """Samples of solved fingers, and the load cell's trace of them."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from fast.models.records import Trace
+from fast.models.simulation.solver.stepping import Walk
 
 
 @dataclass(frozen=True)
@@ -15,8 +16,8 @@ class FingerResult:
     `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
     `n_closing` samples belong to the closing. `has_snapped`: in the lift. A snap while the jaws close is no part of
     the force that is compared. `twist_deg`: the largest twist of the tip. `pressure_mpa`: the largest pressure on the
-    object. `mesh_error_n`: expected error of the force by the mesh, root mean square over the lift. `slopes_n`: of the
-    force (n, 3) by the parameters that copies carry, by name, and `failures` why others have none.
+    object. `mesh_error_n`: expected error of the force by the mesh, root mean square over the lift. `walk`: its steps,
+    if they were asked for.
     """
 
     time_s: np.ndarray
@@ -34,8 +35,7 @@ class FingerResult:
     pressure_mpa: float
     mesh_error_n: float
     has_stalled: bool = False
-    slopes_n: Mapping[str, np.ndarray] = field(default_factory=dict)
-    failures: Mapping[str, str] = field(default_factory=dict)
+    walk: Walk | None = None
 
 
 def sum_of_fingers(fingers: Sequence[FingerResult], pulls_n: Sequence[np.ndarray], scale: float) -> Trace:

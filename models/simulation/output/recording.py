@@ -96,8 +96,7 @@ class Camera:
     def take(self, phase: Phase, time_s: float, travel_mm: float, state: FingerState, clamp_force: np.ndarray) -> None:
         """Record an instant; `clamp_force` (3) on the meshed body."""
         contact = state.contact
-        touching = np.flatnonzero(contact.pressure > 0.0)
-        points = self.surface.positions_of(touching, state.x)
+        points = self.surface.positions_of(contact.points, state.x)
         self.recorder(
             Snapshot(
                 side=self.side,
@@ -108,10 +107,10 @@ class Camera:
                 rest_nodes=self.rest_nodes + state.base,
                 nodes=state.x.copy(),
                 contact_points=points,
-                contact_areas=self.surface.areas[touching],
+                contact_areas=self.surface.areas[contact.points],
                 contact_normals=self.obstacle.normal(points),
-                pressure=contact.pressure[touching],
-                traction=contact.traction[touching],
+                pressure=contact.pressure,
+                traction=contact.traction,
                 clamp_force=(2.0 if self.mesh.is_half else 1.0) * clamp_force,
                 scale=self.scale,
             )

@@ -7,19 +7,26 @@ method went, and the difference over the change of the parameter is the derivati
 four digits, however small the change.
 """
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numba as nb
 import numpy as np
 
 from fast.models.errors import SimulationFailed
-from fast.models.simulation.finger import FingerState, FingerStep
+from fast.models.simulation.finger import FingerState, FingerStep, Mechanics, Motion, evaluate
 from fast.models.simulation.problem import FingerProblem
-from fast.models.simulation.solver.broyden import SecantMemory
-from fast.models.simulation.solver.cholesky import BlockCholesky
-from fast.models.simulation.solver.newton import MAX_SHIFTS, check_deadline, length_of
-from fast.models.simulation.solver.stepping import Step
+from fast.models.simulation.solver.broyden import begin_load
+from fast.models.simulation.solver.newton import (
+    INVERTED,
+    Workspace,
+    check_deadline,
+    factorise_tangent,
+    find_direction,
+    length_of,
+    make_workspace,
+)
+from fast.models.simulation.solver.stepping import Step, Walk
 
 RELATIVE = 3e-3  # of a copy's difference of the clamp force: how far its equilibrium is solved
 LEAST_N = 5e-6  # the difference of force that a copy is at least solved for
@@ -91,12 +98,25 @@ class Copies:
         """Why copies were given up, by name."""
         return {name: copy.failure for name, copy in self._copies.items() if copy.failure}
 
-    def start(self, state: FingerState) -> None:
-        """Begin with every copy undeformed where the finger is."""
-        for copy in self._copies.values():
-            copy.state = copy.finger.undeformed(state.base, state.v[0].copy())
+    def walk(self, way: Walk, n_samples: int, until_mm: float) -> dict[str, np.ndarray]:
+        """Slopes (n_samples, 3) of the clamp's force per unit, by name, from a walk of every copy the finger's way.
 
-    def follow(self, step: Step) -> dict[str, np.ndarray]:
+        They go to the end of the first step that reaches a lift of `until_mm`; NaN after it.
+        """
+        if way.rest is None:
+            raise ValueError("the finger has not come to the end of its closing")
+        for copy in self._copies.values():
+            copy.state = copy.finger.undeformed(way.start.base, way.start.v[0].copy())
+        rows: list[tuple[int, dict[str, np.ndarray]]] = [(sample, self._follow(step)) for sample, step in way.closing]
+        sample, finger, state, clamp_n = way.rest
+        rows.append((sample, self._stop_closing(finger, state, clamp_n)))
+        for sample, step in way.lift:
+            rows.append((sample, self._follow(step)))
+            if step.travel_mm >= until_mm:
+                break
+        return _place(rows, n_samples)
+
+    def _follow(self, step: Step) -> dict[str, np.ndarray]:
         """Walk every copy through a step of the finger; slopes of the clamp's force (3) per unit, by name."""
         if self._copies:
             self._renew(step.finger)
@@ -106,10 +126,10 @@ class Copies:
                     self._walk(copy, begun, ended, rest, step.state.base + copy.shift, step.dt_s, step.clamp_n)
         return self._slopes()
 
-    def stop_closing(self, finger: FingerStep, state: FingerState, clamp_n: np.ndarray) -> dict[str, np.ndarray]:
+    def _stop_closing(self, finger: FingerStep, state: FingerState, clamp_n: np.ndarray) -> dict[str, np.ndarray]:
         """The closing has ended at a state at rest: the copies rest too, and one of them closes a little further.
 
-        Returns the slopes then, as `follow` does.
+        Returns the slopes then, as `_follow` does.
         """
         for copy in self._copies.values():
             copy.state.v[:] = 0.0
@@ -132,8 +152,7 @@ class Copies:
         if finger is self._numbered:
             return
         self._numbered, pattern = finger, finger.body.pattern
-        self._linear, self._blocks = BlockCholesky(pattern), np.zeros((len(pattern.indices), 3, 3))
-        self._memory = SecantMemory(3 * pattern.n)
+        self._workspace = make_workspace(pattern)
         for copy in self._copies.values():
             if finger.ribs_touch:
                 copy.finger = copy.first.numbered_as(finger)
@@ -146,16 +165,9 @@ class Copies:
         begun = finger.begin(before, after.base, dt_s, self._problem.friction(before))
         ended = finger.start_from(after)
         rest = finger.residual(ended)
-        if rest is None or not finger.tangent(ended, self._blocks):
+        own = finger.mechanics, finger.motion, self._workspace
+        if rest is None or factorise_tangent(*own, ended) == INVERTED:
             raise SimulationFailed("An element is inverted in a state of equilibrium.", reason="inverted_element")
-        added = 0.0
-        for k in range(MAX_SHIFTS):
-            if self._linear.factorise(self._blocks):
-                break
-            wanted = 3.0 * 4.0**k
-            finger.shift(self._blocks, wanted - added)
-            added = wanted
-        self._memory.clear()
         return begun, ended, rest
 
     def _walk(
@@ -170,23 +182,10 @@ class Copies:
     ) -> None:
         """One step of a copy: from its own state before, to the same rest of residual as the finger's."""
         finger, state = copy.finger, copy.state
-        guess = ended + (finger.begin(state, base, dt_s, copy.problem.friction(state)) - begun)
-        u, residual = guess, finger.residual(guess)
-        if residual is None:
-            u, residual = ended.copy(), finger.residual(ended)
+        u = ended + (finger.begin(state, base, dt_s, copy.problem.friction(state)) - begun)
         tolerance_n = max(RELATIVE * max(copy.largest_n, LEAST_N), ROUNDING_N)
-        self._memory.begin()
-        size = math.inf
-        for _ in range(MAX_ITERATIONS):
-            if residual is None:
-                break
-            residual = residual - rest
-            size = length_of(residual)
-            if size <= tolerance_n:
-                break
-            u = u + self._memory.direction(self._linear.solve(residual), residual, 1.0)
-            residual = finger.residual(u)
-        if residual is None or not size <= LOOSE * tolerance_n:
+        size = _settle(finger.mechanics, finger.motion, self._workspace, ended, rest, tolerance_n, u)
+        if not size <= LOOSE * tolerance_n:
             copy.failure = f"a copy moved by {copy.change:g} does not converge"
             copy.slope_n = np.full(3, np.nan)
             return
@@ -194,3 +193,47 @@ class Copies:
         difference_n = own_n - clamp_n
         copy.largest_n = max(copy.largest_n, float(np.abs(difference_n).max()))
         copy.slope_n = difference_n / copy.change
+
+
+def _place(rows: Sequence[tuple[int, Mapping[str, np.ndarray]]], n_samples: int) -> dict[str, np.ndarray]:
+    """Slopes (n_samples, 3) by name, each from its sample to the next; 0 before the first one, NaN after the last."""
+    found = {name: np.full((n_samples, 3), np.nan) for name in rows[-1][1]}
+    ends = [*(sample for sample, _ in rows[1:]), rows[-1][0] + 1]
+    for name, values in found.items():
+        values[: rows[0][0]] = 0.0
+        for (sample, slopes), end in zip(rows, ends, strict=True):
+            values[sample:end] = slopes.get(name, 0.0)
+    return found
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _settle(
+    mechanics: Mechanics,
+    motion: Motion,
+    work: Workspace,
+    ended: np.ndarray,
+    rest: np.ndarray,
+    tolerance_n: float,
+    u: np.ndarray,
+) -> float:
+    """Move u (rows, 3) to where the residual is `rest` (rows, 3), or begin at `ended` if an element is inverted at u.
+
+    Returns how far from it the residual is in N; infinite if an element was inverted on the way.
+    """
+    residual, direction = np.zeros(u.shape), np.zeros(u.shape)
+    if not evaluate(mechanics, motion, u, residual):
+        u[:] = ended
+        if not evaluate(mechanics, motion, u, residual):
+            return np.inf
+    begin_load(work.secants)
+    size = np.inf
+    for _ in range(MAX_ITERATIONS):
+        residual -= rest
+        size = length_of(residual)
+        if size <= tolerance_n:
+            break
+        find_direction(work, residual, 1.0, direction)
+        u += direction
+        if not evaluate(mechanics, motion, u, residual):
+            return np.inf
+    return size

@@ -8,7 +8,6 @@ import numpy as np
 from fast.models.errors import MeshingFailed, SimulationFailed
 from fast.models.records import GraspSimulation, Slope, Slopes, Trace
 from fast.models.simulation.effects.base import Effect
-from fast.models.simulation.finger import FingerStep
 from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.mesh.build import build_moved_mesh, printed_profile
 from fast.models.simulation.output.fingers import FingerResult, sum_of_fingers
@@ -39,14 +38,24 @@ class SlopesPlan:
     lost: Mapping[str, str]
     closes_further: bool
 
-    def copies_of(self, finger: FingerStep, problem: FingerProblem, deadline: float) -> Copies | None:
-        """The copies that walk along with one finger of the grasp; None if there is nothing to carry."""
-        if not self.carried and not self.closes_further:
-            return None
+    @property
+    def has_copies(self) -> bool:
+        """Whether copies of the fingers go their way."""
+        return bool(self.carried) or self.closes_further
+
+    def walk_copies(
+        self, finger: FingerResult, problem: FingerProblem, until_mm: float, deadline: float
+    ) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+        """Slopes (n, 3) of one finger's force by name, up to a lift, and why copies of it were given up."""
+        if finger.walk is None:
+            return {}, {}
         rolled = {
             name: (change, replace(own, roll_deg=problem.roll_deg)) for name, (change, own) in self.carried.items()
         }
-        return Copies(finger, problem, rolled, closes_further=self.closes_further, deadline=deadline)
+        copies = Copies(finger.walk.finger, problem, rolled, closes_further=self.closes_further, deadline=deadline)
+        slopes_n = copies.walk(finger.walk, len(finger.time_s), until_mm)
+        share = 2.0 if problem.mesh.is_half else 1.0
+        return {name: share * values for name, values in slopes_n.items()}, copies.failures
 
 
 def plan_slopes(
@@ -103,20 +112,30 @@ def _shapes(effects: Sequence[Effect]) -> list[Effect]:
 
 def find_slopes(
     plan: SlopesPlan,
-    problem: FingerProblem,
+    problems: Sequence[FingerProblem],
     fingers: Sequence[FingerResult],
     trace: Trace,
     again: Callable[[GraspInputs], GraspSimulation],
+    deadline: float = np.inf,
 ) -> Slopes:
-    """The slopes of a grasp's trace, from its fingers with their copies, and from grasps simulated `again`."""
+    """The slopes of a grasp's trace, from copies of its fingers, and from grasps simulated `again`.
+
+    Copies go as far as their slopes are good or the force has its peak. `deadline` is a time of `time.monotonic`.
+    """
+    problem, lift_mm = problems[0], trace.lift_mm
     raw = sum_of_fingers(fingers, [f.force_n[:, 2] for f in fingers], problem.force_scale)
+    event_mm = problem.numerics.limits.event_mm
+    jump_mm = min((first_jump_mm(f, event_mm) for f in fingers), default=np.inf)
+    trusted_mm = min(max(jump_mm - MARGIN_MM, 0.0), float(lift_mm[-1]))
+    until_mm = max(trusted_mm, float(lift_mm[_at_peak(trace)]))
+    walked = [plan.walk_copies(f, own, until_mm, deadline) for f, own in zip(fingers, problems, strict=True)]
     lost = dict(plan.lost)
     by = {}
     for name, parameter in plan.parameters.items():
         needed = [name]
         if name in plan.moved and _moves_closing(problem, plan.moved[name][1]):
             needed.append(Copies.CLOSER)
-        failure = next((f.failures[own] for f in fingers for own in needed if own in f.failures), lost.get(name))
+        failure = next((why[own] for _, why in walked for own in needed if own in why), lost.get(name))
         if failure is not None:
             lost[name] = failure
         elif name in plan.finite:
@@ -126,26 +145,33 @@ def find_slopes(
                 lost[name] = f"its finite step cannot be simulated: {error}"
         else:
             change, own = plan.moved[name]
-            pulls_n = [_pull_slope(f, problem, change, own, f.slopes_n.get(name)) for f in fingers]
+            pulls_n = [
+                _pull_slope(f, slopes_n, problem, change, own, name)
+                for f, (slopes_n, _) in zip(fingers, walked, strict=True)
+            ]
             per_unit = sum_of_fingers(fingers, pulls_n, problem.force_scale).force_n
             per_unit = per_unit + raw.force_n * (own.force_scale / problem.force_scale - 1.0) / change
             force_n = _seen(raw, trace, per_unit, change, own.effects)
             by[name] = Slope(parameter.unit, force_n, float(force_n[_at_peak(trace)]), parameter.usual)
-    event_mm = problem.numerics.limits.event_mm
-    jump_mm = min((first_jump_mm(f, event_mm) for f in fingers), default=np.inf)
-    return Slopes(min(max(jump_mm - MARGIN_MM, 0.0), float(trace.lift_mm[-1])), by, lost)
+    return Slopes(trusted_mm, by, lost)
 
 
 def _pull_slope(
-    finger: FingerResult, problem: FingerProblem, change: float, moved: FingerProblem, own_n: np.ndarray | None
+    finger: FingerResult,
+    slopes_n: Mapping[str, np.ndarray],
+    problem: FingerProblem,
+    change: float,
+    moved: FingerProblem,
+    name: str,
 ) -> np.ndarray:
     """Slope (n) of one finger's pull at the reference modulus: its copy's, and what comes of where the closing ends.
+
+    `slopes_n` (n, 3) are those of the copies; one of the `problem` moved by `change` of the parameter `name`.
 
     A jaw of stroke S and compliance C stops after a way s with s + C N = S, or where the closing force N is the largest
     that it has: the derivatives of these two say how s moves with the parameter.
     """
-    own_n = np.zeros(finger.force_n.shape) if own_n is None else own_n
-    closer = finger.slopes_n.get(Copies.CLOSER)
+    own_n, closer = slopes_n.get(name, np.zeros(finger.force_n.shape)), slopes_n.get(Copies.CLOSER)
     if closer is None or not _moves_closing(problem, moved):
         return own_n[:, 2]
     share = 2.0 if problem.mesh.is_half else 1.0
@@ -166,10 +192,12 @@ def _seen(raw: Trace, trace: Trace, per_unit: np.ndarray, change: float, effects
     """Slope (n) of the trace as the effects make it, from that (m) of the force before them."""
     if not any(effect.acts_on_traces() for effect in effects):
         return per_unit
-    moved = Trace(raw.time_s, raw.lift_mm, raw.force_n + change * per_unit)
+    moved = Trace(raw.time_s, raw.lift_mm, raw.force_n + change * np.nan_to_num(per_unit))
     for effect in effects:
         moved = effect.modify_trace(moved)
-    return np.asarray((np.interp(trace.time_s, moved.time_s, moved.force_n) - trace.force_n) / change)
+    slope = (np.interp(trace.time_s, moved.time_s, moved.force_n) - trace.force_n) / change
+    known_s = raw.time_s[np.isfinite(per_unit)][-1]
+    return np.asarray(np.where(trace.time_s <= known_s, slope, np.nan))
 
 
 def _finite_slope(parameter: Parameter, trace: Trace, again: Callable[[GraspInputs], GraspSimulation]) -> Slope:

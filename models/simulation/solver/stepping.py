@@ -129,33 +129,36 @@ class _PullHistory:
 
 @dataclass
 class FingerRecord:
-    """Samples of one finger: time, travel of the phase, force (3) of the clamp on the finger in N, and its slopes.
-
-    Slopes (3) are by name, of the parameters that have one.
-    """
+    """Samples of one finger: time, travel of the phase, and force (3) of the clamp on the finger in N."""
 
     time_s: list[float] = field(default_factory=list)
     lift_mm: list[float] = field(default_factory=list)
     force_n: list[np.ndarray] = field(default_factory=list)
-    slopes_n: list[dict[str, np.ndarray]] = field(default_factory=list)
 
-    def add(
-        self, time_s: float, lift_mm: float, force_n: np.ndarray, slopes_n: dict[str, np.ndarray] | None = None
-    ) -> None:
+    def add(self, time_s: float, lift_mm: float, force_n: np.ndarray) -> None:
         """Append one sample."""
         self.time_s.append(time_s)
         self.lift_mm.append(lift_mm)
         self.force_n.append(force_n)
-        self.slopes_n.append(slopes_n or {})
 
     def repeat_until(self, time_s: float) -> None:
         """Append the last sample once more, at a later time."""
-        self.add(time_s, self.lift_mm[-1], self.force_n[-1], self.slopes_n[-1])
+        self.add(time_s, self.lift_mm[-1], self.force_n[-1])
 
-    def slopes(self) -> dict[str, np.ndarray]:
-        """Slopes (n, 3) of all samples by name; 0 before a parameter acts."""
-        names = self.slopes_n[-1]
-        return {name: np.array([own.get(name, np.zeros(3)) for own in self.slopes_n]) for name in names}
+
+@dataclass
+class Walk:
+    """The way of one finger through a grasp, for copies that go it after the finger.
+
+    The `finger` starts before contact; `closing` and `lift` are its steps, each with the number of its sample in the
+    `FingerRecord`. `rest`: the sample at the end of the closing, the finger, its state, and the clamp's force (3) in N.
+    """
+
+    finger: FingerStep
+    start: FingerState
+    closing: list[tuple[int, Step]] = field(default_factory=list)
+    rest: tuple[int, FingerStep, FingerState, np.ndarray] | None = None
+    lift: list[tuple[int, Step]] = field(default_factory=list)
 
 
 @dataclass
@@ -246,8 +249,7 @@ class Stepper:
         if outcome != "converged":
             return outcome, None
         new, clamp = self.finger.finish(state, u, base, dt_s)
-        depth = self.finger.depth_mm(new)
-        if depth.max() > MAX_DEPTH_MM or (depth - self.finger.depth_mm(state)).max() > MAX_SINKING_MM:
+        if self.finger.depth_mm(new) > MAX_DEPTH_MM or self.finger.sinking_mm(state, new) > MAX_SINKING_MM:
             return "deep_penetration", None
         if self.finger.ribs_touch and self.finger.rib_depth_mm(new) > MAX_RIB_DEPTH_MM:
             return "deep_penetration", None

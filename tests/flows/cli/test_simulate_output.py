@@ -81,13 +81,17 @@ def test_outputs_hold_every_step(grasp: tuple[GraspSimulation, GraspRecording], 
 def test_slopes_are_a_table_and_bars(grasp: tuple[GraspSimulation, GraspRecording], tmp_path: Path) -> None:
     result, recording = grasp
     force_n = result.trace.force_n
-    by = {"friction": Slope("N", 2.0 * force_n, 3.0, 0.1), "offset_z_mm": Slope("N/mm", -force_n, -1.0, 0.5, 0.5)}
+    walked_n = 2.0 * force_n
+    walked_n[-2:] = np.nan
+    by = {"friction": Slope("N", walked_n, 3.0, 0.1), "offset_z_mm": Slope("N/mm", -force_n, -1.0, 0.5, 0.5)}
     sloped = replace(result, slopes=Slopes(20.0, by, {}))
     files = write_outputs(tmp_path, BEST_PUBLISHED, SPHERE, Placement(), {"object_id": 1}, sloped, recording)
     table, picture = (file for file in files if file.stem == "slopes")
     rows = list(csv.DictReader(table.read_text().splitlines()))
     assert list(rows[0]) == ["time_s", "lift_mm", "friction (N)", "offset_z_mm (N/mm)"]
-    assert [float(row["friction (N)"]) for row in rows] == pytest.approx(2.0 * force_n, rel=1e-4, abs=1e-4)
+    found = [row["friction (N)"] for row in rows]
+    assert [float(cell) for cell in found[:-2]] == pytest.approx(2.0 * force_n[:-2], rel=1e-4, abs=1e-4)
+    assert found[-2:] == ["", ""]
     assert 0.02 < float((imread(picture)[:, :, :3].min(axis=2) < 0.9).mean()) < 0.6
     assert [change[0] for change in peak_changes(sloped.slopes)] == ["offset_z_mm", "friction"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fast.models.simulation.contact.law import ObjectObstacle
+from fast.models.simulation.contact.law import Obstacle
 from fast.models.simulation.finger import FingerStep
 from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.mesh.build import build_moved_mesh, printed_profile
@@ -33,9 +33,9 @@ def walk_frozen(
     """
     assert not needs_full_width(inputs.obj, inputs.placement)
     model = problem.model()
-    finger: FingerStep = model.against(ObjectObstacle(inputs.obj, inputs.placement, is_mirrored=False))
+    finger: FingerStep = model.against(Obstacle.of(inputs.obj, inputs.placement, is_mirrored=False))
     state = finger.undeformed(steps[0].before.base, steps[0].before.v[0].copy())
-    newton, forces = NewtonSolver(model.linear, model.blocks, EXACT), []
+    newton, forces = NewtonSolver(model.workspace, EXACT), []
     for number, step in enumerate(steps):
         if step.finger.ribs_touch:
             raise ValueError("a grasp whose ribs touch cannot be walked here")

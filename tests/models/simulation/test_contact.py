@@ -6,28 +6,21 @@ import pytest
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.contact.friction import return_mapping
-from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, PointSpacing
-from fast.models.simulation.finger import FingerStep
+from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, Obstacle, PointSpacing
+from fast.models.simulation.finger import FingerStep, linearise
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.model import to_object_frame
 from fast.models.simulation.solver.stepping import TOUCH_MM, travel_to_touch
 from fast.models.simulation.version import MeshSettings
+from tests.models.simulation.obstacles import make_half_space
 
 NORMAL = np.array([0.0, 0.6, 0.8])
 
 
-class Wall:
-    """Half space x < -level + slope z: its surface faces the finger's front."""
-
-    def __init__(self, level_mm: float) -> None:
-        self.level_mm = level_mm
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        return points[:, 0] - self.level_mm
-
-    def normal(self, points: np.ndarray) -> np.ndarray:
-        return np.tile([1.0, 0.0, 0.0], (len(points), 1))
+def wall(level_mm: float) -> Obstacle:
+    """Half space x < level: its surface faces the finger's front."""
+    return make_half_space(np.array([level_mm, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
 
 
 def friction_of(traction: np.ndarray, motion: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -92,7 +85,7 @@ def test_pressed_wall_gives_pressure_times_area(solid: SolidMesh) -> None:
     _, surface, nodes = finger_parts(solid, PointSpacing(0.5, 3.0))
     depth, law = 0.2, ContactLaw()
     n = len(surface.areas)
-    response = surface.respond(nodes, surface.start(nodes), Wall(depth), np.zeros(n), NO_STOP, None)
+    response = surface.respond(nodes, surface.start(nodes), wall(depth), np.zeros(n), NO_STOP, None)
     x = surface.positions(nodes)[:, 0]
     assert np.array_equal(response.points, np.flatnonzero(x < depth))
     pressure = law.normal_n_per_mm3 * (depth - 0.5 * law.smoothing_mm)
@@ -106,7 +99,7 @@ def test_pressure_law_has_a_continuous_slope(solid: SolidMesh) -> None:
     friction = np.zeros(len(surface.areas))
 
     def force(depth: float) -> float:
-        response = surface.respond(nodes, surface.start(nodes), Wall(depth), friction, NO_STOP, None)
+        response = surface.respond(nodes, surface.start(nodes), wall(depth), friction, NO_STOP, None)
         return float(response.pressure.max(initial=0.0))
 
     d0, h = ContactLaw().smoothing_mm, 1e-6
@@ -119,19 +112,19 @@ def test_mirror_plane_pushes_like_a_wall(solid: SolidMesh) -> None:
     _, surface, nodes = finger_parts(solid, PointSpacing(5.0, 20.0))
     state, friction = surface.start(nodes), np.full(len(surface.areas), 0.5)
     moved = nodes - np.array([0.1, 0.0, 0.0])
-    by_mirror = surface.respond(moved, state, Wall(-50.0), friction, 0.0, None).force
-    by_wall = surface.respond(moved, state, Wall(0.0), 0 * friction, NO_STOP, None).force
+    by_mirror = surface.respond(moved, state, wall(-50.0), friction, 0.0, None).force
+    by_wall = surface.respond(moved, state, wall(0.0), 0 * friction, NO_STOP, None).force
     assert np.allclose(by_mirror, by_wall)
 
 
 def test_step_tangent_is_the_derivative_of_the_residual(solid: SolidMesh) -> None:
     body, surface, nodes = finger_parts(solid, PointSpacing(0.5, 3.0))
-    finger = FingerStep(body, surface, nodes, Wall(0.15), stop_mm=NO_STOP)
+    finger = FingerStep(body, surface, nodes, wall(0.15), stop_mm=NO_STOP)
     u = finger.begin(
         finger.undeformed(np.zeros(3), np.zeros(3)), np.array([-0.05, 0, 0.0]), 0.05, np.full(len(surface.areas), 1e6)
     )
     blocks = np.zeros((len(body.pattern.indices), 3, 3))
-    assert finger.tangent(u, blocks)
+    assert linearise(finger.mechanics, finger.motion, u, blocks)
     rng = np.random.default_rng(0)
     direction = rng.standard_normal(u.shape)
     direction[finger.residual(u + 1.0)[:, 1] == 0.0, 1] = 0.0  # rows of the symmetry plane

@@ -12,7 +12,6 @@ from fast.models.simulation.contact.law import (
     ContactLaw,
     ContactResponse,
     ContactSurface,
-    ObjectObstacle,
     Obstacle,
     PointSpacing,
 )
@@ -67,26 +66,13 @@ class Finger:
         return result
 
 
-class OnlyProtocol:
-    """An obstacle that shows nothing but the protocol."""
-
-    def __init__(self, obstacle: Obstacle) -> None:
-        self._obstacle = obstacle
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        return self._obstacle.distance(points)
-
-    def normal(self, points: np.ndarray) -> np.ndarray:
-        return self._obstacle.normal(points)
-
-
 @pytest.fixture(scope="module")
 def finger() -> Finger:
     return Finger()
 
 
-def obstacle_of(object_id: int, offset_x_mm: float = 0.0, *, is_mirrored: bool = False) -> ObjectObstacle:
-    return ObjectObstacle(get_object(object_id), Placement(offset_x_mm=offset_x_mm), is_mirrored=is_mirrored)
+def obstacle_of(object_id: int, offset_x_mm: float = 0.0, *, is_mirrored: bool = False) -> Obstacle:
+    return Obstacle.of(get_object(object_id), Placement(offset_x_mm=offset_x_mm), is_mirrored=is_mirrored)
 
 
 def energy_density(depth: np.ndarray) -> np.ndarray:
@@ -168,16 +154,6 @@ def test_what_was_seen_before_changes_nothing(finger: Finger, object_id: int) ->
     assert n_touching > 100
 
 
-@pytest.mark.parametrize("object_id", [SPIRAL, DIABOLO])
-def test_compiled_and_plain_obstacles_agree(finger: Finger, object_id: int) -> None:
-    obstacle = obstacle_of(object_id)
-    x = finger.pressed(obstacle, 0.4)
-    compiled = finger.respond(finger.surface, x, obstacle, 0.5)
-    plain = finger.respond(finger.new_surface(), x, OnlyProtocol(obstacle), 0.5)
-    assert np.array_equal(compiled.points, plain.points)
-    assert np.allclose(compiled.force, plain.force, rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("object_id", [SPHERE, SPIRAL, DIABOLO])
 @pytest.mark.parametrize("depth_mm", [-20.0, -0.5, 0.3])
 def test_the_gap_is_that_of_the_nearest_point(finger: Finger, object_id: int, depth_mm: float) -> None:
@@ -210,8 +186,8 @@ def test_state_keeps_what_the_touching_points_did(finger: Finger) -> None:
     friction = np.full(len(surface.areas), 0.2)
     response = surface.respond(x, before, obstacle, friction, NO_STOP, None)
     after = surface.advance(before, x, response)
-    assert np.array_equal(np.flatnonzero(after.pressure), response.points)
-    assert np.array_equal(after.traction[response.points], response.traction)
+    assert np.array_equal(np.flatnonzero(after.spread_pressure()), response.points)
+    assert np.array_equal(after.traction, response.traction)
     assert after.slip.sum() == pytest.approx(len(after.slip) + response.slip_step.sum())
     assert response.slip_step.max() > 0.1
     # The finger moved down by 0.2 mm, so friction pushes it up.

@@ -9,25 +9,14 @@ from fast.models.simulation.body.assembly import ElasticBody, Material
 from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, PointSpacing
 from fast.models.simulation.finger import FingerStep
 from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
-from fast.models.simulation.solver.cholesky import BlockCholesky
-from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
+from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver, make_workspace
 from fast.models.simulation.solver.stepping import Path as BasePath
 from fast.models.simulation.solver.stepping import StepLimits, Stepper
 from tests.models.simulation.dead_load import solve_dead_load
+from tests.models.simulation.obstacles import make_rod
 
 CALCULIX = np.load(Path(__file__).parents[2] / "data" / "fem" / "calculix.npz")
 PUSH = np.array([-1.0, 0.0, 0.0])
-
-
-class Cylinder:
-    """Rigid cylinder along y through (x, z) = (-25.5, -45), radius 25."""
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        return np.hypot(points[:, 0] + 25.5, points[:, 2] + 45.0) - 25.0
-
-    def normal(self, points: np.ndarray) -> np.ndarray:
-        normal = np.column_stack([points[:, 0] + 25.5, np.zeros(len(points)), points[:, 2] + 45.0])
-        return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def reference_body(mesh: str) -> tuple[ElasticBody, np.ndarray]:
@@ -59,10 +48,8 @@ def test_dead_load_agrees_with_calculix(mesh: str, case: str) -> None:
 def test_frictionless_cylinder_agrees_with_calculix(mesh: str) -> None:
     body, nodes = reference_body(mesh)
     surface = ContactSurface(body, nodes, ContactLaw(20.0, 20.0, 1e-3), PointSpacing(0.5, 3.0))
-    finger = FingerStep(body, surface, nodes, Cylinder(), stop_mm=NO_STOP)
-    newton = NewtonSolver(
-        BlockCholesky(body.pattern), np.zeros((len(body.pattern.indices), 3, 3)), NewtonSettings(tolerance_n=1e-4)
-    )
+    finger = FingerStep(body, surface, nodes, make_rod(-25.5, -45.0, 25.0), stop_mm=NO_STOP)
+    newton = NewtonSolver(make_workspace(body.pattern), NewtonSettings(tolerance_n=1e-4))
     stepper = Stepper(finger, newton, StepLimits(), lambda _: np.zeros(len(surface.areas)))
     state, reached = finger.undeformed(np.zeros(3), np.zeros(3)), 0.0
     share = 1.0 if body.mesh.is_half else 2.0

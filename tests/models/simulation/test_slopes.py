@@ -102,6 +102,27 @@ def test_slopes_are_trusted_up_to_the_first_jump(walked) -> None:
     assert trace.first_jump_mm(made_up, event_mm=0.04) == 6.04
 
 
+def test_copies_stop_where_slopes_are_good_no_longer() -> None:
+    """The diamond lets go with a jump; the modulus needs no copy."""
+    diamond = replace(INPUTS, obj=get_object(14), setup=GraspSetup(max_lift_mm=60.0))
+    result = simulate(("friction", "young_modulus_mpa"), diamond)
+    slopes, lift_mm = result.slopes, result.trace.lift_mm
+    assert 0.0 < slopes.trusted_mm < lift_mm[-1] - 1.0
+    known = np.isfinite(slopes.by["friction"].force_n)
+    assert known[lift_mm <= slopes.trusted_mm].all()
+    assert not known[lift_mm > slopes.trusted_mm + 1.0].any()
+    assert np.isfinite(slopes.by["young_modulus_mpa"].force_n).all()
+
+
+def test_a_slope_holds_from_its_sample_to_the_next() -> None:
+    one, two = np.ones(3), np.full(3, 2.0)
+    placed = march._place([(1, {"a": one}), (2, {"a": two, "b": one}), (4, {"a": one, "b": two})], 6)
+    assert placed["a"][:5, 0].tolist() == [0.0, 1.0, 2.0, 2.0, 1.0]
+    assert placed["b"][:5, 0].tolist() == [0.0, 0.0, 1.0, 1.0, 2.0]
+    assert np.isnan(placed["a"][5]).all()
+    assert np.isnan(placed["b"][5]).all()
+
+
 def test_a_trace_effect_has_the_slope_of_what_it_does(walked) -> None:
     by_share = walked[0].slopes.by["stress_relaxation.relaxed_share"]
     relaxed = simulate((), with_effect("stress_relaxation", relaxed_share=0.02))
@@ -131,7 +152,7 @@ def test_where_a_jaw_stalls_its_force_counts_and_not_its_stroke() -> None:
 
 
 def test_a_copy_that_does_not_converge_loses_its_column_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(march, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(march, "LOOSE", 0.0)
     result = simulate(("friction", "young_modulus_mpa"))
     assert result.peak_force_n > 1.0
     assert list(result.slopes.by) == ["young_modulus_mpa"]

@@ -61,6 +61,6 @@ def test_a_snap_is_fast_and_changes_a_force_that_goes_on(
     path = Path(np.zeros(3), np.array([0.0, 0.0, 1.0]), 60.0, 5.0, lambda _: 2.0)
     stepper = Stepper(None, None, StepLimits(), lambda _: np.zeros(0), largest_n=10.0)
     v = np.array([[0.0, 0.0, 5.0], [0.0, -5.0 * node_speed, 0.0]])
-    contact = ContactState(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    contact = ContactState.before_contact(np.zeros((0, 3)), 0)
     state = FingerState(np.zeros((2, 3)), v, contact, np.zeros(3))
     assert stepper._is_snap(state, path, pull_n, last_n) == is_snap

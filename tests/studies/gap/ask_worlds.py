@@ -26,14 +26,14 @@ MEMBERS = (*_DELAYS, "stress_relaxation", "static_kinetic_friction")
 _CREEP = "sliding_creep"
 # Ends of what is drawn for a law: its amplitude, in the unit of the law.
 _AMPLITUDES: Mapping[str, tuple[float, float]] = {
-    "load_cell_lag": (0.06, 0.2),
-    "lift_misalignment": (0.3, 0.9),
-    "lift_start_error": (0.3, 0.9),
-    "stress_relaxation": (0.02, 0.07),
-    "static_kinetic_friction": (0.7, 0.9),
-    "magnetic_pull": (0.8, 2.5),
-    _CREEP: (0.03, 0.1),
-    "object_post_compliance": (0.05, 0.2),
+    "load_cell_lag": (0.12, 0.3),
+    "lift_misalignment": (0.6, 1.5),
+    "lift_start_error": (0.5, 0.9),
+    "stress_relaxation": (0.07, 0.2),
+    "static_kinetic_friction": (0.4, 0.7),
+    "magnetic_pull": (2.5, 7.0),
+    _CREEP: (0.1, 0.3),
+    "object_post_compliance": (0.2, 0.6),
 }
 # Laws that nobody may name, with what is taken out of the catalogue for it.
 _NOT_LISTED: tuple[tuple[str, tuple[str, ...]], ...] = (

@@ -5,7 +5,7 @@ is over, is factorised as a dense matrix, and leaves the update -L L^T of the ro
 method for sparse matrix solution" (SIAM Review 34, 1992).
 """
 
-from typing import Protocol
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -24,34 +24,17 @@ from fast.models.simulation.solver.cholesky.tiles import (
 )
 
 
-class LinearSolver(Protocol):
-    """What Newton's method needs from linear algebra."""
+class Factor(NamedTuple):
+    """Where a factor lies, and the numbers of the last one."""
 
-    def factorise(self, blocks: np.ndarray) -> bool:
-        """Factorise the matrix with these blocks (z, 3, 3); False if it is not positive definite."""
-        ...
-
-    def solve(self, right_side: np.ndarray) -> np.ndarray:
-        """Solution (n, 3) for a right-hand side (n, 3), both in pattern order, of the last factorised matrix."""
-        ...
+    layout: Layout
+    data: np.ndarray
 
 
-class BlockCholesky:
-    """Multifrontal Cholesky factorisation of a block matrix with a fixed pattern."""
-
-    def __init__(self, pattern: BlockPattern) -> None:
-        self._layout = panel_layout(pattern)
-        self._data = _aligned_zeros(self._layout.size)
-
-    def factorise(self, blocks: np.ndarray) -> bool:
-        """Factorise; False if the matrix is not positive definite (the factor is then unusable)."""
-        return bool(_factorise(self._layout, blocks.reshape(-1), self._data))
-
-    def solve(self, right_side: np.ndarray) -> np.ndarray:
-        """Solve with the last factor; right-hand side and solution (n, 3) in pattern order."""
-        solution = np.array(right_side, dtype=float)
-        _solve(self._layout, self._data, solution.reshape(-1))
-        return solution
+def make_factor(pattern: BlockPattern) -> Factor:
+    """Room for the factor of a matrix with this pattern."""
+    layout = panel_layout(pattern)
+    return Factor(layout, _aligned_zeros(layout.size))
 
 
 def _aligned_zeros(size: int) -> np.ndarray:
@@ -62,10 +45,14 @@ def _aligned_zeros(size: int) -> np.ndarray:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _factorise(layout: Layout, blocks: np.ndarray, data: np.ndarray) -> bool:
-    """Factorise all panels, from the leaves of the elimination tree to its root."""
+def factorise(factor: Factor, blocks: np.ndarray) -> bool:
+    """Factorise the matrix with these blocks (z, 3, 3), from the leaves of the elimination tree to its root.
+
+    False if it is not positive definite; the factor is then unusable.
+    """
+    layout, data, entries = factor.layout, factor.data, blocks.reshape(-1)
     for s in range(len(layout.width)):
-        _assemble(layout, s, blocks, data)
+        _assemble(layout, s, entries, data)
         for c in layout.children[layout.child_ptr[s] : layout.child_ptr[s + 1]]:
             _add_update(layout, s, c, True, data)
         if not _factorise_panel(layout, s, data):
@@ -128,8 +115,12 @@ def _add_update(layout: Layout, s: int, child: int, to_own: bool, data: np.ndarr
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _solve(layout: Layout, data: np.ndarray, x: np.ndarray) -> None:
-    """Forward and backward substitution in place; the rows of one panel are gathered in `layout.vector`."""
+def solve_in_place(factor: Factor, x: np.ndarray) -> None:
+    """Turn a right-hand side (3 n), in pattern order, into the solution by the last factor.
+
+    The rows of one panel are gathered in `layout.vector`.
+    """
+    layout, data = factor.layout, factor.data
     for s in range(len(layout.width)):
         own = _gather_own(layout, s, data, x)
         data[layout.vector + own : layout.vector + layout.stride[s]] = 0.0

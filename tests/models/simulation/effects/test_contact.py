@@ -9,7 +9,7 @@ from fast.models.objects.distance import distance
 from fast.models.objects.primitives import bounds
 from fast.models.records import GraspSetup, Placement, Theta
 from fast.models.simulation.body.assembly import ElasticBody, Material
-from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, ObjectObstacle, PointSpacing
+from fast.models.simulation.contact.law import NO_STOP, ContactLaw, ContactSurface, Obstacle, PointSpacing
 from fast.models.simulation.effects.contact import (
     FingerFingerContact,
     ObjectEdgeRadius,
@@ -38,7 +38,7 @@ def test_friction_falls_with_pressure_by_a_power_and_stays_finite() -> None:
     assert np.allclose(factor, [1.0, 0.5, 2.0, 20.0 ** (1.0 / 3.0)])
 
 
-OBSTACLE = ObjectObstacle(CUBE, Placement(), is_mirrored=False)
+OBSTACLE = Obstacle.of(CUBE, Placement(), is_mirrored=False)
 
 
 def pressed_finger(near_mm: float) -> tuple[ContactSurface, np.ndarray]:

@@ -16,7 +16,7 @@ from fast.models.records import GraspSetup, Placement, Theta
 from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.body.elasticity import REFERENCE_MODULUS_MPA, lame_constants
 from fast.models.simulation.body.shape_functions import quadrature_of, shape_of
-from fast.models.simulation.contact.law import ContactLaw, ContactState, ObjectObstacle
+from fast.models.simulation.contact.law import ContactLaw, ContactState, Obstacle
 from fast.models.simulation.grasp import INWARD, UPWARD
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.mesh.solid import SolidMesh
@@ -50,8 +50,9 @@ def balance(rig: Rig, mesh: SolidMesh, material: Material, start: np.ndarray, st
     for step in steps:
         state = step.state
         work += 0.5 * (last_force + step.clamp_n) @ (state.base - last_base)
-        slip = state.contact.slip - last_slip
-        friction += float(areas @ (np.linalg.norm(state.contact.traction, axis=1) * slip))
+        own = state.contact.points
+        slip = (state.contact.slip - last_slip)[own]
+        friction += float(areas[own] @ (np.linalg.norm(state.contact.traction, axis=1) * slip))
         elastic = elastic_energy(mesh, rig.nodes, state.x, material)
         rows.append((work, elastic, contact_energy(law, areas, state.contact), friction))
         last_force, last_base, last_slip = step.clamp_n, state.base, state.contact.slip
@@ -80,7 +81,7 @@ def contact_energy(law: ContactLaw, areas: np.ndarray, state: ContactState) -> f
     shallow = kn * depth**3 / (6.0 * d0)
     deep = kn * (depth**2 / 2.0 - d0 * depth / 2.0 + d0**2 / 6.0)
     springs = (state.traction**2).sum(axis=1) / (2.0 * law.tangential_n_per_mm3)
-    return float(areas @ (np.where(depth < d0, shallow, deep) + springs))
+    return float(areas[state.points] @ (np.where(depth < d0, shallow, deep) + springs))
 
 
 def grasp(
@@ -95,7 +96,7 @@ def grasp(
     setup, material = GraspSetup(), Material(REFERENCE_MODULUS_MPA, Theta().poisson_ratio)
     nodes = to_object_frame(mesh.nodes, BEST_PUBLISHED.height_mm, setup.tip_below_mm)
     nodes = roll(nodes, mesh.base_nodes, placement.roll_deg)
-    obstacle = ObjectObstacle(obj, placement, is_mirrored=False)
+    obstacle = Obstacle.of(obj, placement, is_mirrored=False)
     rig = set_up(mesh, nodes, material, obstacle, friction=Theta().friction)
     open_mm, stroke_mm = 0.5 * setup.open_gap_mm, 0.5 * (setup.open_gap_mm - setup.closed_gap_mm)
     free_mm = travel_to_touch(rig.finger.distance_to_object, -open_mm * INWARD, INWARD, stroke_mm)

@@ -18,6 +18,7 @@ from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.contact.law import ContactLaw, PointSpacing
 from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.solver.newton import NewtonSettings
+from tests.models.simulation.obstacles import make_ball, make_rod
 from tests.models.simulation.verification.bricks import brick, everything
 from tests.models.simulation.verification.rig import set_up
 
@@ -28,23 +29,6 @@ SPEED_MM_PER_S = 1e-3  # slow enough for the inertia of the block to vanish
 PLANE_MODULUS_MPA = MODULUS_MPA / (1.0 - POISSON**2)
 # The penalty gives way by 1.5 % of the sphere's indentation.
 LAW = ContactLaw(normal_n_per_mm3=600.0, tangential_n_per_mm3=600.0, smoothing_mm=1e-5)
-
-
-class Ball:
-    """Rigid cylinder along y, or sphere, whose lowest point is the origin and whose body lies above."""
-
-    def __init__(self, *, is_sphere: bool) -> None:
-        self._axes = np.array([1.0, 1.0 if is_sphere else 0.0, 1.0])
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(self._from_centre(points), axis=1) - RADIUS_MM
-
-    def normal(self, points: np.ndarray) -> np.ndarray:
-        away = self._from_centre(points)
-        return away / np.linalg.norm(away, axis=1, keepdims=True)
-
-    def _from_centre(self, points: np.ndarray) -> np.ndarray:
-        return (points - [0.0, 0.0, RADIUS_MM]) * self._axes
 
 
 @dataclass(frozen=True)
@@ -77,7 +61,7 @@ def press(mesh: SolidMesh, depth_mm: float, *, is_sphere: bool) -> Indentation:
         mesh,
         mesh.nodes,
         Material(MODULUS_MPA, POISSON),
-        Ball(is_sphere=is_sphere),
+        make_ball(np.array([0.0, 0.0, RADIUS_MM]), RADIUS_MM) if is_sphere else make_rod(0.0, RADIUS_MM, RADIUS_MM),
         friction=0.0,
         law=LAW,
         spacing=PointSpacing(0.05, 0.05),
@@ -88,7 +72,7 @@ def press(mesh: SolidMesh, depth_mm: float, *, is_sphere: bool) -> Indentation:
     points = rig.surface.positions(last.state.x)
     radius = np.hypot(points[:, 0], points[:, 1] if is_sphere else 0.0)
     whole = 2.0 if is_sphere else 1.0 / WIDTH_MM
-    return Indentation(depth_mm, whole * float(last.clamp_n[2]), radius, last.state.contact.pressure)
+    return Indentation(depth_mm, whole * float(last.clamp_n[2]), radius, last.state.contact.spread_pressure())
 
 
 def line_contact(force_n_per_mm: float) -> tuple[float, float]:

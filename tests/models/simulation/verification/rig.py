@@ -10,8 +10,7 @@ from fast.models.simulation.contact.self_contact import SelfContact
 from fast.models.simulation.finger import FingerState, FingerStep
 from fast.models.simulation.mesh.cavities import cavity_faces
 from fast.models.simulation.mesh.solid import SolidMesh
-from fast.models.simulation.solver.cholesky import BlockCholesky
-from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver
+from fast.models.simulation.solver.newton import NewtonSettings, NewtonSolver, make_workspace
 from fast.models.simulation.solver.stepping import Path, Step, StepLimits, Stepper
 
 SPEED_MM_PER_S = 10.0
@@ -63,6 +62,4 @@ def set_up(
     finger = FingerStep(
         body, surface, nodes, obstacle, stop_mm=NO_STOP, inside=SelfContact(*cavity_faces(mesh), nodes, law)
     )
-    blocks = np.zeros((len(body.pattern.indices), 3, 3))
-    solver = NewtonSolver(BlockCholesky(body.pattern), blocks, newton)
-    return Rig(nodes, body, surface, finger, solver, friction)
+    return Rig(nodes, body, surface, finger, NewtonSolver(make_workspace(body.pattern), newton), friction)

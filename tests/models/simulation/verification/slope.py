@@ -11,6 +11,7 @@ from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.contact.law import PointSpacing
 from fast.models.simulation.finger import FingerState
 from fast.models.simulation.solver.newton import NewtonSettings
+from tests.models.simulation.obstacles import make_half_space
 from tests.models.simulation.verification.bricks import brick
 from tests.models.simulation.verification.rig import Rig, set_up
 
@@ -18,20 +19,6 @@ GRAVITY_MM_PER_S2 = 9810.0
 STEP_S, N_STEPS = 5e-3, 40
 SIDE_MM, HEIGHT_MM = 10.0, 4.0
 MODULUS_MPA, POISSON = 11.5, 0.45
-
-
-class Slope:
-    """Half space below the plane through the origin that falls towards +x by an angle (rad)."""
-
-    def __init__(self, angle: float) -> None:
-        self.down = np.array([np.cos(angle), 0.0, -np.sin(angle)])
-        self.up = np.array([np.sin(angle), 0.0, np.cos(angle)])
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        return points @ self.up
-
-    def normal(self, points: np.ndarray) -> np.ndarray:
-        return np.tile(self.up, (len(points), 1))
 
 
 @dataclass(frozen=True)
@@ -46,10 +33,11 @@ class Slide:
 
 def slide(angle: float, friction: float) -> Slide:
     """Set a soft block on the slope without impact and follow it."""
-    slope = Slope(angle)
+    down, up = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([np.sin(angle), 0.0, np.cos(angle)])
+    slope = make_half_space(np.zeros(3), up)
     grid = (np.linspace(0, SIDE_MM, 3), np.linspace(0, SIDE_MM, 3), np.linspace(0, HEIGHT_MM, 2))
     mesh = brick("C3D20R", grid, contact=lambda p: p[:, 2] == 0.0)
-    turned = mesh.nodes @ np.array([slope.down, [0.0, 1.0, 0.0], slope.up])
+    turned = mesh.nodes @ np.array([down, [0.0, 1.0, 0.0], up])
     newton = NewtonSettings(tolerance_n=1e-10)
     material = Material(MODULUS_MPA, POISSON)
     rig = set_up(mesh, turned, material, slope, friction=friction, spacing=PointSpacing(1.0, 1.0), newton=newton)
@@ -57,10 +45,11 @@ def slide(angle: float, friction: float) -> Slide:
     samples, state = [(0.0, 0.0, 0.0, 0.0)], rig.finger.undeformed(np.zeros(3), np.zeros(3))
     for step in range(1, N_STEPS + 1):
         state = _fall(rig, state)
-        travel = (volume * (state.x - turned)).sum(axis=0) @ slope.down
-        force = rig.surface.areas @ state.contact.traction
-        ratio = -(force @ slope.down) / (rig.surface.areas @ state.contact.pressure)
-        samples.append((step * STEP_S, travel, (volume * state.v).sum(axis=0) @ slope.down, ratio))
+        travel = (volume * (state.x - turned)).sum(axis=0) @ down
+        areas_mm2 = rig.surface.areas[state.contact.points]
+        force = areas_mm2 @ state.contact.traction
+        ratio = -(force @ down) / (areas_mm2 @ state.contact.pressure)
+        samples.append((step * STEP_S, travel, (volume * state.v).sum(axis=0) @ down, ratio))
     return Slide(*np.array(samples).T)
 
 

@@ -22,6 +22,7 @@ from fast.models.simulation.mesh.extrude import extrude
 from fast.models.simulation.mesh.section import planar_mesh
 from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 from fast.models.simulation.model import to_object_frame
+from tests.models.simulation.obstacles import make_rod
 from tests.models.simulation.verification.rig import set_up
 
 HEIGHT_MM, WIDTH_MM, PLATE_MM, N_LAYERS = 97.0, 30.0, 4.0, 8
@@ -49,19 +50,6 @@ SOFA_PULL = np.array(
 )
 SOFA_PEAK_N, SOFA_RIPPLE_N = 10.05, 0.5
 GAP_MM, PRESS_MM, PULL_MM = 0.5, 12.0, 60.0
-
-
-class Cylinder:
-    """Radius 20 mm along y through (x, z) = (-20.5, 60) of the finger frame, in the object frame."""
-
-    centre, radius_mm = np.array([-20.5, 0.0, HEIGHT_MM - 60.0]), 20.0
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        return np.hypot(points[:, 0] - self.centre[0], points[:, 2] - self.centre[2]) - self.radius_mm
-
-    def normal(self, points: np.ndarray) -> np.ndarray:
-        away = (points - self.centre) * [1.0, 0.0, 1.0]
-        return away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -134,7 +122,14 @@ def press_and_pull(
     nodes = to_object_frame(mesh.nodes, HEIGHT_MM, 0.0)
     material = Material(MODULUS_MPA, POISSON, law)
     with mock.patch.object(contact_points, "_triangle_cells", _corners) if at_nodes else nullcontext():
-        rig = set_up(mesh, nodes, material, Cylinder(), friction=friction, spacing=PointSpacing(0.25, 1.0))
+        rig = set_up(
+            mesh,
+            nodes,
+            material,
+            make_rod(-20.5, HEIGHT_MM - 60.0, 20.0),
+            friction=friction,
+            spacing=PointSpacing(0.25, 1.0),
+        )
     share = 2.0 if mesh.is_half else 1.0
     state = rig.finger.undeformed(np.array([-GAP_MM, 0.0, 0.0]), np.zeros(3))
     curves = []

@@ -14,7 +14,7 @@ from fast.models.solver_code import VARIABLE, source_stamp
 
 logger = logging.getLogger(__name__)
 TELL_EVERY_S, LOOK_S = 8.0, 0.2
-LONGEST_WAIT_S = 240.0  # for a process that compiles, less than a worker may hang
+LONGEST_WAIT_S = 480.0  # for a process that compiles, less than a worker may hang
 _BEGUN: set[int] = set()  # processes: a child does not inherit what its parent has compiled
 
 

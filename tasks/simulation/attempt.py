@@ -31,7 +31,7 @@ logger = logging.getLogger(__name__)
 
 ATTEMPTS = 2
 # Wall time past a grasp's own deadline after which its worker is taken to hang; compiling kernels takes its time
-HANG_MARGIN_S = 300.0
+HANG_MARGIN_S = 600.0
 WARM_UP_OBJECT = 30  # a cube
 MESH_CACHE_FORMAT = 2
 MESHES_KEPT = 4  # half and full width of a design, for two designs

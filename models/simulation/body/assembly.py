@@ -12,6 +12,8 @@ from fast.models.errors import MeshingFailed, UsageError
 from fast.models.simulation.body.elasticity import (
     LAW_CODE,
     VECTOR,
+    Constants,
+    Elements,
     MaterialLaw,
     add_forces,
     add_tangents,
@@ -47,36 +49,12 @@ class Material:
         return 2.0 * self.stiffening / self.young_modulus_mpa
 
 
-class Elements(NamedTuple):
-    """One element block ready for assembly.
-
-    `connectivity` (m, k); `gradients` (q, 3, k') dN/dxi, with zeros up to whole vectors of nodes; `inverses` (q, 9, m)
-    dxi_i/dX_j in 3 i + j, in 1/mm; `volumes` (q, m) in mm3, and `weights`, the same times the element's factor on the
-    modulus; `values` (q, k) of the shape functions; `places` (m, k, k) of the blocks in the pattern.
-    """
-
-    connectivity: np.ndarray
-    gradients: np.ndarray
-    inverses: np.ndarray
-    volumes: np.ndarray
-    weights: np.ndarray
-    values: np.ndarray
-    places: np.ndarray
-
-
 class Elastic(NamedTuple):
-    """What compiled code reads of a body: always two blocks, of which one may be empty, and the constants of the law.
-
-    They are the code of the law, Lame's constants lam and mu in MPa, and c in 1/MPa (see
-    `models.simulation.body.elasticity`).
-    """
+    """What compiled code reads of a body: always two blocks, of which one may be empty, and the law's constants."""
 
     first: Elements
     second: Elements
-    law: int
-    lam: float
-    mu: float
-    c: float
+    constants: Constants
 
 
 _NO_ELEMENTS = Elements(
@@ -171,7 +149,7 @@ class ElasticBody:
     def compiled(self) -> Elastic:
         """What compiled code reads."""
         first, *others = self._parts
-        return Elastic(first, others[0] if others else _NO_ELEMENTS, *self._material)
+        return Elastic(first, others[0] if others else _NO_ELEMENTS, self._material)
 
     def force(self, x: np.ndarray) -> np.ndarray | None:
         """Internal nodal force (n, 3) at deformed nodes x (n, 3); None if an element is inverted."""
@@ -197,10 +175,10 @@ class ElasticBody:
         return volume
 
 
-def _constants(material: Material) -> tuple[int, float, float, float]:
+def _constants(material: Material) -> Constants:
     """What the kernels take of a material."""
     lame = lame_constants(material.young_modulus_mpa, material.poisson_ratio)
-    return LAW_CODE[material.law], *lame, float(material.stiffening_per_mpa)
+    return Constants(LAW_CODE[material.law], *lame, float(material.stiffening_per_mpa))
 
 
 def block_map(connectivity: np.ndarray, row_of_node: np.ndarray, pattern: BlockPattern) -> np.ndarray:
@@ -269,18 +247,7 @@ def _symmetry_blocks(mesh: SolidMesh, row_of_node: np.ndarray, pattern: BlockPat
 def add_elastic_forces(elastic: Elastic, x: np.ndarray, force: np.ndarray) -> bool:
     """Add the internal nodal forces (n, 3) at deformed nodes x (n, 3); False if an element is inverted."""
     for part in (elastic.first, elastic.second):
-        if not add_forces(
-            x,
-            part.connectivity,
-            part.gradients,
-            part.inverses,
-            part.weights,
-            elastic.law,
-            elastic.lam,
-            elastic.mu,
-            elastic.c,
-            force,
-        ):
+        if not add_forces(x, part, elastic.constants, force):
             return False
     return True
 
@@ -289,19 +256,7 @@ def add_elastic_forces(elastic: Elastic, x: np.ndarray, force: np.ndarray) -> bo
 def add_stiffness(elastic: Elastic, x: np.ndarray, blocks: np.ndarray) -> bool:
     """Add the tangent at deformed nodes x (n, 3); False if an element is inverted."""
     for part in (elastic.first, elastic.second):
-        if not add_tangents(
-            x,
-            part.connectivity,
-            part.gradients,
-            part.inverses,
-            part.weights,
-            elastic.law,
-            elastic.lam,
-            elastic.mu,
-            elastic.c,
-            part.places,
-            blocks,
-        ):
+        if not add_tangents(x, part, elastic.constants, blocks):
             return False
     return True
 

@@ -16,7 +16,7 @@ The two laws differ by 2 to 3 % in the median peak of a grasp, and by 8 to 11 % 
 Neo-Hookean is a little cheaper and stays stable in strong compression, so it is the default.
 """
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numba as nb
 import numpy as np
@@ -38,6 +38,32 @@ WIDTH = 20  # in rows for the largest element: a length that the compiler knows,
 ELEMENTS = 16  # how many elements of one kind lie side by side while their forces are computed: a few whole vectors
 
 LAW_CODE: dict[MaterialLaw, int] = {"neo_hookean": 0, "st_venant_kirchhoff": 1}
+
+
+class Constants(NamedTuple):
+    """Of a material: the code of its law, Lame's constants lam and mu in MPa, and c in 1/MPa (neo-Hookean law only)."""
+
+    law: int
+    lam: float
+    mu: float
+    c: float
+
+
+class Elements(NamedTuple):
+    """One element block ready for assembly.
+
+    `connectivity` (m, k); `gradients` (q, 3, k') dN/dxi, with zeros up to whole vectors of nodes; `inverses` (q, 9, m)
+    dxi_i/dX_j in 3 i + j, in 1/mm; `volumes` (q, m) in mm3, and `weights`, the same times the element's factor on the
+    modulus; `values` (q, k) of the shape functions; `places` (m, k, k) of the blocks in the pattern.
+    """
+
+    connectivity: np.ndarray
+    gradients: np.ndarray
+    inverses: np.ndarray
+    volumes: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    places: np.ndarray
 
 
 def lame_constants(young_modulus_mpa: float, poisson_ratio: float) -> tuple[float, float]:
@@ -68,25 +94,13 @@ _G, _SLOPE, _STRAIGHT, _SWAPPED, _STRESS, _STIFF, _N_ROWS = 0, 3, 6, 9, 12, 15, 
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def add_tangents(
-    x: np.ndarray,
-    elements: np.ndarray,
-    gradients: np.ndarray,
-    inverses: np.ndarray,
-    weights: np.ndarray,
-    law: int,
-    lam: float,
-    mu: float,
-    c: float,
-    places: np.ndarray,
-    blocks: np.ndarray,
-) -> bool:
+def add_tangents(x: np.ndarray, part: Elements, constants: Constants, blocks: np.ndarray) -> bool:
     """Add the tangents of elements (m, k) of one kind at deformed nodes x to `blocks`; False if one is inverted.
 
-    `places` (m, k, k) of the pairs of nodes a >= b in `blocks` (z, 3, 3), as in `models.simulation.body.assembly`. The
-    other arguments are those of `add_forces`; c is for the neo-Hookean law only.
+    Blocks (z, 3, 3) are at `part.places`.
     """
-    n_points, k = len(gradients), elements.shape[1]
+    elements, gradients, inverses, weights = part.connectivity, part.gradients, part.inverses, part.weights
+    (law, lam, mu, c), n_points, k = constants, len(gradients), elements.shape[1]
     local, rows, row = np.zeros((3, WIDTH)), np.zeros((n_points, _N_ROWS, WIDTH)), np.zeros((10, WIDTH))
     F, inverse, A = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((n_points, 3, 3))
     for e in range(len(elements)):
@@ -110,7 +124,7 @@ def add_tangents(
                 _add_moduli(a, rows, A, row)
             elif c != 0.0:
                 _add_stiffening(a, rows, row)
-            _add_row(a, row, places[e, a], blocks)
+            _add_row(a, row, part.places[e, a], blocks)
     return True
 
 
@@ -271,27 +285,14 @@ def _add_row(a: int, row: np.ndarray, places: np.ndarray, blocks: np.ndarray) ->
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def add_forces(
-    x: np.ndarray,
-    elements: np.ndarray,
-    gradients: np.ndarray,
-    inverses: np.ndarray,
-    weights: np.ndarray,
-    law: int,
-    lam: float,
-    mu: float,
-    c: float,
-    force: np.ndarray,
-) -> bool:
+def add_forces(x: np.ndarray, part: Elements, constants: Constants, force: np.ndarray) -> bool:
     """Add the nodal forces (n, 3) of elements (m, k) of one kind at deformed nodes x (n, 3); False if one is inverted.
-
-    gradients (q, 3, k') = dN/dxi, filled up with zeros to whole vectors of nodes; inverses (q, 9, m): dxi_i/dX_j in
-    3 i + j, in 1/mm; weights (q, m) in mm3; c in 1/MPa, for the neo-Hookean law only.
 
     Elements are taken `ELEMENTS` at a time and lie side by side, coordinate i of all of them in a row; where fewer are
     left, the last one is taken again and counts once. All arrays have lengths that the compiler knows.
     """
-    k, m = elements.shape[1], len(elements)
+    elements, gradients, inverses, weights = part.connectivity, part.gradients, part.inverses, part.weights
+    (law, lam, mu, c), k, m = constants, elements.shape[1], len(elements)
     local, local_force = np.zeros((gradients.shape[2], 3 * ELEMENTS)), np.zeros((k, 3 * ELEMENTS))
     g, inverse, weight = np.zeros((3, 3 * ELEMENTS)), np.zeros((9, ELEMENTS)), np.zeros(ELEMENTS)
     F, J, log_J = np.zeros((9, ELEMENTS)), np.zeros(ELEMENTS), np.zeros(ELEMENTS)

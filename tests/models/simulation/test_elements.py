@@ -5,7 +5,15 @@ import pytest
 
 from fast.models.errors import MeshingFailed
 from fast.models.simulation.body.assembly import ElasticBody, Material
-from fast.models.simulation.body.elasticity import LAW_CODE, VECTOR, add_forces, add_tangents, lame_constants
+from fast.models.simulation.body.elasticity import (
+    LAW_CODE,
+    VECTOR,
+    Constants,
+    Elements,
+    add_forces,
+    add_tangents,
+    lame_constants,
+)
 from fast.models.simulation.body.shape_functions import ElementKind, face_shape, quadrature_of, shape_of
 from fast.models.simulation.mesh.extrude import extrude
 from fast.models.simulation.mesh.planar import add_middles
@@ -77,23 +85,23 @@ def one_element(kind: ElementKind) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nodes, gradients, rule.weights
 
 
-def of_itself(slopes: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Elements, gradients, inverses and weights of one element whose reference element is itself.
-
-    So dN/dxi are its slopes (q, k, 3).
-    """
+def of_itself(slopes: np.ndarray, weights: np.ndarray, places: np.ndarray) -> Elements:
+    """One element whose reference element is itself, so that dN/dxi are its slopes (q, k, 3)."""
     n_points, k = slopes.shape[:2]
     gradients = np.zeros((n_points, 3, -(-k // VECTOR) * VECTOR))
     gradients[:, :, :k] = slopes.transpose(0, 2, 1)
     inverses = np.tile(np.eye(3).reshape(1, 9, 1), (n_points, 1, 1))
-    return np.arange(k, dtype=np.int32)[None], gradients, inverses, weights[:, None]
+    volumes = weights[:, None]
+    elements = np.arange(k, dtype=np.int32)[None]
+    return Elements(elements, gradients, inverses, volumes, volumes, np.zeros((n_points, k)), places[None])
 
 
 def add_one(
     x: np.ndarray, slopes: np.ndarray, weights: np.ndarray, law: int, lam: float, mu: float, c: float, force: np.ndarray
 ) -> bool:
     """Add the forces of one element whose reference element is itself."""
-    return bool(add_forces(x, *of_itself(slopes, weights), law, lam, mu, c, force))
+    part = of_itself(slopes, weights, np.zeros((len(x), len(x)), dtype=np.int32))
+    return bool(add_forces(x, part, Constants(law, lam, mu, c), force))
 
 
 def tangent_of(
@@ -103,7 +111,7 @@ def tangent_of(
     k = len(x)
     places = np.tri(k, dtype=np.int32).cumsum().reshape(k, k).astype(np.int32) - 1
     blocks = np.zeros((k * (k + 1) // 2, 3, 3))
-    assert add_tangents(x, *of_itself(slopes, weights), law, lam, mu, c, places[None], blocks)
+    assert add_tangents(x, of_itself(slopes, weights, places), Constants(law, lam, mu, c), blocks)
     full = np.zeros((k, 3, k, 3))
     for a, b in np.argwhere(np.tri(k)):
         full[a, :, b] = blocks[places[a, b]]

@@ -37,6 +37,7 @@ WATCHDOG_S = 3.0  # longer than the ladder waits for a heartbeat
 SETTLE_S = 0.5
 LOOK_S = 0.3
 PARKED_MM = (1480.0, 1480.0, 175.0)
+USUAL = ("bench fault", "unknown", "resumed")
 
 
 @dataclass
@@ -141,7 +142,7 @@ class BenchOutcome:
     resumed: str
 
     def words(self):
-        """Error, motion, gripper, grasp, position, and what came of working on."""
+        """Error, motion, gripper; what became of grasp and position and of working on, where it is not as usual."""
         error = f"`{type(self.error).__name__}`"
         stands = "held" if self.moved_mm < SAME_MM else "motors off" if self.moved_later_mm < SAME_MM else "MOVES ON"
         grip = "grip kept" if self.is_gripping else "open"
@@ -149,7 +150,8 @@ class BenchOutcome:
         told = (
             "unknown" if not self.is_trusted else "true" if self.off_mm < SAME_MM else f"WRONG by {self.off_mm:.1f} mm"
         )
-        return f"{error}, {stands}, {grip}, {kept}, {told}, {'resumed' if self.resumed == 'ok' else self.resumed}"
+        rest = (kept, told, "resumed" if self.resumed == "ok" else self.resumed)
+        return ", ".join([error, stands, grip, *(one for one, usual in zip(rest, USUAL, strict=True) if one != usual)])
 
 
 def run_bench_case(rig, case):

@@ -2,7 +2,8 @@
 
 First what needs no simulation: other speeds, dwells and pressures, for which what was simulated serves. Only where they
 do not promise enough are other strokes and placements simulated, a bounded number of them. Where no grasp tells, a
-person is asked.
+person is asked. Below the line of an alarm only the first is asked: what two simulators differ by is the same at every
+speed and cancels in the pair, but it does not cancel where something else is simulated.
 """
 
 from collections.abc import Sequence
@@ -43,6 +44,8 @@ def ask(search: SearchInputs, naming: NamingResult, settings: AskSettings) -> Ne
     timings = [one for one in able if one.is_timing]
     cells = spread_cells(grasps)
     plan = _Plan.of(hypotheses, grasps, [Pair(*cell, one) for cell in cells for one in timings], settings)
+    if not naming.alarm.is_raised:
+        return plan.write(naming)
     if plan.open_effects:
         strokes = [one for one in able if not one.is_timing]
         pairs = [Pair(*cell, one) for cell in choose_cells(cells, hypotheses, strokes) for one in strokes]

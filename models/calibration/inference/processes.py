@@ -5,7 +5,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from multiprocessing import get_context
@@ -52,6 +52,7 @@ def spread(
     news = None if hear is None else context.SimpleQueue()
     pool = ProcessPoolExecutor(n_workers, context, _begin, (work, shared, news, os.getpid()))
     cpu_s: dict[int, float] = {}
+    left: set[Future[Any]] = set()
     try:
         futures = [pool.submit(_do, number, job) for number, job in enumerate(jobs)]
         left = set(futures)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.models.gap.ask.forecast import Forecast, Nats, compute_nats
+from fast.models.gap.ask.hypotheses import POSSIBLE
 
 ENOUGH_NATS = 3.0  # odds of 20 to 1
-POSSIBLE = 0.03  # a hypothesis below is not what an experiment is made for
 FEWEST_CELLS = 2  # a tool on an object may snap where the simulator does not: another one has to agree
 _SHORTLIST, _OF_EACH_PAIR = 40, 3  # experiments that are tried together with others
 _LEAST_GAIN = 0.01  # nats, of all pairs: less is no reason to go on

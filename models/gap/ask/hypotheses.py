@@ -8,15 +8,15 @@ import numpy as np
 from fast.models.gap.findings import NONE, UNKNOWN
 from fast.models.gap.fit.fit import Fit, axes_of
 from fast.models.gap.fit.law_freedom import free_law
-from fast.models.gap.naming.name import NamingResult
+from fast.models.gap.naming.name import NamingResult, share_evidence
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 
 SURE = 0.9  # a name of this probability is not asked about
-LEAST_UNKNOWN = 0.05  # whatever the catalogue explains, something else may do so too
-_LEAST = 0.03  # below, an effect is not asked about
-_LEAST_SHARE = 0.15  # of the best: effects that are not told apart are possible, however their shares fell
-_MOST_EFFECTS = 4
+POSSIBLE = 0.03  # a hypothesis below is not what an experiment is made for
+LEAST = 0.05  # of *unknown*, and of evident effects: whatever one explains, something else may do so too
+_EVIDENT = 0.5  # of the evidence of the best
+_MOST_EFFECTS = 5
 _REACH = 3.0  # times its size, what a pattern may change by at another setting
 
 
@@ -90,23 +90,28 @@ def replace_parameters(value: EffectValue, parameters: dict[str, float]) -> Effe
 def list_hypotheses(naming: NamingResult) -> tuple[Hypothesis, ...]:
     """What is possible after a round, by probability; empty where nothing is to be asked.
 
-    Nothing is asked where there is no alarm, or an effect is sure.
+    Nothing is asked where an effect is sure, or where no effect comes near an alarm. Effects with half of the evidence
+    of the best are possible, however their shares fell.
     """
-    named = naming.named
-    if named.kind == "none" or (named.kind == "effect" and named.probability >= SURE):
+    named, trials = naming.named, naming.trials
+    if (named.kind == NONE and not trials.tried) or (named.kind == "effect" and named.probability >= SURE):
         return ()
-    chances = {candidate.effect: candidate.probability for candidate in naming.candidates}
-    tried = [trial.effect for trial in naming.trials.tried if trial.nats > 0.0 or trial.effect in named.effects]
-    best = max((chances[name] for name in tried), default=0.0)
-    members = [name for name in named.effects if name in tried]
-    weight = {name: max(chances[name], _LEAST_SHARE * best if name in members else 0.0) for name in tried}
-    weight = {name: chance for name, chance in weight.items() if chance >= _LEAST or name in members}
+    gap, by_family = naming.alarm.gap, naming.decider.judge_families()
+    evident = _EVIDENT * trials.tried[0].nats if trials.tried else 0.0
+    weight: dict[str, float] = {}
+    for family, chance in by_family.items():
+        own = [trial for trial in trials.tried if trial.family == family and trial.nats > 0.0]
+        shares = share_evidence([trial.nats for trial in own], naming.decider.rehearsal.behind)
+        for trial, share in zip(own, shares, strict=True):
+            weight[trial.effect] = max(gap * chance * share, LEAST if trial.nats >= evident else 0.0)
+    members = [name for name in named.effects if name in weight]
+    weight = {name: chance for name, chance in weight.items() if chance >= POSSIBLE or name in members}
     chosen = sorted(weight, key=lambda name: -weight[name])[:_MOST_EFFECTS]
     base = naming.fit
     found = [Hypothesis(name, weight[name], naming.decider.fit_with(name)) for name in chosen]
-    if chances[NONE] >= _LEAST:
-        found.append(Hypothesis(NONE, chances[NONE], base))
-    unknown = max(chances[UNKNOWN], LEAST_UNKNOWN)
+    if 1.0 - gap >= POSSIBLE:
+        found.append(Hypothesis(NONE, 1.0 - gap, base))
+    unknown = max(gap * (1.0 - sum(by_family.values())), LEAST)
     found += [Hypothesis(UNKNOWN, 0.5 * unknown, base, size) for size in (0.0, _REACH * naming.pattern_size)]
     return _normalise(found)
 

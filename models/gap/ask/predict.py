@@ -20,6 +20,7 @@ from fast.models.gap.fit.law_freedom import LAW_SD
 from fast.models.gap.fit.whitened_features import FLOOR_SHARE, OWN_SHARE, estimate_repeat_noise, find_amplitude
 from fast.models.gap.grasps import Grasps, number_distinct
 from fast.models.records import EffectValue, GraspContext
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 N_DRAWS = 16
@@ -61,6 +62,8 @@ def forecast_pairs(
         means.append(mean + bias)
         own = [np.moveaxis(drawn - mean, 0, -1) / np.sqrt(n_draws - 1.0)]
         columns.append(np.concatenate([*own, *_list_doubts(one, side, pairs)], axis=-1))
+    kin = [_list_kin(number, hypotheses, means) for number in range(len(means))]
+    columns = [np.concatenate([rows, *more], axis=-1) for rows, more in zip(columns, kin, strict=True)]
     amplitude = sides[0].amplitude
     share = np.array([_TIMING_SHARE if pair.setting.is_timing else 1.0 for pair in pairs])
     own_n = OWN_SHARE * share[:, None] * amplitude
@@ -178,6 +181,27 @@ def _list_doubts(hypothesis: Hypothesis, side: _Sides, pairs: Sequence[Pair]) ->
     changed_n = np.split(side.steps_n, 2)[1]
     found = [hypothesis.size * np.moveaxis(change, 0, -1) for change in _list_patterns(changed_n)]
     return [_part_by_setting(np.concatenate(found, axis=-1), pairs)]
+
+
+def _list_kin(number: int, hypotheses: Sequence[Hypothesis], means: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Columns (c x f x 1) by which a law of the trace may lie on the way to another one of its family.
+
+    A transmitter that averages is between a lag of first order and a pure delay. Effects that need simulations of their
+    own are different things, not ends of one law.
+    """
+    found = []
+    for mean, one in zip(means, hypotheses, strict=True):
+        if _is_kin(hypotheses[number].name, one.name):
+            found.append(LAW_SD * (mean - means[number])[:, :, None])
+    return found
+
+
+def _is_kin(first: str, second: str) -> bool:
+    if first == second or not {first, second} <= CATALOGUE.keys():
+        return False
+    one, other = CATALOGUE[first], CATALOGUE[second]
+    acts_on_traces = not one.bank_runs and not other.bank_runs and one.state is not None
+    return acts_on_traces and one.family == other.family and one.state == other.state
 
 
 def _spread_by_setting(amplitude: np.ndarray, pairs: Sequence[Pair]) -> np.ndarray:

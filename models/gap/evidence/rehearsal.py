@@ -114,6 +114,12 @@ class Rehearsal:
             possible_unknown=float(np.quantile(wrong, SEEN)) if wrong else 1.0,
         )
 
+    @property
+    def suspicion_line(self) -> float:
+        """Evidence that one in ten worlds with nothing hidden passes; what has more is worth a question, not a name."""
+        nothing = [one.nats for one in self.worlds if one.group == NOTHING]
+        return float(np.quantile(nothing, SEEN)) if nothing else self.nats_line
+
     def is_alarm(self, nats: float, omnibus: float) -> bool:
         """Whether a world with these is more than what honest simulators differ by."""
         return nats > self.nats_line or omnibus > self.omnibus_line

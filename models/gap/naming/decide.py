@@ -49,10 +49,26 @@ class Decider:
         possible = self._list_possible(chosen, name)
         return named.model_copy(update={"possible": possible}), name
 
+    def judge_families(self) -> dict[str, float]:
+        """How probable each family on trial is if something is missing, the best one first; the rest is *unknown*.
+
+        The best by the odds of its name; each next one by those that it would have, had the catalogue none before it.
+        """
+        families = {one.name: CATALOGUE[one.name].family for one in self.trials.weighed if one.kind == "effect"}
+        trials, left, found = self.trials, 1.0, {}
+        while trials.tried:
+            family = trials.tried[0].family
+            name = self.rehearsal.name.judge(trials.look_after_best(families).describe())
+            found[family] = left * name
+            left *= 1.0 - name
+            trials = trials.without(family)
+        return found
+
     def answer_none(self, probability: float) -> Decision:
-        """Nothing, with what could still hide."""
+        """Nothing, with what could still hide, and what there is some evidence for."""
         hides = self.rehearsal.tell_seen_size(compute_rms(self.trials.fit.force_n))
-        sentence = f"Nothing is left that is larger than what honest simulators differ by. {hides}"
+        near = f" It looks most like this: {CATALOGUE[self.trials.tried[0].effect].title}." if self.trials.tried else ""
+        sentence = f"Nothing is left that is larger than what honest simulators differ by.{near} {hides}"
         return Decision(kind="none", probability=probability, sentence=sentence)
 
     def answer_effects(self, chosen: Sequence[str], probability: float) -> Decision:

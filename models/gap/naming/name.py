@@ -108,7 +108,8 @@ def name_effect(
     if alarm is None:
         alarm = raise_alarm(rehearsal, weighed[0].nats, evidence)
     trials = Trials(evidence, tuple(weighed), ())
-    if alarm.is_raised:
+    evident = max((one.nats for one in weighed if one.kind == "effect"), default=0.0)
+    if alarm.is_raised or evident > rehearsal.suspicion_line:
         trials = Trials.of(evidence, weighed, families).look_after_best(families)
     decider = Decider(rehearsal, trials, fit)
     named, name = decider.decide(alarm.gap, alarm.is_raised)
@@ -136,10 +137,15 @@ def share_names(trials: Trials, rehearsal: Rehearsal) -> Mapping[str, float]:
 
     An effect with as much less evidence than the best as the true one has nine times in ten, gets a tenth of its share.
     """
-    nats = np.array([max(trial.nats, 0.0) for trial in trials.tried])
-    behind = 1.0 - nats / max(nats.max(initial=0.0), 1e-9)
-    shares = np.exp(-np.log(10.0) * behind / max(rehearsal.behind, 0.01))
-    return {trial.effect: float(one) for trial, one in zip(trials.tried, shares / shares.sum(), strict=True)}
+    shares = share_evidence([trial.nats for trial in trials.tried], rehearsal.behind)
+    return {trial.effect: float(one) for trial, one in zip(trials.tried, shares, strict=True)}
+
+
+def share_evidence(nats: Sequence[float], behind: float) -> np.ndarray:
+    """Shares (n) of effects with so much evidence, which sum to 1; behind: see `Rehearsal`."""
+    evidence = np.maximum(nats, 0.0)
+    shares = np.exp(-np.log(10.0) * (1.0 - evidence / max(evidence.max(initial=0.0), 1e-9)) / max(behind, 0.01))
+    return np.asarray(shares / shares.sum())
 
 
 def _report_candidates(

@@ -24,7 +24,7 @@ from tests.synthetic.rehearsal import USUAL
 from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake, plan_rows
 
-LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.08})
+LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.1})
 ORDER = GapOrder("demo", rounds=1, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 pytestmark = pytest.mark.timeout(600)
 
@@ -57,7 +57,7 @@ def test_a_set_is_asked_about_and_its_answer_is_a_name(tmp_path: Path) -> None:
     assert named.kind == "set"
     assert asked is not None
     assert {"load_cell_lag", "lift_misalignment"} <= set(asked.separates)
-    assert asked.promised_nats >= 3.0
+    assert asked.promised_nats >= 2.0  # a law between both is possible, so no more can be promised
     assert "mm/s instead of 5" in asked.sentence
     requests = [request for request, _ in read_open_requests(lake)]
     assert len(requests) == asked.promised_grasps == 2 * sum(one.n for one in asked.grasps)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
@@ -27,14 +28,15 @@ from fast.models.gap.data import GapData
 from fast.models.gap.findings import NONE, UNKNOWN
 from fast.models.gap.naming.name import name_effect
 from fast.models.records import Record
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.tasks.gap.ask import estimate_costs
 from fast.tasks.gap.ask_settings import USUAL_BUDGET
 from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
-from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, draw_key
+from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, Size, draw_key
 from tests.synthetic.rehearsal import USUAL
 
-N_MEMBERS, N_UNKNOWN = 40, 12
+N_MEMBERS, N_OTHERS = 40, 12  # of each size: worlds that hide a member, and of each other kind
 CELLS = tuple((tool, obj) for tool in (0, 2, 4) for obj in (0, 2, 4))
 MOST_PAIRS = 24
 _PUBLIC = "development"
@@ -43,13 +45,15 @@ _PUBLIC = "development"
 class Asking(Record):
     """What came of asking one world. `before`, `says`: the answer before and after; empty where it cannot tell.
 
-    possible: effects that the search left. promised, spent: grasps of the first request, and of all. at_random: grasps
-    at random settings until an answer; `says_at_random`: which. minutes: of bench time.
+    possible: effects that the search left; left: those that are still alike. promised, spent: grasps of the first
+    request, and of all. at_random: grasps at random settings until an answer; `says_at_random`: which. minutes: of
+    bench time.
     """
 
     world: str
     before: str
     possible: tuple[str, ...]
+    left: tuple[str, ...] = ()
     promised: int = 0
     spent: int = 0
     minutes: float = 0.0
@@ -86,18 +90,22 @@ class SealedWorld(Record):
 
 
 def measure_asking(options: Options) -> Tables:
-    """How many grasps an answer takes, as promised, chosen and at random; and what stays unknown that nobody knows."""
+    """How many grasps an answer takes, as promised, chosen and at random; what stays unknown, and what nobody hid."""
     n_members = N_MEMBERS if options.worlds is None else options.worlds
-    n_unknown = N_UNKNOWN if options.worlds is None else -(-options.worlds * N_UNKNOWN // N_MEMBERS)
-    numbers: list[tuple[Kind, int]] = [("member", n) for n in range(n_members)]
-    numbers += [("unknown", n) for n in range(n_unknown)]
+    n_others = -(-n_members * N_OTHERS // N_MEMBERS)
+    sizes: tuple[Size, ...] = ("small", "large")
+    of_each: tuple[tuple[Kind, int], ...] = (("member", n_members), ("unknown", n_others), ("nothing", n_others))
+    drawn = [(kind, size, number) for size in sizes for kind, n in of_each for number in range(n)]
     if options.results is None:
-        keys = [draw_key(_PUBLIC, kind, number) for kind, number in numbers]
+        keys = [draw_key(_PUBLIC, *one) for one in drawn]
         judged = [(key, ask_world(str(place), Bench.of(key))) for place, key in enumerate(keys)]
     else:
-        judged = _ask_sealed(options.results, numbers, options)
+        judged = _ask_sealed(options.results, drawn, options)
     rows = [_report(key, asking) for key, asking in judged]
-    return {"asking": [_summarise(rows)], "worlds": rows}
+    return {
+        "asking": [_summarise(size, [row for row in rows if row["size"] == size]) for size in sizes],
+        "worlds": rows,
+    }
 
 
 def ask_world(name: str, bench: Bench) -> Asking:
@@ -106,15 +114,15 @@ def ask_world(name: str, bench: Bench) -> Asking:
     before = naming.named.effects[0] if naming.named.kind == "effect" else _PLAIN.get(naming.named.kind, "")
     hypotheses = list_hypotheses(naming)
     effects = tuple(dict.fromkeys(one.name for one in hypotheses if one.own))
-    if not hypotheses:
-        return Asking(world=name, before=before, possible=(), says=before)
-    questioner = _Questioner(bench.data, hypotheses)
-    asked = questioner.ask(bench)
-    at_random, says_at_random = questioner.ask_at_random(bench)
+    asked = _Questioner(bench.data, hypotheses).ask(bench) if hypotheses else _Asked()
+    if not asked.spent:
+        return Asking(world=name, before=before, possible=effects, left=naming.named.effects, says=before)
+    at_random, says_at_random = _Questioner(bench.data, hypotheses).ask_at_random(bench)
     return Asking(
         world=name,
         before=before,
         possible=effects,
+        left=asked.left,
         promised=2 * asked.promised,
         spent=2 * asked.spent,
         minutes=round(asked.minutes, 2),
@@ -129,12 +137,13 @@ _PLAIN = {"none": NONE, "unknown": UNKNOWN}
 
 @dataclass
 class _Asked:
-    """Pairs of the first request and of all, minutes of the bench, and the answer."""
+    """Pairs of the first request and of all, minutes of the bench, the answer, and the effects that it leaves alike."""
 
     promised: int = 0
     spent: int = 0
     minutes: float = 0.0
     says: str = ""
+    left: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +176,7 @@ class _Questioner:
             asked.minutes += choice.minutes
             made.update({self.pairs[place]: int(choice.counts[place]) for place in np.flatnonzero(choice.counts)})
             now = believe(self.hypotheses, bench.answer(made).weigh(self.hypotheses))
+            asked.left = list_alike(now)
             asked.says = say(now)
         return asked
 
@@ -188,16 +198,23 @@ class _Questioner:
 def say(believed: Sequence[Hypothesis]) -> str:
     """The one answer that is left by the rules of `models.gap.ask.settle`; empty where effects are still alike."""
     chance = merge_forms(believed)
-    effects = sorted((name for name in chance if name not in (NONE, UNKNOWN)), key=lambda name: -chance[name])
+    effects = [name for name in chance if name not in (NONE, UNKNOWN)]
     if chance.get(NONE, 0.0) > 0.5:
         return NONE
     if not effects or chance.get(UNKNOWN, 0.0) > sum(chance[name] for name in effects):
         return UNKNOWN
-    alike = [name for name in effects if chance[name] > chance[effects[0]] * np.exp(-ENOUGH_NATS)]
+    alike = list_alike(believed)
     return alike[0] if len(alike) == 1 else ""
 
 
-def _ask_sealed(path: Path, numbers: Sequence[tuple[Kind, int]], options: Options) -> list[tuple[AskKey, Asking]]:
+def list_alike(believed: Sequence[Hypothesis]) -> tuple[str, ...]:
+    """The effects that are still alike, the most probable first."""
+    chance = merge_forms(believed)
+    effects = sorted((name for name in chance if name not in (NONE, UNKNOWN)), key=lambda name: -chance[name])
+    return tuple(name for name in effects if chance[name] > chance[effects[0]] * np.exp(-ENOUGH_NATS))
+
+
+def _ask_sealed(path: Path, numbers: Sequence[tuple[Kind, Size, int]], options: Options) -> list[tuple[AskKey, Asking]]:
     """Seal worlds if there are none, ask each once, and open the keys when every answer is in the file.
 
     Raises:
@@ -223,7 +240,7 @@ def _ask_sealed(path: Path, numbers: Sequence[tuple[Kind, int]], options: Option
     return [(keys[one.world].key, answers[one.world].asking) for one in worlds]
 
 
-def _seal(path: Path, keys_path: Path, numbers: Sequence[tuple[Kind, int]]) -> None:
+def _seal(path: Path, keys_path: Path, numbers: Sequence[tuple[Kind, Size, int]]) -> None:
     """Draw worlds from a secret in an order that tells nothing, and write keys and their hashes."""
     secret = secrets.token_hex(16)
     order = np.random.default_rng(secrets.randbits(64)).permutation(len(numbers))
@@ -238,47 +255,56 @@ def _seal(path: Path, keys_path: Path, numbers: Sequence[tuple[Kind, int]]) -> N
 
 def _report(key: AskKey, asking: Asking) -> dict[str, object]:
     """A row of the table of worlds."""
+    names = [asking.says] if asking.says else list(asking.left)
+    families = {CATALOGUE[name].family for name in names if name in CATALOGUE}
     return {
         "kind": key.kind,
+        "size": key.size,
         "law": key.law,
         "amplitude": key.amplitude,
         **asking.model_dump(exclude={"world"}),
         "is_possible": key.law in asking.possible,
         "is_right": asking.says == key.answer,
+        "is_in_set": not asking.says and key.law in asking.left,
+        "is_of_family": key.kind == "member" and families == {CATALOGUE[key.law].family},
         "is_wrong": asking.says not in ("", NONE, UNKNOWN, key.answer),
     }
 
 
-def _summarise(rows: Rows) -> dict[str, object]:
-    """Counts and medians (none of nothing); of members those that were asked and whose effect the search had left."""
-    members = [row for row in rows if row["kind"] == "member"]
-    asked = [row for row in members if row["spent"] and row["is_possible"]]
+def _summarise(size: Size, rows: Rows) -> dict[str, object]:
+    """Counts and medians (none of nothing) of the worlds of a size; asked: of which a grasp was made."""
+    members, unknown, nothing = ([row for row in rows if row["kind"] == kind] for kind in get_args(Kind))
+    asked = [row for row in members if row["spent"]]
     answered = [row for row in asked if row["says"]]
-    unknown = [row for row in rows if row["kind"] == "unknown"]
-    before = [row for row in unknown if row["before"] == UNKNOWN]
     spent, promised, random = (
         np.array([row[name] for row in asked], dtype=float) for name in ("spent", "promised", "at_random")
     )
     is_answered = np.array([bool(row["says"]) for row in asked], dtype=bool)
-    right_at_random = sum(row["says_at_random"] == row["law"] for row in asked)
     return {
+        "size": size,
         "members": len(members),
+        "right_of_all": _count(members, "is_right"),
+        "wrong_of_all": _count(members, "is_wrong"),
+        "family_of_all": _count(members, "is_of_family"),
         "asked": len(asked),
         "right": _count(asked, "is_right"),
+        "in_set": _count(asked, "is_in_set"),
+        "of_family": _count(asked, "is_of_family"),
         "wrong": _count(asked, "is_wrong"),
         "wrong_by_law": dict(Counter(str(row["law"]) for row in asked if row["is_wrong"])),
         "median_spent_grasps": _median(spent),
         "median_promised_grasps": _median(promised),
         "answered_within_1.5_of_promised": int((is_answered & (spent <= 1.5 * promised)).sum()),
         "median_minutes_per_answer": _median([float(row["minutes"]) for row in answered]),
-        "right_at_random": right_at_random,
+        "right_at_random": sum(row["says_at_random"] == row["law"] for row in asked),
         "wrong_at_random": sum(bool(row["says_at_random"]) and row["says_at_random"] != row["law"] for row in asked),
-        "median_random_grasps": _median(random),
         "chosen_over_random": float(spent.sum() / random.sum()) if len(random) else None,
         "unknown_truths": len(unknown),
-        "unknown_after_asking": _count(unknown, "is_right"),
-        "unknown_before_asking": len(before),
-        "unknown_before_and_after": _count(before, "is_right"),
+        "unknown_named": _count(unknown, "is_wrong"),
+        "unknown_said": _count(unknown, "is_right"),
+        "nothing": len(nothing),
+        "nothing_named": _count(nothing, "is_wrong"),
+        "nothing_grasps": sum(int(str(row["spent"])) for row in nothing),
     }
 
 

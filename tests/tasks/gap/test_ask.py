@@ -65,7 +65,12 @@ def sensor() -> tuple[Hypothesis, ...]:
 
 
 def ask_about(
-    monkeypatch: pytest.MonkeyPatch, hypotheses: tuple[Hypothesis, ...], changes: dict[str, float], most: int = 24
+    monkeypatch: pytest.MonkeyPatch,
+    hypotheses: tuple[Hypothesis, ...],
+    changes: dict[str, float],
+    most: int = 24,
+    *,
+    is_alarm: bool = True,
 ) -> tuple[NextExperiment | None, list[Pair]]:
     """What is asked, and the pairs that were simulated for it.
 
@@ -83,7 +88,7 @@ def ask_about(
     monkeypatch.setattr(asking, "_MOST_OBJECTS", 2)
     monkeypatch.setattr(asking, "list_hypotheses", lambda naming: hypotheses)
     monkeypatch.setattr(asking, "simulate_moved", simulate)
-    naming: Any = SimpleNamespace(fit=hypotheses[-1].fit)
+    naming: Any = SimpleNamespace(fit=hypotheses[-1].fit, alarm=SimpleNamespace(is_raised=is_alarm))
     search: Any = SimpleNamespace(answers=None)
     return ask(search, naming, AskSettings(most)), simulated
 
@@ -132,6 +137,12 @@ def test_an_offset_and_a_weight_are_for_a_dead_weight(
     assert "hang 1 kg on the load cell" in found.sentence
     assert "about 0: " in found.sentence  # with a tool's weight alone the load cell reads what hangs there
     assert found.minutes == 10.0
+
+
+def test_below_an_alarm_nothing_is_simulated_and_no_person_is_asked(
+    monkeypatch: pytest.MonkeyPatch, finger: tuple[Hypothesis, ...]
+) -> None:
+    assert ask_about(monkeypatch, finger, {"rib_imperfection": 0.5}, is_alarm=False) == (None, [])
 
 
 def test_without_a_budget_nobody_is_asked(monkeypatch: pytest.MonkeyPatch, finger: tuple[Hypothesis, ...]) -> None:

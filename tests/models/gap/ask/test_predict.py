@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fast.models.gap.ask.answers import believe, forecast_measurements, merge_forms
-from fast.models.gap.ask.choose import Costs, choose_experiments
-from fast.models.gap.ask.forecast import compute_nats
+from fast.models.gap.ask.choose import ENOUGH_NATS, Costs, choose_experiments
+from fast.models.gap.ask.forecast import compute_nats, weigh
 from fast.models.gap.ask.hypotheses import Hypothesis
 from fast.models.gap.ask.outcomes import describe_pairs, join_outcomes
 from fast.models.gap.ask.predict import Pair, _hats, forecast_pairs
@@ -24,6 +24,7 @@ SHIFT = EffectValue(effect="lift_misalignment", parameters={"shift_mm": 0.5})
 RELAXED = EffectValue(effect="stress_relaxation", parameters={"relaxed_share": 0.08, "time_constant_s": 6.0})
 OFFSET = EffectValue(effect="load_cell_offset", parameters={"offset_n": 0.3})
 WEIGHT = EffectValue(effect="tool_weight", parameters={"share": 0.4})
+MOST = 24  # repetitions that may be chosen
 CELLS = ((0, 0), (0, 3), (4, 0), (4, 3))
 
 
@@ -56,7 +57,7 @@ def choose(hypotheses: tuple[Hypothesis, ...]) -> tuple[list[Pair], np.ndarray]:
     forecast = forecast_pairs(hypotheses, pairs)
     cell = np.array([10 * pair.tool + pair.obj for pair in pairs])
     costs = Costs(np.ones(len(pairs)), np.array([pair.tool for pair in pairs]), cell)
-    return pairs, choose_experiments(forecast, costs, 12).counts
+    return pairs, choose_experiments(forecast, costs, MOST).counts
 
 
 def test_lag_and_shift_are_told_apart_by_another_lift_speed(lagging) -> None:
@@ -65,7 +66,7 @@ def test_lag_and_shift_are_told_apart_by_another_lift_speed(lagging) -> None:
     chosen = [pairs[place].setting for place in np.flatnonzero(counts)]
     assert chosen
     assert all(one.setup.lift_speed_mm_per_s != 5.0 for one in chosen)
-    assert counts.sum() < 12
+    assert counts.sum() < MOST
 
 
 def test_relaxation_is_told_from_a_shift_by_waiting_or_by_a_slower_lift() -> None:
@@ -105,6 +106,19 @@ def test_answers_of_the_bench_say_which(hidden: EffectValue, other: EffectValue)
     after = merge_forms(believe(hypotheses, answers.weigh(hypotheses)))
     assert max(after, key=after.__getitem__) == hidden.effect
     assert after[other.effect] < 0.25 * after[hidden.effect]
+
+
+@pytest.mark.parametrize(("way", "is_told"), [(0.0, True), (0.5, False)])
+def test_a_law_half_way_between_two_of_a_family_is_not_told(lagging, way: float, is_told: bool) -> None:
+    """What a bench gives that is exactly a lag's is told from a shift; half way between both it is neither's."""
+    _, hypotheses = lagging
+    pairs = [Pair(*cell, one) for cell in CELLS for one in timings() if one.setup.lift_speed_mm_per_s > 5.0]
+    forecast = forecast_pairs(hypotheses, pairs)
+    lag, shift = forecast.means[:2]
+    came = (1.0 - way) * lag + way * shift
+    nats = weigh(forecast, list(np.repeat(came[:, None], 4, axis=1)))
+    assert (nats[0] - nats[1] > ENOUGH_NATS) == is_told
+    assert abs(nats[0] - nats[1]) < 40.0
 
 
 def test_what_neither_predicts_is_unknown(lagging) -> None:

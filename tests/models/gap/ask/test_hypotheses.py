@@ -1,0 +1,82 @@
+"""What is possible after a round: also below an alarm, and what comes next if the best is not it."""
+
+from dataclasses import replace
+
+import pytest
+
+from fast.models.gap.ask.hypotheses import LEAST, POSSIBLE, Hypothesis, list_hypotheses
+from fast.models.gap.evidence.odds import Odds
+from fast.models.gap.naming.name import NamingResult, name_effect, share_evidence
+from fast.models.records import EffectValue
+from tests.synthetic.gap import GapTruth, made_up_gap
+from tests.synthetic.rehearsal import USUAL
+
+RELAXED = EffectValue(effect="stress_relaxation", parameters={"relaxed_share": 0.18, "time_constant_s": 6.0})
+NAMES = ("stress_relaxation", "static_kinetic_friction", "load_cell_offset")
+
+
+def name(*hidden: EffectValue) -> NamingResult:
+    data = made_up_gap(6, 6, 5, GapTruth(effects=hidden), n_repeats=2)
+    return name_effect(data, USUAL, catalogue=NAMES)
+
+
+@pytest.fixture(scope="module")
+def suspected() -> NamingResult:
+    """A weak relaxation: more evidence than honest worlds have, and less than an alarm."""
+    result = name(RELAXED)
+    assert USUAL.suspicion_line < result.trials.tried[0].nats < USUAL.nats_line
+    return result
+
+
+def chances(hypotheses: tuple[Hypothesis, ...]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for one in hypotheses:
+        found[one.name] = found.get(one.name, 0.0) + one.probability
+    return found
+
+
+def test_below_an_alarm_the_answer_is_none_and_what_it_looks_like_is_possible(suspected: NamingResult) -> None:
+    assert suspected.named.kind == "none"
+    assert "It looks most like this: The closed finger relaxes" in suspected.named.sentence
+    assert all(row.probability == 0.0 for row in suspected.candidates if row.effect in NAMES)
+    found = chances(list_hypotheses(suspected))
+    assert found["none"] > 0.5
+    assert found["stress_relaxation"] >= POSSIBLE
+    assert found["unknown"] >= POSSIBLE
+    assert sum(found.values()) == pytest.approx(1.0)
+
+
+def test_where_nothing_has_evidence_nothing_is_possible() -> None:
+    result = name()
+    assert result.trials.tried == ()
+    assert list_hypotheses(result) == ()
+
+
+def test_a_suspicion_begins_where_one_in_ten_honest_worlds_lies() -> None:
+    """The rehearsal that is used here has worlds of 5 nats alone; with none there is no suspicion below an alarm."""
+    assert USUAL.suspicion_line == 5.0
+    assert replace(USUAL, worlds=()).suspicion_line == USUAL.nats_line
+
+
+def test_the_next_family_gets_what_the_best_leaves(suspected: NamingResult) -> None:
+    """With even odds for every name: a half, a quarter, an eighth."""
+    even = replace(suspected.decider, rehearsal=replace(USUAL, name=Odds((0.0,) * 5)))
+    families = list(even.judge_families().items())
+    assert [chance for _, chance in families] == [0.5**n for n in range(1, 1 + len(families))]
+    assert families[0][0] == suspected.trials.tried[0].family
+    assert len({family for family, _ in families}) == len(families) > 1
+
+
+def test_an_alarm_leaves_out_what_is_hardly_possible(suspected: NamingResult) -> None:
+    raised = replace(suspected, alarm=replace(suspected.alarm, is_raised=True, gap=0.99))
+    found = chances(list_hypotheses(raised))
+    assert "none" not in found
+    assert found["unknown"] >= LEAST
+    assert all(chance >= POSSIBLE for chance in found.values())
+
+
+def test_a_tenth_of_the_share_goes_to_what_is_behind_by_as_much_as_is_usual() -> None:
+    shares = share_evidence([50.0, 45.0, -3.0], behind=0.1)
+    assert shares.sum() == pytest.approx(1.0)
+    assert shares[1] / shares[0] == pytest.approx(0.1)
+    assert shares[2] / shares[0] == pytest.approx(1e-10)

@@ -15,7 +15,7 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 SURE = 0.9  # a name of this probability is not asked about
 POSSIBLE = 0.03  # a hypothesis below is not what an experiment is made for
 LEAST = 0.05  # of *unknown*, and of evident effects: whatever one explains, something else may do so too
-_EVIDENT = 0.5  # of the evidence of the best
+_EVIDENT = 1.0 / 3.0  # of the best's evidence: no bench has the catalogue's law, and a true effect may have as little
 _MOST_EFFECTS = 5
 _REACH = 3.0  # times its size, what a pattern may change by at another setting
 
@@ -90,8 +90,8 @@ def replace_parameters(value: EffectValue, parameters: dict[str, float]) -> Effe
 def list_hypotheses(naming: NamingResult) -> tuple[Hypothesis, ...]:
     """What is possible after a round, by probability; empty where nothing is to be asked.
 
-    Nothing is asked where an effect is sure, or where no effect comes near an alarm. Effects with half of the evidence
-    of the best are possible, however their shares fell.
+    Nothing is asked where an effect is sure, or where no effect comes near an alarm. Effects with a third of the
+    evidence of the best are possible, however their shares fell.
     """
     named, trials = naming.named, naming.trials
     if (named.kind == NONE and not trials.tried) or (named.kind == "effect" and named.probability >= SURE):

@@ -23,7 +23,7 @@ N_SAMPLES = 1200
 GRASPS_PER_TOOL = 108  # 36 objects, three repeats
 GRASPS_PER_BATCH = 10 * GRASPS_PER_TOOL
 START = datetime(2026, 1, 1, tzinfo=UTC)
-PERIOD = timedelta(seconds=24)  # of the virtual bench, see docs/reference/measured-figures.md
+PERIOD = timedelta(seconds=24)  # of a slow bench, more than docs/reference/grasps.md gives
 _TRACE_BLOCK = 13 * GRASPS_PER_BATCH  # about `lake.maintenance.TARGET_BYTES`
 _BLOCKS_PER_GRASP_FILE = 50
 _RATE_HZ, _LIFT_SPEED_MM_PER_S = 80.0, 5.0

@@ -1,4 +1,4 @@
-"""What docs/reference/measured-figures.md says of WHERE: how often a gap is seen, and one that is not there."""
+"""WHERE on made-up residuals: how often a gap is seen, and one that is not there."""
 
 import numpy as np
 import pytest

@@ -420,7 +420,8 @@ def write_answer(findings: Findings) -> str:
     if not parts and findings.in_use:
         return f"no further gap; the simulator in use already has {', '.join(findings.in_use)}"
     if not parts:
-        return "no gap beyond noise and numerical error"
+        more = "; the grasps that are asked for would show an effect that is too weak for an alarm"
+        return f"no gap beyond noise and numerical error{more if findings.is_suspicion else ''}"
     gap = findings.gap
     shown = f"held-out error {gap.rmse_before_n:.2f} -> {gap.rmse_after_n:.2f} N, floor {gap.rmse_floor_n:.2f} N"
     return f"{'; '.join(parts)}; {shown}"

@@ -312,6 +312,12 @@ class Findings(Record):
     ranking: RankedDesigns | None = None
     in_use: tuple[str, ...] = ()
 
+    @property
+    def is_suspicion(self) -> bool:
+        """Whether grasps are asked for without an alarm, as they would show an effect that is too weak for one."""
+        asked = self.next_experiment
+        return not self.alarm and asked is not None and bool(asked.grasps) and not asked.parameter
+
     def is_leftover(self, place: int) -> bool:
         """Whether a later round speaks of what an earlier name left over, and not of something else that is missing.
 

@@ -83,6 +83,9 @@ def _describe_finding(findings: Findings) -> str:
         names = [describe_decision(found.named) for found in list_discoveries(findings)]
         rest = next((r.rest_sentence for r in findings.rounds if r.rest_sentence), "")
         return " ".join(part for part in (f"Missing: {', then '.join(names)}.", rest or lead) if part)
+    if findings.is_suspicion and findings.next_experiment is not None:
+        few = f"{findings.next_experiment.promised_grasps} grasps at another setting"
+        lead = f"{lead} An effect may be too weak for an alarm: {few} would show it.".strip()
     if lead:
         return f"Nothing is missing that is larger than what honest simulators differ by. {lead}"
     missing = "nothing else missing" if findings.in_use else "nothing missing"

@@ -215,6 +215,21 @@ def test_answer_alone_makes_a_page_and_silence_is_said(tmp_path: Path) -> None:
     page = words_of(write_gap_report(GapPage(silent), tmp_path, "X2"))
     assert "these data show nothing missing" in page
     assert "No single tool, object or phase stands out" in page
+    assert "too weak for an alarm" not in page
+
+
+def test_what_is_asked_without_an_alarm_is_said_first(content: GapPage, tmp_path: Path) -> None:
+    (first, *_), asked = content.findings.rounds, content.findings.next_experiment
+    quiet = content.findings.model_copy(
+        update={"alarm": False, "rounds": (first.model_copy(update={"named": NOTHING, "where": ()}),)}
+    )
+    assert asked is not None
+    page = words_of(write_gap_report(replace(content, findings=quiet, where=()), tmp_path, "X2"))
+    said = f"An effect may be too weak for an alarm: {asked.promised_grasps} grasps at another setting would show it."
+    assert said in page
+    assert "No alarm was raised." in page
+    assert write_answer(quiet).endswith("would show an effect that is too weak for an alarm")
+    assert "too weak" not in write_answer(quiet.model_copy(update={"next_experiment": None}))
 
 
 def test_a_gap_that_no_place_is_sure_of_says_what_so_few_tools_can_show(content: GapPage, tmp_path: Path) -> None:

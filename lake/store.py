@@ -139,6 +139,16 @@ class Lake:
         """
         return self._rows(table, "*", equals)
 
+    def ask(self, sql: str, params: Sequence[Any] | dict[str, Any]) -> pa.Table:
+        """The same as `query`, for a question whose answer follows from the rows: answered once until they change.
+
+        Raises:
+            UsageError: it is not one reading statement.
+            LakeError: the query is wrong, or a file cannot be read.
+        """
+        check_reads_only(sql)
+        return self._query(sql, params, tables_used(sql), views_used(sql), is_kept=True)
+
     def records(self, table: type[R], **equals: Any) -> list[R]:
         """Like `rows`, as row records, without provenance."""
         columns = ", ".join(f'"{name}"' for name in table.model_fields)  # provenance names the rows behind a fit: all
@@ -147,13 +157,13 @@ class Lake:
     def _rows(self, table: type[Row], columns: str, equals: dict[str, Any]) -> list[dict[str, Any]]:
         where, values = _conditions(table, equals)
         sql = f"SELECT {columns} FROM {table.table} {where} ORDER BY {OLDEST_FIRST}, {table.id_column()}"
-        return self._query(sql, values, {table.table}).to_pylist()
+        return self._query(sql, values, {table.table}, is_kept=True).to_pylist()
 
     def ids(self, table: type[Row], **equals: Any) -> set[Any]:
         """Ids of the rows that `rows` would give; the cheap way to ask what is there."""
         where, values = _conditions(table, equals)
         key = table.id_column()
-        found = self._query(f"SELECT {key} FROM {_index(table, where)} {where}", values, {table.table})
+        found = self._query(f"SELECT {key} FROM {_index(table, where)} {where}", values, {table.table}, is_kept=True)
         return set(found.column(0).to_pylist())
 
     def has(self, table: type[Row] | str, row_id: str | int) -> bool:
@@ -245,11 +255,13 @@ class Lake:
         params: Sequence[Any] | dict[str, Any] | None,
         tables: set[str],
         views: set[str] | None = None,
+        *,
+        is_kept: bool = False,
     ) -> pa.Table:
         for attempt in range(_QUERY_ATTEMPTS):
             with self._synced(tables, views) as engine:
                 try:
-                    return engine.read(sql, params)
+                    return engine.read_once(sql, params, tables) if is_kept else engine.read(sql, params)
                 except duckdb.IOException as error:
                     if attempt + 1 == _QUERY_ATTEMPTS:
                         raise LakeError(f"{_first_line(error)}; run `fast lake check`.") from error

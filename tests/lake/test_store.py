@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from fast.lake.provenance import Provenance
+from fast.lake.query import engine
+from fast.lake.query.engine import Engine
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (
     TABLES,
@@ -103,6 +105,36 @@ def test_has_and_ids_see_rows_of_another_process_at_once(lake, provenance, make_
     assert lake.has(GraspRow, rows[0].grasp_id)
     assert lake.has("traces", rows[0].grasp_id)
     assert lake.ids(TraceRow) == {rows[0].grasp_id}
+
+
+def test_what_is_asked_again_is_read_again_only_when_rows_came_or_went(lake, provenance, make_grasp, monkeypatch):
+    read, questions = Engine.read, []
+    monkeypatch.setattr(Engine, "read", lambda self, *words: questions.append(words) or read(self, *words))
+
+    def peaks_n(n_least: int = 0):
+        sql = "SELECT peak_force_n FROM grasps WHERE repeat >= $1"
+        asked = lake.ask(sql, [n_least]).column(0).to_pylist()
+        assert asked == lake._query(sql, [n_least], {"grasps"}).column(0).to_pylist()
+        del questions[-1]
+        return [round(peak_n) for peak_n in asked]
+
+    assert (peaks_n(), peaks_n(), len(questions)) == ([], [], 1)
+    other = Lake.open(lake.root)
+    for n, peak_n in enumerate((10.0, 20.0), start=2):
+        other.append(make_grasp(peak_n=peak_n), provenance)
+        assert (peaks_n(), peaks_n(), len(questions)) == ([peak_n], [peak_n], n)
+    assert (peaks_n(9), len(questions)) == ([], 4), "another question"
+    (lake.root / "grasps" / files_of(lake, "grasps")[-1]).unlink()
+    assert (peaks_n(), len(questions)) == ([10], 5)
+
+
+def test_few_answers_are_kept_and_no_large_one(lake, monkeypatch):
+    monkeypatch.setattr(engine, "_N_ANSWERS", 2)
+    for limit in range(5):
+        lake.ask("SELECT grasp_id FROM grasps LIMIT ?", [limit])
+    assert len(lake._engine._answers) == 2
+    lake.ask("SELECT unnest(range(?)) AS n", [100_000])
+    assert len(lake._engine._answers) == 2
 
 
 def test_appending_the_same_rows_again_duplicates_nothing(lake, provenance, make_grasp):

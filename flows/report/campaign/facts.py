@@ -93,7 +93,7 @@ def read_tools(rows: Sequence[Mapping[str, Any]], references: Mapping[str, str] 
 def _half_width(standard_error: float | None, n_freedom: int | None) -> float | None:
     if standard_error is None or not n_freedom:
         return None
-    return float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, n_freedom)) * standard_error
+    return float(scipy.special.stdtrit(n_freedom, 0.5 + CONFIDENCE / 2)) * standard_error
 
 
 def find_best_tool(tools: Sequence[Tool]) -> Tool | None:

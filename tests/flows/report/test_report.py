@@ -217,7 +217,7 @@ def test_unwritable_folder_is_one_sentence(lake, tmp_path):
         write_report(lake, "demo", tmp_path / "file" / "out")
 
 
-def test_a_new_simulator_is_told_of(tmp_path):
+def test_a_new_simulator_is_told_of(tmp_path, no_figures):
     lake = make_lake(tmp_path / "data")
     night = Night(
         stage=1,

@@ -24,7 +24,6 @@ from fast.tasks.gap.findings import KIND, GapRun
 
 LIMITS = Limits(time_s=20.0, memory_mb=2000.0)  # of a question on the page, where others look on
 MOST_ROWS = 500  # that a page shows; the file has all
-MOST_TRACES = 24
 _POINTS = 300
 _TOOLS = """
     SELECT tool_id, campaign_id, batch, slot, design_id, tool_quality_n, repeat_sd_n, n_objects, n_grasps, work_j,

@@ -21,7 +21,6 @@ N_PAIRED = 6  # parameters with the largest share of the variance, whose pairs a
 LEAST_TOOLS = 10  # below it intervals were not tried (docs/benchmarks/insights.json)
 MOST_TOOLS = 1000  # a number of tools above it is as good as never
 QUANTILES = (0.05, 0.95)
-N_GRID = 7  # levels of each parameter in the picture of a pair
 _MATTERS = 0.03  # of the mean outcome: effects that are less far apart are no disagreement
 _PLATEAU = 0.1  # of a curve's size: a level that is so near to the best is as good
 

@@ -113,7 +113,7 @@ def plan_rows(plans: Sequence[SimulationPlan], fail: Collection[tuple[int, str]]
             rows[version.version_id] = SimulatorVersionRow.of(version)
             for object_id in plan.object_ids:
                 is_failed = (object_id, version.version_id) in fail
-                for row in _simulated(design, version, plan.setup, object_id, is_failed):
+                for row in _simulated(design, version, plan, object_id, is_failed):
                     rows[f"{row.table} {getattr(row, row.id_column())}"] = row
     return list(rows.values())
 
@@ -140,16 +140,17 @@ def gap_lake(
 
 
 def _simulated(
-    design: Design, version: SimulatorVersion, setup: GraspSetup, object_id: int, is_failed: bool
+    design: Design, version: SimulatorVersion, plan: SimulationPlan, object_id: int, is_failed: bool
 ) -> list[Row]:
-    simulation_id = SimulationRow.make_id(design.design_id, object_id, version.version_id, setup.setup_id)
+    """A simulation; another placement of the object changes nothing."""
+    simulation_id = SimulationRow.make_id(design.design_id, object_id, version.version_id, plan.setup_id)
     row = SimulationRow(
         simulation_id=simulation_id,
         design_id=design.design_id,
         object_id=object_id,
         version_id=version.version_id,
         status="failed" if is_failed else "ok",
-        **setup_columns(setup),
+        **setup_columns(plan.setup, plan.placement),
     )
-    trace = SimTraceRow.of(simulation_id, simulated_trace(design, version, setup, object_id))
+    trace = SimTraceRow.of(simulation_id, simulated_trace(design, version, plan.setup, object_id))
     return [row] if is_failed else [trace, row]

@@ -1,11 +1,13 @@
 """What is possible after a round: also below an alarm, and what comes next if the best is not it."""
 
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 
 from fast.models.gap.ask.hypotheses import LEAST, POSSIBLE, Hypothesis, list_hypotheses
 from fast.models.gap.evidence.odds import Odds
+from fast.models.gap.findings import Decision
 from fast.models.gap.naming.name import NamingResult, name_effect, share_evidence
 from fast.models.records import EffectValue
 from tests.synthetic.gap import GapTruth, made_up_gap
@@ -80,3 +82,28 @@ def test_a_tenth_of_the_share_goes_to_what_is_behind_by_as_much_as_is_usual() ->
     assert shares.sum() == pytest.approx(1.0)
     assert shares[1] / shares[0] == pytest.approx(0.1)
     assert shares[2] / shares[0] == pytest.approx(1e-10)
+
+
+@pytest.mark.parametrize(
+    ("kind", "probability", "is_open"), [("effect", 0.95, False), ("effect", 0.8, True), ("unknown", 0.95, True)]
+)
+def test_a_name_that_is_sure_leaves_nothing_to_ask(
+    suspected: NamingResult, kind: Literal["effect", "unknown"], probability: float, is_open: bool
+) -> None:
+    effects = ("stress_relaxation",) if kind == "effect" else ()
+    named = Decision(kind=kind, effects=effects, probability=probability, sentence="")
+    assert bool(list_hypotheses(replace(suspected, named=named))) == is_open
+
+
+def test_what_has_a_third_of_the_best_evidence_is_possible_and_what_has_less_is_not(suspected: NamingResult) -> None:
+    """With names that are never right, every effect has a share of next to nothing."""
+    best, second, third = suspected.trials.tried[:3]
+    never = replace(USUAL, name=Odds((-9.0, 0.0, 0.0, 0.0, 0.0)))
+
+    def list_effects(nats: float) -> set[str]:
+        tried = (replace(best, nats=12.0), replace(second, nats=nats), replace(third, nats=3.9))
+        decider = replace(suspected.decider, rehearsal=never, trials=replace(suspected.trials, tried=tried))
+        return {one.name for one in list_hypotheses(replace(suspected, decider=decider)) if one.own}
+
+    assert list_effects(4.1) == {best.effect, second.effect}
+    assert list_effects(3.9) == {best.effect}

@@ -66,7 +66,11 @@ def test_the_next_family_gets_what_the_best_leaves(suspected: NamingResult) -> N
     families = list(even.judge_families().items())
     assert [chance for _, chance in families] == [0.5**n for n in range(1, 1 + len(families))]
     assert families[0][0] == suspected.trials.tried[0].family
-    assert len({family for family, _ in families}) == len(families) > 1
+    assert len({family for family, _ in families}) == len(families) == 3
+    raised = replace(suspected, decider=even, alarm=replace(suspected.alarm, is_raised=True, gap=0.99))
+    found = chances(list_hypotheses(raised))  # each family has one effect
+    assert [found[one.effect] for one in suspected.trials.tried] == pytest.approx([0.5, 0.25, 0.125])
+    assert found["unknown"] == pytest.approx(0.125)
 
 
 def test_an_alarm_leaves_out_what_is_hardly_possible(suspected: NamingResult) -> None:

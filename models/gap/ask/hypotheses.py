@@ -90,30 +90,39 @@ def replace_parameters(value: EffectValue, parameters: dict[str, float]) -> Effe
 def list_hypotheses(naming: NamingResult) -> tuple[Hypothesis, ...]:
     """What is possible after a round, by probability; empty where nothing is to be asked.
 
-    Nothing is asked where an effect is sure, or where no effect comes near an alarm. Effects with a third of the
-    evidence of the best are possible, however their shares fell.
+    Nothing is asked where an effect is sure, where no effect comes near an alarm, or where answers showed nothing.
     """
-    named, trials = naming.named, naming.trials
-    if (named.kind == NONE and not trials.tried) or (named.kind == "effect" and named.probability >= SURE):
+    named = naming.named
+    is_silent = named.kind == NONE and (naming.believed is not None or not naming.trials.tried)
+    if is_silent or (named.kind == "effect" and named.probability >= SURE):
         return ()
-    gap, by_family = naming.alarm.gap, naming.decider.judge_families()
-    evident = _EVIDENT * trials.tried[0].nats if trials.tried else 0.0
-    weight: dict[str, float] = {}
-    for family, chance in by_family.items():
-        own = [trial for trial in trials.tried if trial.family == family and trial.nats > 0.0]
-        shares = share_evidence([trial.nats for trial in own], naming.decider.rehearsal.behind)
-        for trial, share in zip(own, shares, strict=True):
-            weight[trial.effect] = max(gap * chance * share, LEAST if trial.nats >= evident else 0.0)
-    members = [name for name in named.effects if name in weight]
-    weight = {name: chance for name, chance in weight.items() if chance >= POSSIBLE or name in members}
+    chance = _weigh_names(naming) if naming.believed is None else naming.believed
+    weight = {name: p for name, p in chance.items() if name in CATALOGUE and (p >= POSSIBLE or name in named.effects)}
     chosen = sorted(weight, key=lambda name: -weight[name])[:_MOST_EFFECTS]
     base = naming.fit
     found = [Hypothesis(name, weight[name], naming.decider.fit_with(name)) for name in chosen]
-    if 1.0 - gap >= POSSIBLE:
-        found.append(Hypothesis(NONE, 1.0 - gap, base))
-    unknown = max(gap * (1.0 - sum(by_family.values())), LEAST)
+    if chance.get(NONE, 0.0) >= POSSIBLE:
+        found.append(Hypothesis(NONE, chance[NONE], base))
+    unknown = max(chance.get(UNKNOWN, 0.0), LEAST)
     found += [Hypothesis(UNKNOWN, 0.5 * unknown, base, size) for size in (0.0, _REACH * naming.pattern_size)]
     return _normalise(found)
+
+
+def _weigh_names(naming: NamingResult) -> dict[str, float]:
+    """How probable each effect on trial, *nothing* and *unknown* are before any answer; they sum to about 1.
+
+    Effects with a third of the evidence of the best are possible, however their shares fell.
+    """
+    gap, tried = naming.alarm.gap, naming.trials.tried
+    evident = _EVIDENT * tried[0].nats if tried else 0.0
+    by_family = naming.decider.judge_families()
+    found = {NONE: 1.0 - gap, UNKNOWN: gap * (1.0 - sum(by_family.values()))}
+    for family, chance in by_family.items():
+        own = [trial for trial in tried if trial.family == family and trial.nats > 0.0]
+        shares = share_evidence([trial.nats for trial in own], naming.decider.rehearsal.behind)
+        for trial, share in zip(own, shares, strict=True):
+            found[trial.effect] = max(gap * chance * share, LEAST if trial.nats >= evident else 0.0)
+    return found
 
 
 def _normalise(found: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:

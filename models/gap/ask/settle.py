@@ -31,7 +31,9 @@ def settle(naming: NamingResult, believed: Sequence[Hypothesis]) -> NamingResult
         decision = naming.decider.answer_effects(alike, sum(chance[name] for name in alike))
     candidates = tuple(row.model_copy(update={"probability": chance.get(row.effect, 0.0)}) for row in naming.candidates)
     alarm = replace(naming.alarm, gap=gap)
-    return replace(naming, named=decision, alarm=alarm, name=named / max(gap, 1e-9), candidates=candidates)
+    return replace(
+        naming, named=decision, alarm=alarm, name=named / max(gap, 1e-9), candidates=candidates, believed=chance
+    )
 
 
 def tell_asked(

@@ -36,7 +36,8 @@ class NamingResult:
 
     name: probability that the family of the best effect is right, if there is a gap. candidates: `none`, `unknown` and
     every effect that was weighed; their probabilities sum to 1. decider: by which the same evidence is answered again.
-    dropped: effects of the model that explain nothing any more.
+    dropped: effects of the model that explain nothing any more. believed: once grasps that were asked for have
+    answered, how probable each name is.
     """
 
     alarm: Alarm
@@ -45,6 +46,7 @@ class NamingResult:
     candidates: tuple[Candidate, ...]
     decider: Decider
     dropped: tuple[str, ...]
+    believed: Mapping[str, float] | None = None
 
     @property
     def fit(self) -> Fit:

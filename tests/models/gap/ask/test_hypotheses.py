@@ -6,6 +6,7 @@ from typing import Literal
 import pytest
 
 from fast.models.gap.ask.hypotheses import LEAST, POSSIBLE, Hypothesis, list_hypotheses
+from fast.models.gap.ask.settle import settle
 from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.findings import Decision
 from fast.models.gap.naming.name import NamingResult, name_effect, share_evidence
@@ -111,3 +112,17 @@ def test_what_has_a_third_of_the_best_evidence_is_possible_and_what_has_less_is_
 
     assert list_effects(4.1) == {best.effect, second.effect}
     assert list_effects(3.9) == {best.effect}
+
+
+def test_after_answers_what_they_left_is_possible(suspected: NamingResult) -> None:
+    """And once they have shown nothing, the same grasps are not asked for again."""
+    before = list_hypotheses(suspected)
+    answered = settle(suspected, [replace(one, probability=float(one.name == "none")) for one in before])
+    assert answered.named.kind == "none"
+    assert list_hypotheses(answered) == ()
+    shares = {"stress_relaxation": 0.55, "static_kinetic_friction": 0.4, "unknown": 0.025, "none": 0.0}
+    of_name = {one.name: one for one in before}
+    left = settle(suspected, [replace(of_name[name], probability=share) for name, share in shares.items()])
+    assert left.named.effects == ("stress_relaxation", "static_kinetic_friction")
+    found = chances(list_hypotheses(left))
+    assert found == pytest.approx({"stress_relaxation": 0.55, "static_kinetic_friction": 0.4, "unknown": LEAST})

@@ -15,7 +15,7 @@ from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import Reading
 from fast.models.gap.fit import posterior
-from fast.models.records import EffectValue
+from fast.models.records import EffectValue, GraspSetup
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.gap.data import read_grasps
 from fast.tasks.gap.readings import read_readings, write_reading
@@ -25,6 +25,8 @@ from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake, plan_rows
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.1})
+WEAK = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.05})  # too weak for an alarm
+ORDINARY = GraspSetup()
 ORDER = GapOrder("demo", rounds=1, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 pytestmark = pytest.mark.timeout(600)
 
@@ -79,6 +81,34 @@ def test_a_set_is_asked_about_and_its_answer_is_a_name(tmp_path: Path) -> None:
     assert told.after["load_cell_lag"] > told.before["load_cell_lag"]
     assert told.got_nats > 1.0
     assert not go(lake).is_new
+
+
+@pytest.mark.slow
+def test_a_suspicion_is_asked_about_once_and_stays_none_where_no_grasp_shows_it(tmp_path: Path) -> None:
+    """The delay of these traces is not one of the bench: at another speed nothing is later, as with another solver."""
+    lake = gap_lake(tmp_path / "lake", hidden=[WEAK])
+    first = go(lake)
+    assert not first.run.findings.alarm
+    assert first.sentence.endswith("would show an effect that is too weak for an alarm")
+    requests = [request for request, _ in read_open_requests(lake)]
+    assert 0 < len(requests) == first.run.findings.next_experiment.promised_grasps  # type: ignore[union-attr]
+    assert all(request.setup.timed_as(ORDINARY) == ORDINARY for request in requests)
+    lake.append(answer_rows(requests), PROVENANCE)
+    second = go(lake).run.findings
+    assert second.rounds[0].named.kind == "none"
+    assert second.asked[0].after["none"] > second.asked[0].before["none"] > 0.5
+    assert second.next_experiment is None
+
+
+@pytest.mark.slow
+def test_a_suspicion_that_grasps_confirm_is_named(tmp_path: Path) -> None:
+    lake = gap_lake(tmp_path / "lake", hidden=[WEAK])
+    go(lake)
+    lake.append(answer_rows([request for request, _ in read_open_requests(lake)], [WEAK]), PROVENANCE)
+    second = go(lake).run.findings
+    assert second.rounds[0].named.effects[0] == "load_cell_lag"
+    assert second.alarm
+    assert second.gap.rmse_after_n < second.gap.rmse_before_n
 
 
 def test_a_half_of_a_pair_says_nothing(tmp_path: Path) -> None:

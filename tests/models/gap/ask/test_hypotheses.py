@@ -74,6 +74,24 @@ def test_the_next_family_gets_what_the_best_leaves(suspected: NamingResult) -> N
     assert found["unknown"] == pytest.approx(0.125)
 
 
+def test_effects_of_a_family_share_its_odds(suspected: NamingResult) -> None:
+    """With even odds the family has a half; an effect that is 5 % behind has a third of the share of the best."""
+    best, second, *_ = suspected.trials.tried
+    tried = (replace(best, nats=20.0), replace(second, family=best.family, nats=19.0))
+    decider = replace(
+        suspected.decider,
+        rehearsal=replace(USUAL, name=Odds((0.0,) * 5)),
+        trials=replace(suspected.trials, tried=tried),
+    )
+    raised = replace(suspected, decider=decider, alarm=replace(suspected.alarm, is_raised=True, gap=1.0))
+    hypotheses = list_hypotheses(raised)
+    found = chances(hypotheses)
+    assert found["unknown"] == pytest.approx(0.5)
+    assert found[best.effect] / found[second.effect] == pytest.approx(10.0**0.5)
+    assert [one.size for one in hypotheses if one.name == "unknown"] == [0.0, pytest.approx(3.0 * raised.pattern_size)]
+    assert raised.pattern_size > 0.0
+
+
 def test_an_alarm_leaves_out_what_is_hardly_possible(suspected: NamingResult) -> None:
     raised = replace(suspected, alarm=replace(suspected.alarm, is_raised=True, gap=0.99))
     found = chances(list_hypotheses(raised))

@@ -22,8 +22,8 @@ links="$$($(call PIP_HAS,find-links))"; index="$$($(call PIP_HAS,index-url))"; \
 || $(PIP) install --no-compile $(1)
 endef
 
-# Many tests wait for devices and servers: one process more than there are cores.
-TEST_WORKERS ?= $(shell expr $$(nproc) + 1)
+# Many tests wait for devices and servers: two processes more than there are cores.
+TEST_WORKERS ?= $(shell expr $$(nproc) + 2)
 
 .PHONY: help setup kernels campaign test studies check pages docs dist audit-online format lock clean
 

@@ -139,7 +139,7 @@ class Lake:
         """
         return self._rows(table, "*", equals)
 
-    def ask(self, sql: str, params: Sequence[Any] | dict[str, Any]) -> pa.Table:
+    def query_kept(self, sql: str, params: Sequence[Any] | dict[str, Any]) -> pa.Table:
         """The same as `query`, for a question whose answer follows from the rows: answered once until they change.
 
         Raises:
@@ -261,7 +261,7 @@ class Lake:
         for attempt in range(_QUERY_ATTEMPTS):
             with self._synced(tables, views) as engine:
                 try:
-                    return engine.read_once(sql, params, tables) if is_kept else engine.read(sql, params)
+                    return engine.read_kept(sql, params, tables) if is_kept else engine.read(sql, params)
                 except duckdb.IOException as error:
                     if attempt + 1 == _QUERY_ATTEMPTS:
                         raise LakeError(f"{_first_line(error)}; run `fast lake check`.") from error

@@ -129,7 +129,7 @@ class Engine:
             self.define_views()
             return self._read(sql, params)
 
-    def read_once(self, sql: str, params: Sequence[Any] | dict[str, Any] | None, tables: Collection[str]) -> pa.Table:
+    def read_kept(self, sql: str, params: Sequence[Any] | dict[str, Any] | None, tables: Collection[str]) -> pa.Table:
         """The same as `read`, for an answer that follows from these tables alone: kept until one of them changes."""
         question, marks = (sql, pickle.dumps(params)), [self.mark(table) for table in sorted(tables)]
         known_marks, answer = self._answers.pop(question, (None, None))

@@ -291,5 +291,5 @@ def load_designs(lake: Lake) -> dict[str, Design]:
 
 def tuples(lake: Lake, sql: str, *params: Any, **named: Any) -> Iterable[tuple[Any, ...]]:
     """Rows of a query as tuples; its parameters (`?` or `$name`) are given by place or by name."""
-    found = lake.ask(sql, named or list(params))
+    found = lake.query_kept(sql, named or list(params))
     return zip(*(column.to_pylist() for column in found.columns), strict=True)

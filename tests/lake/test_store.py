@@ -113,7 +113,7 @@ def test_what_is_asked_again_is_read_again_only_when_rows_came_or_went(lake, pro
 
     def peaks_n(n_least: int = 0):
         sql = "SELECT peak_force_n FROM grasps WHERE repeat >= $1"
-        asked = lake.ask(sql, [n_least]).column(0).to_pylist()
+        asked = lake.query_kept(sql, [n_least]).column(0).to_pylist()
         assert asked == lake._query(sql, [n_least], {"grasps"}).column(0).to_pylist()
         del questions[-1]
         return [round(peak_n) for peak_n in asked]
@@ -131,9 +131,9 @@ def test_what_is_asked_again_is_read_again_only_when_rows_came_or_went(lake, pro
 def test_few_answers_are_kept_and_no_large_one(lake, monkeypatch):
     monkeypatch.setattr(engine, "_N_ANSWERS", 2)
     for limit in range(5):
-        lake.ask("SELECT grasp_id FROM grasps LIMIT ?", [limit])
+        lake.query_kept("SELECT grasp_id FROM grasps LIMIT ?", [limit])
     assert len(lake._engine._answers) == 2
-    lake.ask("SELECT unnest(range(?)) AS n", [100_000])
+    lake.query_kept("SELECT unnest(range(?)) AS n", [100_000])
     assert len(lake._engine._answers) == 2
 
 

@@ -1,8 +1,9 @@
 """What each hypothesis predicts of pairs of grasps: draws of the posterior through the surrogate.
 
 Means and spreads are of the draws. Beyond them the law of an effect may be off by `LAW_SD` of what it changes from the
-usual setting to the changed one, the simulator by a little at any other setting, and of *unknown* only the size of its
-pattern is known: at another setting it may vanish, double, or move.
+usual setting to the changed one, and lie as far on the way to another law of its family; the simulator may be off by a
+little at any other setting; and of *unknown* only the size of its pattern is known: at another setting it may vanish,
+double, or move.
 """
 
 from collections.abc import Mapping, Sequence
@@ -62,18 +63,17 @@ def forecast_pairs(
         means.append(mean + bias)
         own = [np.moveaxis(drawn - mean, 0, -1) / np.sqrt(n_draws - 1.0)]
         columns.append(np.concatenate([*own, *_list_doubts(one, side, pairs)], axis=-1))
-    kin = [_list_kin(number, hypotheses, means) for number in range(len(means))]
-    columns = [np.concatenate([rows, *more], axis=-1) for rows, more in zip(columns, kin, strict=True)]
     amplitude = sides[0].amplitude
     share = np.array([_TIMING_SHARE if pair.setting.is_timing else 1.0 for pair in pairs])
     own_n = OWN_SHARE * share[:, None] * amplitude
     floor = _spread_by_setting(FLOOR_SHARE * share[:, None] * amplitude, pairs)
+    shared = [[*_list_kin(number, hypotheses, means), floor] for number in range(len(means))]
     return Forecast(
         names=tuple(one.name for one in hypotheses),
         probability=np.array([one.probability for one in hypotheses]),
         is_sharp=np.array([one.size == 0.0 for one in hypotheses]),
         means=np.array(means),
-        columns=tuple(np.concatenate([rows, floor], axis=-1) for rows in columns),
+        columns=tuple(np.concatenate([own, *more], axis=-1) for own, more in zip(columns, shared, strict=True)),
         scatter=own_n[:, :, None] * own_n[:, None] * np.eye(own_n.shape[1]),
         noise=noise,
     )

@@ -2,8 +2,9 @@
 
 First what needs no simulation: other speeds, dwells and pressures, for which what was simulated serves. Only where they
 do not promise enough are other strokes and placements simulated, a bounded number of them. Where no grasp tells, a
-person is asked. Below the line of an alarm only the first is asked: what two simulators differ by is the same at every
-speed and cancels in the pair, but it does not cancel where something else is simulated.
+person is asked. Only the first is asked below the line of an alarm, since what two simulators differ by is the same at
+every speed and cancels in the pair, but not where something else is simulated; and where an alarm excludes all of the
+catalogue, since minutes of simulations, or a person's, are too much for effects that are out nine times in ten.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from fast.models.gap.ask.hypotheses import Hypothesis, list_hypotheses
 from fast.models.gap.ask.outcomes import MEANS, describe_pairs, describe_reading, join_outcomes
 from fast.models.gap.ask.predict import Moved, Pair, forecast_pairs, predict_first
 from fast.models.gap.ask.settings import Setting, list_settings
-from fast.models.gap.findings import AskedGrasps, NextExperiment, PersonQuestion, Prediction, Promise
+from fast.models.gap.findings import UNKNOWN, AskedGrasps, NextExperiment, PersonQuestion, Prediction, Promise
 from fast.models.gap.grasps import Grasps
 from fast.models.gap.naming.name import NamingResult
 from fast.models.records import GraspRequest
@@ -44,7 +45,7 @@ def ask(search: SearchInputs, naming: NamingResult, settings: AskSettings) -> Ne
     timings = [one for one in able if one.is_timing]
     cells = spread_cells(grasps)
     plan = _Plan.of(hypotheses, grasps, [Pair(*cell, one) for cell in cells for one in timings], settings)
-    if not naming.alarm.is_raised:
+    if not naming.alarm.is_raised or naming.named.possible == (UNKNOWN,):
         return plan.write(naming)
     if plan.open_effects:
         strokes = [one for one in able if not one.is_timing]

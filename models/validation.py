@@ -84,6 +84,21 @@ def load_record(record_type: type[R], data: Any, source: str) -> R:
     return record
 
 
+def check_again(record: R, source: str) -> R:
+    """The record with its values checked, which `model_copy(update=...)` leaves out; `source` names it in messages.
+
+    Raises:
+        ConfigError: as `load_record`.
+    """
+    return load_record(type(record), _content(record), source)
+
+
+def _content(record: BaseModel) -> dict[str, Any]:
+    """Values by key, of records within it too, also keys that it does not have; without cached properties."""
+    own = {name: value for name, value in record if not hasattr(type(record), name)}
+    return {name: _content(value) if isinstance(value, BaseModel) else value for name, value in own.items()}
+
+
 def describe_faults(record_type: type[BaseModel], error: ValidationError) -> str:
     """What is wrong with the values of a record: a sentence each, with value, limit, unit and what to do."""
     faults = _join_choices(error.errors())

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     import torch
@@ -12,9 +12,11 @@ if TYPE_CHECKING:
     from fast.lake.store import Lake
     from fast.models.gap.findings import Findings
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import Design, GraspSetup, GraspSimulation
+    from fast.models.records import Design, GraspSetup, GraspSimulation, Record
     from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.bench.told import Taken
+
+R = TypeVar("R", bound="Record")
 
 
 def simulate(
@@ -34,17 +36,16 @@ def simulate(
     `("friction", "length_mm")`; `"all"`: those of finger, material and closing.
 
     Raises:
-        UsageError: there is no such object, or a parameter is unknown or has no slope.
+        UsageError: there is no such object, a value is out of its range, or a parameter is unknown or has no slope.
         MeshingFailed, SimulationFailed: this finger cannot be meshed, or the grasp does not converge.
     """
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import GraspSetup
+    from fast.models.records import Design
     from fast.models.simulation.grasp import simulate_grasp
-    from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.objects import find_object
 
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
-    return simulate_grasp(design, met, version or SimulatorVersion(), setup or GraspSetup(), along=along)
+    return simulate_grasp(_check(design, Design, "design"), met, *_read_given(version, setup), along=along)
 
 
 def grasp_function(
@@ -53,7 +54,7 @@ def grasp_function(
     version: "SimulatorVersion | None" = None,
     setup: "GraspSetup | None" = None,
     *,
-    names: "Sequence[str] | None" = None,
+    names: "Sequence[str] | str | None" = None,
     lake: Path | str = "lake-data",
 ) -> "Callable[[torch.Tensor], torch.Tensor]":
     """The peak pull-off force in N as a function for torch, which knows its slopes (a `torch.autograd.Function`).
@@ -61,27 +62,27 @@ def grasp_function(
     It takes a tensor (... x d) of values of the parameters `names` and gives a tensor (...). `names` default to the
     numbers of the design in their order, of which whole ones are rounded and have slope 0; all that is not named is as
     in `design` (default: the best published one), `version` and `setup`. What has no slope here has slope 0 with a
-    warning.
+    warning. There are no second derivatives. A value out of its range is a `UsageError` of the call.
 
     Raises:
-        UsageError: there is no such object, or a parameter is unknown or has no slope.
+        UsageError: there is no such object, a value is out of its range, or a parameter is unknown, has no slope or is
+            named twice.
     """
     from fast.models.design.space import BEST_PUBLISHED
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import GraspSetup
+    from fast.models.records import Design
     from fast.models.simulation.inputs import GraspInputs
     from fast.models.simulation.slopes.torch_function import PeakFunction
-    from fast.models.simulation.version import SimulatorVersion
     from fast.tasks.objects import find_object
 
     met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
-    inputs = GraspInputs(design or BEST_PUBLISHED, met, version or SimulatorVersion(), setup or GraspSetup())
-    return PeakFunction(inputs, names)
+    finger = BEST_PUBLISHED if design is None else _check(design, Design, "design")
+    return PeakFunction(GraspInputs(finger, met, *_read_given(version, setup)), names)
 
 
 def simulate_many(
-    designs: "Iterable[Design]",
-    objects: "Iterable[RigidObject | int | str]",
+    designs: "Iterable[Design] | Design",
+    objects: "Iterable[RigidObject | int | str] | RigidObject | int | str",
     version: "SimulatorVersion | None" = None,
     setup: "GraspSetup | None" = None,
     *,
@@ -91,11 +92,12 @@ def simulate_many(
 ) -> "SimulatedGrasps":
     """Simulate every design on every object in `workers` processes, with a progress bar; see `simulate`.
 
-    A grasp that fails is a gap in the result, and does not stop the others. In a script, call it under
-    `if __name__ == "__main__":`, because each process reads the script again.
+    One design or object may come without a list. A grasp that fails is a gap in the result, and does not stop the
+    others. In a script, call it under `if __name__ == "__main__":`, because each process reads the script again.
 
     Raises:
-        UsageError: no design or object is given, an object does not exist, or `workers` is not from 1 to 256.
+        UsageError: no design or object is given, an object does not exist, a value is out of its range, or `workers`
+            is not from 1 to 256.
     """
     from rich.console import Console
     from rich.progress import Progress
@@ -104,22 +106,50 @@ def simulate_many(
     from fast.flows.simulation.many_designs import SimulatedGrasps, simulate_designs
     from fast.models.errors import UsageError
     from fast.models.objects.rigid import RigidObject
-    from fast.models.records import GraspSetup, Placement
-    from fast.models.simulation.version import SimulatorVersion
+    from fast.models.records import Design, Placement
     from fast.tasks.campaign.own_designs import OwnDesign
     from fast.tasks.objects import find_object
 
-    own = [OwnDesign("", f"design {place}", design) for place, design in enumerate(designs)]
-    met = [one if isinstance(one, RigidObject) else find_object(str(one), lake) for one in objects]
+    wanted = [designs] if isinstance(designs, Design) else designs
+    own = [OwnDesign("", f"design {i}", _check(one, Design, f"design {i}")) for i, one in enumerate(wanted)]
+    listed = [objects] if isinstance(objects, RigidObject | int | str) else objects
+    met = [one if isinstance(one, RigidObject) else find_object(str(one), lake) for one in listed]
     if not own or not met:
         raise UsageError(f"{len(own)} designs and {len(met)} objects are given; give at least one of each.")
-    if not 1 <= workers <= 256:
-        raise UsageError(f"workers is {workers}, it must be from 1 to 256; change it.")
+    if not isinstance(workers, int) or not 1 <= workers <= 256:
+        raise UsageError(f"workers is {workers!r}, it must be a whole number from 1 to 256; change it.")
     with Progress(console=Console(stderr=True), transient=True, disable=not show_progress) as display:
         bar = display.add_task("simulated", total=len(own) * len(met))
         reporter = ProgressReporter(print, print, lambda what, bars: display.update(bar, completed=bars[0].done))
-        given = (version or SimulatorVersion(), setup or GraspSetup(), Placement())
+        given = (*_read_given(version, setup), Placement())
         return SimulatedGrasps(tuple(simulate_designs(own, met, *given, workers, reporter)))
+
+
+def _read_given(
+    version: "SimulatorVersion | None", setup: "GraspSetup | None"
+) -> "tuple[SimulatorVersion, GraspSetup]":
+    """Version and setup that were given, their values checked; else the usual ones."""
+    from fast.models.records import GraspSetup
+    from fast.models.simulation.version import SimulatorVersion
+
+    return (
+        SimulatorVersion() if version is None else _check(version, SimulatorVersion, "version"),
+        GraspSetup() if setup is None else _check(setup, GraspSetup, "setup"),
+    )
+
+
+def _check(given: R, kind: type[R], name: str) -> R:
+    """The record that was given, its values checked again: `model_copy(update=...)` does not.
+
+    Raises:
+        UsageError: it is of another kind, or a value is out of its range.
+    """
+    from fast.models.errors import UsageError
+    from fast.models.validation import check_again
+
+    if not isinstance(given, kind):
+        raise UsageError(f"{name} is of type {type(given).__name__}, it must be a fast.{kind.__name__}; change it.")
+    return check_again(given, name)
 
 
 class Campaign:

@@ -1,13 +1,15 @@
 """A rigid object that is grasped: what it is called, and its shape as rows of primitives."""
 
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from fast.models.objects.primitives import bounds, is_round, moved, rotated
 from fast.models.objects.shapes import SHAPES
-from fast.models.records import Record
+from fast.models.records import GivenRecord
+from fast.models.validation import closest
 
 Orientation = Literal["axis z", "axis x", "axis y", "turned 45 deg", "upside down"]
 
@@ -21,7 +23,7 @@ _ROTATIONS: dict[str, np.ndarray] = {
 }
 
 
-class RigidObject(Record):
+class RigidObject(GivenRecord):
     """A rigid object on its mount, in the object frame: footprint centred in x and y, resting on z = 0."""
 
     object_id: int
@@ -30,7 +32,7 @@ class RigidObject(Record):
     """As it is told."""
     object_class: str
     """Of the catalogue."""
-    parameters: dict[str, float]
+    parameters: dict[str, Annotated[float, Field(ge=0)]]
     """Sizes of its class, mm."""
     orientation: Orientation
     """Where the shape's own axis points, or how it is turned about z."""
@@ -40,6 +42,21 @@ class RigidObject(Record):
     """The same in the plane y = 0."""
     shape: str | None = None
     """Of an own object, its text as of `models.objects.shape_text`; None for the 36, which have class and sizes."""
+
+    @model_validator(mode="after")
+    def _check_class(self) -> "RigidObject":
+        if self.shape is None:
+            if self.object_class not in SHAPES:
+                raise ValueError(
+                    f"unknown `object_class` `{self.object_class}`; {closest(self.object_class, [*SHAPES])}"
+                )
+            try:
+                SHAPES[self.object_class](self.parameters)
+            except KeyError as missing:
+                raise ValueError(
+                    f"`parameters` of the class {self.object_class} need `{missing.args[0]}`; add it"
+                ) from missing
+        return self
 
     @property
     def primitives(self) -> np.ndarray:

@@ -6,11 +6,11 @@ from pydantic import Field
 
 from fast.models.errors import UsageError
 from fast.models.ids import content_id
-from fast.models.records import EffectValue, Record, Theta
+from fast.models.records import EffectValue, GivenRecord, Theta
 from fast.models.validation import closest
 
 
-class MeshSettings(Record):
+class MeshSettings(GivenRecord):
     """Which mesher, how fine. `extruded` is the production mesher of fin rays, `tetwild` meshes any body.
 
     The defaults are the production mesh. Walls are one element thick, short at the joints and at most `edge_mm`
@@ -29,7 +29,7 @@ class MeshSettings(Record):
 REFERENCE_MESH = MeshSettings(refine=1, layers=2)
 
 
-class ContactSettings(Record):
+class ContactSettings(GivenRecord):
     """How stiff a finger's surface meets an object: every simulator's own choice; see `ContactLaw` for the defaults.
 
     In N/mm3 at the reference modulus; stiffnesses are in proportion to E for any other.
@@ -48,7 +48,7 @@ Tier = Literal["screening", "production", "reference"]
 REMOVED_TIER = "screening"
 
 
-class SimulatorVersion(Record):
+class SimulatorVersion(GivenRecord):
     """FEM settings + theta + an ordered list of effects: everything that decides a simulated number."""
 
     theta: Theta = Theta()

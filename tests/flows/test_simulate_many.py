@@ -20,6 +20,7 @@ class NoPool:
 
     def __init__(self, n_workers: int) -> None:
         self.submit = lambda function, job: None
+        self.call = lambda function: None
 
     def lend(self):
         return nullcontext(self)
@@ -30,6 +31,12 @@ class NoPool:
 
 TRACE = Trace(np.arange(5.0), np.array([0.0, 0.0, 1.0, 2.0, 3.0]), np.array([-2.0, -3.0, 4.0, 1.0, 0.0]))
 RESULT = GraspSimulation(TRACE, 4.0, 3.0, 0.006, 5, 20, 300, 0.1)
+
+
+def make_object(**changed: object) -> fast.RigidObject:
+    sizes = {"size_x_mm": 38, "size_y_mm": 34, "size_z_mm": 48}
+    told = {"object_id": 100, "name": "egg", "object_class": "ellipsoid", "parameters": sizes, "orientation": "axis z"}
+    return fast.RigidObject(**{**told, "mirror_x": True, "mirror_y": True, **changed})
 
 
 def test_it_is_a_table_of_every_design_on_every_object(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,7 +61,10 @@ def test_it_is_a_table_of_every_design_on_every_object(monkeypatch: pytest.Monke
     ("given", "sentence"),
     [
         (([], ["cube"], 2), "0 designs and 1 objects are given; give at least one of each"),
-        (([fast.BEST_PUBLISHED], ["cube"], 0), "workers is 0, it must be from 1 to 256"),
+        (([fast.BEST_PUBLISHED], ["cube"], 0), "workers is 0, it must be a whole number from 1 to 256"),
+        (([fast.BEST_PUBLISHED], ["cube"], "2"), "workers is '2', it must be a whole number from 1 to 256"),
+        ((["best"], ["cube"], 2), "design 0 is of type str, it must be a fast.Design"),
+        ((fast.BEST_PUBLISHED.model_copy(update={"rib_count": 80}), "cube", 2), "design 0: `rib_count` is 80"),
         (([fast.BEST_PUBLISHED], ["cubic"], 2), "cubic"),
     ],
 )
@@ -91,6 +101,22 @@ def test_a_batch_to_measure_shows_its_tools() -> None:
             "FinRay: `length_mm` is 99 mm, it must be at most 35.0 mm; change it.",
         ),
         (lambda: fast.Theta(friction=9), "Theta: `friction` is 9, it must be at most 2.0; change it."),
+        (
+            lambda: fast.SimulatorVersion(tier="fine"),
+            "SimulatorVersion: `tier` is 'fine', it must be 'screening', 'production' or 'reference'; change it.",
+        ),
+        (
+            lambda: make_object(object_class="elipsoid"),
+            "RigidObject: unknown `object_class` `elipsoid`; did you mean `ellipsoid`?",
+        ),
+        (
+            lambda: make_object(parameters={"size_x_mm": 38, "size_y_mm": 34}),
+            "RigidObject: `parameters` of the class ellipsoid need `size_z_mm`; add it.",
+        ),
+        (
+            lambda: make_object(parameters={"size_x_mm": -38}),
+            "RigidObject: `parameters.size_x_mm` is -38 mm, it must be at least 0.0 mm; change it.",
+        ),
         (lambda: fast.GraspSetup(closed_gap=3), "GraspSetup: unknown key `closed_gap`; did you mean `closed_gap_mm`?"),
     ],
 )
@@ -98,3 +124,28 @@ def test_a_bad_number_is_one_sentence(make, sentence: str) -> None:
     with pytest.raises(fast.FastError) as refused:
         make()
     assert str(refused.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (
+            (fast.BEST_PUBLISHED.model_copy(update={"rib_count": 80}),),
+            "design: `rib_count` is 80, it must be at most 10",
+        ),
+        ((fast.BEST_PUBLISHED.model_copy(update={"length_mm": math.nan}),), "design: `length_mm` is nan"),
+        ((fast.BEST_PUBLISHED.model_copy(update={"rib_cout": 8}),), "unknown key `rib_cout`; did you mean `rib_count`"),
+        (("best",), "design is of type str, it must be a fast.Design; change it"),
+        ((fast.BEST_PUBLISHED, fast.Theta()), "version is of type Theta, it must be a fast.SimulatorVersion"),
+        ((fast.BEST_PUBLISHED, None, {"closed_gap_mm": 20}), "setup is of type dict, it must be a fast.GraspSetup"),
+        (
+            (fast.BEST_PUBLISHED, fast.SimulatorVersion(theta=fast.Theta().model_copy(update={"friction": 9}))),
+            "version: `theta.friction` is 9, it must be at most 2.0",
+        ),
+    ],
+)
+def test_a_changed_copy_is_checked_where_it_is_used(given: tuple, sentence: str) -> None:
+    with pytest.raises(fast.FastError, match=sentence):
+        fast.simulate(given[0], "cube", *given[1:])
+    with pytest.raises(fast.FastError, match=sentence):
+        fast.grasp_function("cube", *given)

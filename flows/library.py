@@ -96,9 +96,11 @@ def simulate_many(
     others. In a script, call it under `if __name__ == "__main__":`, because each process reads the script again.
 
     Raises:
-        UsageError: no design or object is given, an object does not exist, a value is out of its range, or `workers`
-            is not from 1 to 256.
+        UsageError: no design or object is given, an object does not exist, a value is out of its range, `workers` is
+            not from 1 to 256, or no process can be started.
     """
+    from multiprocessing import current_process
+
     from rich.console import Console
     from rich.progress import Progress
 
@@ -110,6 +112,8 @@ def simulate_many(
     from fast.tasks.campaign.own_designs import OwnDesign
     from fast.tasks.objects import find_object
 
+    if getattr(current_process(), "_inheriting", False):  # a worker that reads an unguarded script: its parent says so
+        raise SystemExit(1)
     wanted = [designs] if isinstance(designs, Design) else designs
     own = [OwnDesign("", f"design {i}", _check(one, Design, f"design {i}")) for i, one in enumerate(wanted)]
     listed = [objects] if isinstance(objects, RigidObject | int | str) else objects

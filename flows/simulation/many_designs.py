@@ -1,7 +1,8 @@
 """Simulate a file of designs on objects in one call: the same grasps as `fast simulate`, in worker processes."""
 
+import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fast.flows.progress import Bar, ProgressReporter, RateEstimate
+from fast.models.errors import UsageError
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup, Placement
 from fast.models.show import html_table, load_pandas
@@ -103,12 +105,17 @@ def simulate_designs(
     """Simulate every design on every object, the designs side by side and in their order.
 
     A grasp that fails is left out of the mean of its design, and counted.
+
+    Raises:
+        UsageError: no process can be started, as each reads the script that starts it.
     """
-    total, done, rate = len(designs) * len(objects), 0, RateEstimate()
+    total, done, rate, is_given_up = len(designs) * len(objects), 0, RateEstimate(), False
     pool = WorkerPool(n_workers)
 
     def tell(own: OwnDesign, obj: RigidObject, attempt: Attempt) -> None:
         nonlocal done
+        if is_given_up:
+            raise CancelledError  # ends the thread, which has other objects to come
         done += 1
         found = attempt.reason if attempt.result is None else f"{attempt.result.peak_force_n:.1f} N"
         bar = Bar("simulated", done, total, rate.seconds_left(total - done))
@@ -116,10 +123,25 @@ def simulate_designs(
 
     job = partial(GraspJob, version=version, setup=setup, deadline_s=_DEADLINE_S, placement=placement)
     try:
+        _try_start(pool)
         with ThreadPoolExecutor(n_workers) as threads:
-            return list(threads.map(partial(_simulate, pool, job, tuple(objects), tell), designs))
+            try:
+                return list(threads.map(partial(_simulate, pool, job, tuple(objects), tell), designs))
+            except BaseException:  # Ctrl-C too: only grasps that are under way are waited for
+                is_given_up = True
+                raise
     finally:
         pool.close()
+
+
+def _try_start(pool: WorkerPool) -> None:
+    try:
+        pool.call(os.getpid)
+    except BrokenExecutor as error:
+        raise UsageError(
+            "no process for simulations can be started, because each reads your script again; write the script into a "
+            'file, and call `fast.simulate_many` there below `if __name__ == "__main__":`.'
+        ) from error
 
 
 def _simulate(

@@ -1,7 +1,11 @@
 """`fast.simulate_many`: the same grasps as one by one, and what results show of themselves."""
 
 import math
+import subprocess
+import sys
+import time
 from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +13,12 @@ from matplotlib.figure import Figure
 
 import fast
 from fast.flows.campaign.ask_tell import AskedBatch
+from fast.flows.progress import ProgressReporter
 from fast.flows.simulation import many_designs
 from fast.flows.simulation.many_designs import SimulatedGrasps
+from fast.models.objects.catalogue import OBJECTS
 from fast.models.records import GraspSimulation, Trace
+from fast.tasks.campaign.own_designs import OwnDesign
 from fast.tasks.simulation.attempt import Attempt
 
 
@@ -149,3 +156,33 @@ def test_a_changed_copy_is_checked_where_it_is_used(given: tuple, sentence: str)
         fast.simulate(given[0], "cube", *given[1:])
     with pytest.raises(fast.FastError, match=sentence):
         fast.grasp_function("cube", *given)
+
+
+def test_a_script_that_is_read_by_its_own_workers_is_told_so_once(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("import fast\nfast.simulate_many(fast.BEST_PUBLISHED, range(36))\n", encoding="utf-8")
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, timeout=100)
+    assert ended.returncode == 1
+    assert ended.stderr.count("RuntimeError") == 0
+    assert ended.stderr.count('call `fast.simulate_many` there below `if __name__ == "__main__":`') == 1
+
+
+def test_an_interrupt_waits_for_the_grasps_under_way_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulated = []
+
+    def attempt(worker, job, future):
+        simulated.append(job.obj.object_id)
+        time.sleep(0.05)
+        return Attempt(RESULT, "", "", 0.1, 0.0, 0.1)
+
+    def interrupt(sentence, bars):
+        if sentence.startswith("first"):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(many_designs, "WorkerPool", NoPool)
+    monkeypatch.setattr(many_designs, "answer", attempt)
+    own = [OwnDesign("", name, fast.BEST_PUBLISHED) for name in ("first", "second")]
+    given = (fast.SimulatorVersion(), fast.GraspSetup(), fast.Placement(), 2, ProgressReporter(print, print, interrupt))
+    with pytest.raises(KeyboardInterrupt):
+        many_designs.simulate_designs(own, OBJECTS, *given)
+    assert len(simulated) < len(OBJECTS)

@@ -136,10 +136,10 @@ def _read_given(
     from fast.models.records import GraspSetup
     from fast.models.simulation.version import SimulatorVersion
 
-    return (
-        SimulatorVersion() if version is None else _check(version, SimulatorVersion, "version"),
-        GraspSetup() if setup is None else _check(setup, GraspSetup, "setup"),
-    )
+    checked = SimulatorVersion() if version is None else _check(version, SimulatorVersion, "version")
+    closing = GraspSetup() if setup is None else _check(setup, GraspSetup, "setup")
+    closing.check_stroke()
+    return checked, closing
 
 
 def _check(given: R, kind: type[R], name: str) -> R:

@@ -141,6 +141,18 @@ class GraspSetup(GivenRecord):
                 del numbers[name]
         return content_id("G", {name: int(x) if float(x).is_integer() else x for name, x in numbers.items()})
 
+    def check_stroke(self) -> None:
+        """Refuse a stroke of nothing.
+
+        Raises:
+            UsageError: the jaws would open as they close.
+        """
+        if self.closed_gap_mm >= self.open_gap_mm:
+            raise UsageError(
+                f"closed_gap_mm {self.closed_gap_mm:g} is not below open_gap_mm {self.open_gap_mm:g} mm, so the jaws "
+                "would not close; ask for a smaller closed gap."
+            )
+
     def timed_as(self, other: "GraspSetup") -> "GraspSetup":
         """This stroke with the speeds, dwell and air of another setup.
 

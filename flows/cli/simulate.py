@@ -341,6 +341,7 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
 
     Raises:
         ConfigError: unknown name or value out of range.
+        UsageError: the jaws would not close.
     """
     from fast.models.errors import ConfigError
     from fast.models.records import GraspSetup, Placement, Theta
@@ -363,6 +364,7 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
             raise ConfigError(f"--set {setting}: unknown name `{name}`; {closest(name, known)}")
         sections[owner][name] = value
     theta, setup, mesh, placement = (load_record(record, values, "--set") for record, values in sections.items())
+    setup.check_stroke()
     return base.model_copy(update={"theta": theta, "mesh": mesh}), setup, placement
 
 

@@ -46,11 +46,7 @@ class BenchLimits(Record):
         for name in ("offset_z_mm", "roll_deg"):
             if value := getattr(placement, name):
                 raise UsageError(_write_refusal(name, value, 0.0, 0.0))
-        if setup.closed_gap_mm >= setup.open_gap_mm:
-            raise UsageError(
-                f"closed_gap_mm {setup.closed_gap_mm:g} is not below open_gap_mm {setup.open_gap_mm:g} mm, so the jaws "
-                "would not close; ask for a smaller closed gap."
-            )
+        setup.check_stroke()
 
     def can_make(self, setup: GraspSetup, placement: Placement = Placement()) -> bool:  # noqa: B008 - frozen record
         """Whether `check` lets it pass."""

@@ -339,6 +339,7 @@ def _check_science(config: CampaignConfig, source: str) -> None:
     from fast.models.simulation.effects.catalogue import build_effects
 
     try:
+        config.grasp.check_stroke()
         _check_design(config)
         _check_recipe(config)
         _check_simpler(config)

@@ -144,6 +144,10 @@ def test_a_bad_number_is_one_sentence(make, sentence: str) -> None:
         ((fast.BEST_PUBLISHED.model_copy(update={"rib_cout": 8}),), "unknown key `rib_cout`; did you mean `rib_count`"),
         (("best",), "design is of type str, it must be a fast.Design; change it"),
         ((fast.BEST_PUBLISHED, fast.Theta()), "version is of type Theta, it must be a fast.SimulatorVersion"),
+        (
+            (fast.BEST_PUBLISHED, None, fast.GraspSetup(closed_gap_mm=100)),
+            "closed_gap_mm 100 is not below open_gap_mm 70 mm, so the jaws would not close",
+        ),
         ((fast.BEST_PUBLISHED, None, {"closed_gap_mm": 20}), "setup is of type dict, it must be a fast.GraspSetup"),
         (
             (fast.BEST_PUBLISHED, fast.SimulatorVersion(theta=fast.Theta().model_copy(update={"friction": 9}))),

@@ -65,6 +65,11 @@ def test_last_initial_tray_may_be_partly_filled():
         ),
         ("tools_per_batch = 4", "tools_per_batch = 11", r"`schedule\.tools_per_batch` is 11, it must be at most 10"),
         ("friction = 0.56", "friction = 2.5", r"`simulator\.theta\.friction` is 2\.5, it must be at most 2"),
+        (
+            "[bench]",
+            "[grasp]\nclosed_gap_mm = 100\n[bench]",
+            r"edited\.toml: closed_gap_mm 100 is not below open_gap_mm 70 mm, so the jaws would not close",
+        ),
         ('name = "quick"', 'name = "Quick!"', "`name` is 'Quick!'"),
         ("seed = 1", "seed = one", "is not TOML"),
         ('world = "', 'world = "missing/', "does not exist"),

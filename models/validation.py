@@ -5,7 +5,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -30,6 +30,7 @@ _KIND_WORDS = {
     "tuple_type": "a list",
     "dict_type": "a table of keys and values",
     "model_type": "a table of keys and values",
+    "model_attributes_type": "a table of keys and values",
 }
 _TYPE = re.compile(r"[a-z-]+\[.*\]")  # how pydantic writes a type into a path
 LONGEST_VALUE = 80
@@ -184,6 +185,11 @@ def _sentence(record_type: type[BaseModel], fault: Any) -> str:
     if kind == "string_pattern_mismatch":
         rule = _fields_at(record_type, fault["loc"][:-1])[fault["loc"][-1]].description
         return f"{what}, it must match {limits['pattern']} ({rule}); change it."
+    if kind in ("union_tag_not_found", "union_tag_invalid"):
+        key = f"{path}.{limits['discriminator'].strip(chr(39))}"
+        if kind == "union_tag_not_found":
+            return _missing_sentence([key])
+        return f"`{key}` is {limits['tag']!r}, it must be one of {limits['expected_tags']}; change it."
     reason = fault["msg"].removeprefix("Value error, ")
     end = "" if reason.endswith((".", "?", "!")) else "."
     return f"`{path}` is {shown}: {reason[:1].lower()}{reason[1:]}{end}" if path else f"{reason}{end}"
@@ -212,12 +218,19 @@ def _missing_sentence(paths: list[str]) -> str:
 
 
 def _fields_at(record_type: type[BaseModel], path: tuple[Any, ...]) -> dict[str, Any]:
-    fields = record_type.model_fields
+    fields, nested = record_type.model_fields, list[type[BaseModel]]()
     for part in path:
-        if isinstance(part, int) or part not in fields:
-            continue
-        annotation = fields[part].annotation
-        inner = [annotation, *getattr(annotation, "__args__", ())]
-        nested = [t for t in inner if isinstance(t, type) and issubclass(t, BaseModel)]
-        fields = nested[0].model_fields if nested else fields
+        if part in fields:
+            nested = list(_records_in(fields[part].annotation))
+            fields = nested[0].model_fields if nested else fields
+        elif named := [t for t in nested if any(part in get_args(f.annotation) for f in t.model_fields.values())]:
+            fields = named[0].model_fields  # a part says by a key of which kind it is, as `shape = "sphere"`
     return fields
+
+
+def _records_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The record types of which a value may be, or be made."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _records_in(inner)

@@ -106,7 +106,14 @@ def test_objects_are_found_by_name_number_and_file(folder: Path) -> None:
         ("x.toml", b"name = ", "x.toml"),
         ("x.toml", b'name = "x"', "either `mesh` or `parts`"),
         ("x.toml", b'mesh = "x.png"', "must end in .stl"),
-        ("x.toml", b'[[parts]]\nshape = "blob"\n', "shape"),
+        ("x.toml", b'[[parts]]\nshape = "blob"\n', "`parts.0.shape` is 'blob', it must be one of 'sphere', 'capsule',"),
+        ("x.toml", b"[[parts]]\ndiameter_mm = 3\n", "`parts.0.shape` is missing; add it."),
+        ("x.toml", b"parts = [3]\n", "`parts.0` is 3, it must be a table of keys and values; change it."),
+        (
+            "x.toml",
+            b'[[parts]]\nshape = "sphere"\ndiameter_mm = 3\ndiametre_mm = 3\n',
+            "`parts.0.sphere.diametre_mm`; did you mean `diameter_mm`?",
+        ),
         ("x.toml", b'[[parts]]\nshape = "sphere"\ndiameter_mm = -3\n', "diameter_mm"),
         ("x.toml", b'[[parts]]\nshape = "capsule"\ndiameter_mm = 30\nlength_mm = 20\n', "longer than its diameter"),
         (

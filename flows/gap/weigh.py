@@ -119,7 +119,7 @@ def describe_cost(lake: Lake, order: GapOrder) -> str:
         UsageError: measurements are missing, not of one kind, or not in N.
     """
     measured = read_grasps(lake, order.campaign_id, order.panel)
-    _check_size(measured.grasps)
+    _check_size(measured)
     plans = plan_bank(_find_base(lake, measured), measured.grasps.cells)
     return f"To simulate: {n_missing(lake, plans)} of the {sum(plan.n_grasps for plan in plans)} grasps of the bank."
 
@@ -134,7 +134,7 @@ def weigh_panel(lake: Lake, order: GapOrder, reporter: ProgressReporter, simulat
     """
     with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
         measured = read_grasps(lake, order.campaign_id, order.panel)
-        _check_size(measured.grasps)
+        _check_size(measured)
         simulated_n = None if simulated is None else read_simulated(simulated, measured.grasps)
         return _weigh(lake, order, reporter, measured, simulated_n)
 
@@ -174,19 +174,20 @@ def _find_base(lake: Lake, measured: MeasuredGrasps) -> SimulatorVersion:
     return find_base_version(lake, measured.campaigns, None).model_copy(update={"effects": ()})
 
 
-def _check_size(grasps: Grasps) -> None:
+def _check_size(measured: MeasuredGrasps) -> None:
     """Refuse a panel that tells nothing, before anything is simulated.
 
     Raises:
         TooLittleDataError: a single object was gripped.
     """
+    grasps = measured.grasps
     n = len(np.unique(grasps.obj))
     if n < LEAST_OBJECTS or len(np.unique(grasps.tool)) < LEAST_DESIGNS:
         raise TooLittleDataError(
             f"{_count(n, 'object')} was gripped: whatever is missing there is as well friction or a modulus, so "
             f"nothing can be told. {LEAST_OBJECTS} objects are the least, which mostly leaves open what it is; "
             f"{MIN_DESIGNS} designs on {MIN_OBJECTS} objects let a name be checked. `fast gap plan` says what a panel "
-            "would tell."
+            f"would tell. {' '.join(measured.trace_warnings)}".rstrip()
         )
 
 

@@ -13,6 +13,7 @@ N_DRAWS = 200
 _CHUNK = 64  # traces at a time
 QUIET_S = 0.3  # from the start of closing: the widest object is touched after half a second
 _FEWEST_READINGS = 50
+_LEAST_SD_N = 1e-6  # a real load cell has more; below, a scale rounds its noise away
 _SD_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute value
 
 
@@ -56,7 +57,7 @@ def noise_of_readings(traces: Sequence[Trace]) -> SensorNoise:
     sd of all of them, and the correlation time of an AR(1) process with their correlation of neighbours.
 
     Raises:
-        UsageError: there are too few readings.
+        UsageError: there are too few readings, or they are all the same.
     """
     quiet = [trace.force_n[(trace.time_s - trace.time_s[0] < QUIET_S) & (trace.lift_mm <= 0)] for trace in traces]
     quiet = [readings for readings in quiet if len(readings) > 2]
@@ -68,10 +69,15 @@ def noise_of_readings(traces: Sequence[Trace]) -> SensorNoise:
         )
     mean = sum(readings.sum() for readings in quiet) / n
     variance = sum(((readings - mean) ** 2).sum() for readings in quiet) / n
+    if variance < _LEAST_SD_N**2:
+        raise UsageError(
+            f"all {n} readings in the first {QUIET_S:g} s of closing are the same, so the noise of the load cell is not "
+            "known; give its noise."
+        )
     pairs = sum(len(readings) - 1 for readings in quiet)
     product = sum(((readings[1:] - mean) * (readings[:-1] - mean)).sum() for readings in quiet) / pairs
     rate_hz = float(1.0 / np.median([np.median(np.diff(trace.time_s)) for trace in traces]))
-    r = product / variance if variance > 0 else 0.0
+    r = product / variance
     correlation_s = -1.0 / (rate_hz * np.log(r)) if 0 < r < 1 else 0.0
     return SensorNoise(float(np.sqrt(variance)), float(correlation_s), rate_hz)
 
@@ -83,7 +89,7 @@ def noise_of_repeats(steps_n: np.ndarray, cell: np.ndarray, lift_speed_mm_per_s:
     repeats are subtracted once more, which leaves white noise; the median keeps sliding and lost grips out.
 
     Raises:
-        UsageError: nothing was repeated.
+        UsageError: nothing was repeated, or repeats are all the same.
     """
     found = []
     for number in np.unique(cell):
@@ -93,10 +99,15 @@ def noise_of_repeats(steps_n: np.ndarray, cell: np.ndarray, lift_speed_mm_per_s:
             found.append(np.abs(left_n / np.sqrt(2.0 * (1.0 - 1.0 / len(repeats)))).ravel())
     if not found:
         raise UsageError(
-            "traces have no readings before contact and no repeats, so the noise of the load cell is not "
+            "traces have no readings of the load cell's noise before contact and no repeats, so the noise is not "
             "known; measure each object at least twice."
         )
     sd_n = float(np.median(np.concatenate(found)) * _SD_OF_MEDIAN)
+    if sd_n < _LEAST_SD_N:
+        raise UsageError(
+            "readings have no noise: all are the same before contact, and most differences of repeats are 0 N; import "
+            "forces as the load cell reads them, not simulated or rounded ones."
+        )
     return SensorNoise(sd_n, 0.0, lift_speed_mm_per_s / STEP_MM)
 
 

@@ -158,7 +158,11 @@ def read_grasps(lake: Lake, campaign_id: str | None, size: PanelSize = WHOLE) ->
     steps_n, quiet, sentences = _steps(lake, by_tool)
     used = [row for row in rows if row.grasp_id in steps_n]
     if all(row.request_id for row in used):
-        raise UsageError(f"none of the {len(rows)} measured grasps has a trace with a lift of 3 mm; measure again.")
+        why = " ".join(sentences) or "All were asked for by searches."
+        raise UsageError(
+            f"none of the {len(rows)} measured grasps can be searched: {why} Measure again, and lift until the fingers "
+            "let go."
+        )
     usual = [row for row in used if not row.request_id]
     tools, objects = sorted({row.tool_id for row in usual}), sorted({row.object_id for row in usual})
     used = [row for row in used if row.tool_id in tools and row.object_id in objects]
@@ -270,11 +274,14 @@ def _steps(
     found: dict[str, np.ndarray] = {}
     quiet: list[Trace] = []
     seen: dict[bytes, str] = {}
-    n_copies = n_cut = 0
+    n_copies = n_cut = n_flat = 0
     for rows in by_tool.values():
         before: list[Trace] = []
         for grasp_id, trace in read_traces(lake, TraceRow, [row.grasp_id for row in rows]):
             if not is_usable(trace):
+                continue
+            if np.ptp(trace.force_n) == 0:
+                n_flat += 1
                 continue
             if _is_cut(trace):
                 n_cut += 1
@@ -288,10 +295,12 @@ def _steps(
                 before.append(_before_contact(trace))
         quiet += _less_their_mean([trace for trace in before if len(trace.time_s) > 2])
     n_all = sum(len(rows) for rows in by_tool.values())
-    n_lost = n_all - len(found) - n_copies - n_cut
+    n_lost = n_all - len(found) - n_copies - n_cut - n_flat
     sentences = []
     if n_lost:
         sentences.append(f"{n_lost} of {n_all} grasps have no trace, or one without a lift of 3 mm; left out.")
+    if n_flat:
+        sentences.append(f"{n_flat} of {n_all} grasps have the same force in every reading; left out.")
     if n_cut:
         sentences.append(f"{n_cut} of {n_all} grasps end while the fingers still hold the object; left out.")
     if n_copies:
@@ -328,7 +337,7 @@ def _noise(
     except UsageError:
         noise = noise_of_repeats(steps_n, cell, setup.lift_speed_mm_per_s)
         return noise, [
-            "traces have too few readings before the fingers touch: the noise of the load cell, "
+            "readings before the fingers touch are too few, or all the same: the noise of the load cell, "
             f"{spell_number(noise.sd_n)} N, is taken from repeats."
         ]
 

@@ -1,5 +1,6 @@
 """From rows of the lake to what gap discovery works on."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -188,6 +189,37 @@ def test_a_trace_that_was_cut_short_is_left_out_and_said(tmp_path: Path) -> None
     measured = read_grasps(_lake_of(tmp_path, rows), None)
     assert len(measured.grasps.grasp_ids) == 2
     assert "1 of 3 grasps end while the fingers still hold the object; left out." in measured.warnings
+
+
+def _change_traces(rows: list[Row], change: Callable[[Trace], Trace]) -> list[Row]:
+    return [TraceRow.of(row.grasp_id, change(row.trace)) if isinstance(row, TraceRow) else row for row in rows]
+
+
+def test_a_lift_that_ended_early_or_a_dead_load_cell_is_called_so(tmp_path: Path) -> None:
+    rows = [row for repeat in range(2) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
+    short = _change_traces(
+        rows, lambda t: Trace(*(values[t.lift_mm < 5.0] for values in (t.time_s, t.lift_mm, t.force_n)))
+    )
+    with pytest.raises(UsageError, match="none of the 2 .*: 2 of 2 grasps end while .* lift until the fingers let go"):
+        read_grasps(_lake_of(tmp_path / "short", short), None)
+    dead = _change_traces(rows, lambda t: Trace(t.time_s, t.lift_mm, 0.0 * t.force_n))
+    with pytest.raises(UsageError, match="2 of 2 grasps have the same force in every reading"):
+        read_grasps(_lake_of(tmp_path / "dead", dead), None)
+
+
+def test_a_scale_that_rounds_its_noise_away_takes_it_from_repeats(tmp_path: Path) -> None:
+    rows = [row for repeat in range(2) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
+    rounded = _change_traces(rows, lambda t: Trace(t.time_s, t.lift_mm, np.where(t.lift_mm > 0, t.force_n, 0.3)))
+    measured = read_grasps(_lake_of(tmp_path / "rounded", rounded), None)
+    assert 0.01 < measured.grasps.noise.sd_n < 0.03
+    assert any("or all the same: the noise" in sentence for sentence in measured.warnings)
+    without = _change_traces(rows, lambda t: Trace(t.time_s, t.lift_mm, np.sin(t.lift_mm / 20.0)))
+    for number, row in enumerate(without):  # copies would be left out
+        if isinstance(row, TraceRow):
+            trace = row.trace
+            without[number] = TraceRow.of(row.grasp_id, Trace(trace.time_s, trace.lift_mm, trace.force_n + number))
+    with pytest.raises(UsageError, match="readings have no noise: .* import forces as the load cell reads them"):
+        read_grasps(_lake_of(tmp_path / "without", without), None)
 
 
 def test_traces_that_begin_with_the_lift_take_their_noise_from_repeats(tmp_path: Path) -> None:

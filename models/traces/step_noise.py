@@ -71,8 +71,8 @@ def noise_of_readings(traces: Sequence[Trace]) -> SensorNoise:
     variance = sum(((readings - mean) ** 2).sum() for readings in quiet) / n
     if variance < _LEAST_SD_N**2:
         raise UsageError(
-            f"all {n} readings in the first {QUIET_S:g} s of closing are the same, so the noise of the load cell is not "
-            "known; give its noise."
+            f"all {n} readings in the first {QUIET_S:g} s of closing are the same, so the noise of the load cell is "
+            "not known; give its noise."
         )
     pairs = sum(len(readings) - 1 for readings in quiet)
     product = sum(((readings[1:] - mean) * (readings[:-1] - mean)).sum() for readings in quiet) / pairs

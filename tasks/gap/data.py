@@ -31,6 +31,7 @@ from fast.tasks.gap.split import Split, freeze_split
 from fast.tasks.gap.trace_rows import designs_of, find_base_setup, measured_grasps, read_traces
 
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
+_OPPOSITE = -0.5  # cosine of measured and simulated traces: far from what any friction or modulus turns round
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
 
 
@@ -118,13 +119,25 @@ def check_units(data: GapData) -> list[str]:
     """What the size of the measured forces says about their unit.
 
     Raises:
-        UsageError: a factor of about 1000 is suspected.
+        UsageError: a factor of about 1000 is suspected, or the other sign.
     """
     grasps, bank = data.grasps, data.bank
     simulated = bank.centre_steps_n[grasps.tool, bank.find_columns(grasps)]
     is_known = np.isfinite(simulated).all(axis=1)
+    if has_other_sign(grasps.steps_n[is_known], simulated[is_known]):
+        raise UsageError(
+            "Measured forces have the other sign than simulated ones: a force is positive where the object pulls the "
+            "gripper down; turn the sign and import the grasps again, into another lake."
+        )
     share = np.abs(grasps.steps_n[is_known]).sum(axis=1) / np.abs(simulated[is_known]).sum(axis=1)
     return find_unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
+
+
+def has_other_sign(steps_n: np.ndarray, others_n: np.ndarray) -> bool:
+    """Whether most of the traces (n x 120, N) run against others, whatever their size: a cosine below -0.5."""
+    lengths = np.linalg.norm(steps_n, axis=1) * np.linalg.norm(others_n, axis=1)
+    cosines = (steps_n * others_n).sum(axis=1)[lengths > 0] / lengths[lengths > 0]
+    return bool(len(cosines) and np.median(cosines) < _OPPOSITE)
 
 
 def check_repeats(grasps: Grasps) -> list[str]:
@@ -283,7 +296,7 @@ def _steps(
             if np.ptp(trace.force_n) == 0:
                 n_flat += 1
                 continue
-            if _is_cut(trace):
+            if is_cut(trace):
                 n_cut += 1
                 continue
             steps_n = step_means(trace)
@@ -308,7 +321,7 @@ def _steps(
     return found, quiet, sentences
 
 
-def _is_cut(trace: Trace) -> bool:
+def is_cut(trace: Trace) -> bool:
     """Whether the recording ended with force on the fingers: what came after it is not known, and not zero."""
     lift_mm, force_n = trace.lift_mm[trace.is_lift], trace.force_n[trace.is_lift]
     at_end_n = force_n[lift_mm >= lift_mm[-1] - STEP_MM].mean()

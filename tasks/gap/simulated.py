@@ -6,13 +6,16 @@ import numpy as np
 
 from fast.models.errors import UsageError
 from fast.models.gap.grasps import Grasps
-from fast.models.traces.step_features import N_STEPS, STEP_MM
+from fast.models.records import Trace
+from fast.models.traces.step_features import DIP_MM, N_STEPS, STEP_MM
 from fast.tasks.campaign.csv_file import read_rows
+from fast.tasks.gap.data import has_other_sign, is_cut
 
 COLUMNS = ("tool_id", "object_id", "lift_mm", "force_n")
 _FINER = 10  # points of a step over which a curve is averaged
 _MOST_FORCE_N, _MOST_LIFT_MM = 2000.0, 1000.0
 _FEWEST_POINTS = 10
+_MOST_FACTOR = 100.0  # between its forces and those measured: no constants differ by as much, units do
 _MOST_NAMED = 3
 _MOST_ROWS = 2_000_000
 
@@ -21,22 +24,49 @@ def read_simulated(path: Path, grasps: Grasps) -> np.ndarray:
     """Step means (n x 120, N) of measured grasps as a file has their tools and objects; behind its end a force is 0.
 
     Raises:
-        UsageError: the file cannot be read, a value is no force, or a tool on an object is missing.
+        UsageError: the file cannot be read, a value is no force, a tool on an object is missing, a curve ends while
+            the fingers hold the object, or forces are of another unit or sign than those measured.
     """
-    points = _read_points(path)
-    curves = {key: _average(np.array(sorted(rows))) for key, rows in points.items() if len(rows) >= _FEWEST_POINTS}
+    points = {key: np.array(sorted(rows)) for key, rows in _read_points(path).items() if len(rows) >= _FEWEST_POINTS}
     wanted = [
         (grasps.tools[tool], grasps.objects[obj])
         for tool, obj in zip(grasps.tool.tolist(), grasps.obj.tolist(), strict=True)
     ]
-    missing = [f"{tool} on object {obj}" for tool, obj in dict.fromkeys(wanted) if (tool, obj) not in curves]
+    missing = [f"{tool} on object {obj}" for tool, obj in dict.fromkeys(wanted) if (tool, obj) not in points]
     if missing:
         more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
         raise UsageError(
             f"{path} lacks the curve of {', '.join(missing[:_MOST_NAMED])}{more}; give {_FEWEST_POINTS} points or more "
             f"({', '.join(COLUMNS)}) for each of the {len(set(wanted))} pairs that were measured."
         )
-    return np.array([curves[key] for key in wanted])
+    for tool, obj in dict.fromkeys(wanted):
+        _check_end(f"{path}: the curve of {tool} on object {obj}", points[tool, obj])
+    curves = {key: _average(points[key]) for key in set(wanted)}
+    steps_n = np.array([curves[key] for key in wanted])
+    _check_unit(path, steps_n, grasps.steps_n)
+    return steps_n
+
+
+def _check_end(what: str, points: np.ndarray) -> None:
+    lift_mm, force_n = points.T
+    if lift_mm[-1] < DIP_MM:
+        raise UsageError(f"{what} ends at {lift_mm[-1]:g} mm of lift; give it in mm, until the fingers let go.")
+    if is_cut(Trace(np.arange(len(points), dtype=float), lift_mm, force_n)):
+        raise UsageError(
+            f"{what} ends at {lift_mm[-1]:g} mm of lift with {force_n[-1]:.3g} N on the fingers, and what comes after "
+            "is not known; give it until the fingers let go."
+        )
+
+
+def _check_unit(path: Path, steps_n: np.ndarray, measured_n: np.ndarray) -> None:
+    if has_other_sign(steps_n, measured_n):
+        raise UsageError(
+            f"{path}: its forces have the other sign than the measured ones; a force is positive where the object "
+            "pulls the gripper down."
+        )
+    factor = float(np.abs(steps_n).sum() / np.abs(measured_n).sum())
+    if not 1.0 / _MOST_FACTOR < factor < _MOST_FACTOR:
+        raise UsageError(f"{path}: its forces are {factor:.2g} times the measured ones; give them in N.")
 
 
 def _read_points(path: Path) -> dict[tuple[str, int], list[tuple[float, float]]]:

@@ -122,6 +122,33 @@ def test_curves_that_are_missing_or_no_forces_are_named(tmp_path: Path) -> None:
         weigh_panel(lake, ORDER, silent(), file)
 
 
+@pytest.mark.parametrize(
+    ("lift_factor", "force_factor", "until_mm", "message"),
+    [
+        (1.0, 0.001, 60.0, "forces are .* times the measured ones; give them in N"),
+        (1.0, 0.0, 60.0, "forces are 0 times the measured ones"),
+        (1.0, -1.0, 60.0, "other sign than the measured ones; a force is positive where the object pulls"),
+        (0.001, 1.0, 60.0, "ends at 0.0[0-9]* mm of lift; give it in mm"),
+        (1.0, 1.0, 5.0, "with .* N on the fingers, and what comes after is not known"),
+    ],
+)
+def test_curves_of_another_unit_or_sign_or_cut_short_are_refused(
+    tmp_path: Path, lift_factor: float, force_factor: float, until_mm: float, message: str
+) -> None:
+    lake = small_lake(tmp_path / "lake", 2)
+    file, grasps = write_simulated(tmp_path / "own.csv", lake, BASE, 2), read_grasps(lake, "demo").grasps
+    header, *lines = file.read_text().splitlines()
+    points = [(tool, obj, float(lift), float(force)) for tool, obj, lift, force in (line.split(",") for line in lines)]
+    rows = [
+        f"{tool},{obj},{lift_factor * lift},{force_factor * force}"
+        for tool, obj, lift, force in points
+        if lift < until_mm
+    ]
+    file.write_text("\n".join([header, *rows]))
+    with pytest.raises(UsageError, match=message):
+        read_simulated(file, grasps)
+
+
 def test_curves_that_a_spreadsheet_wrote_are_the_same(tmp_path: Path) -> None:
     lake = small_lake(tmp_path / "lake", 2)
     file, grasps = write_simulated(tmp_path / "own.csv", lake, BASE, 2), read_grasps(lake, "demo").grasps

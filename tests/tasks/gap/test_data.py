@@ -273,3 +273,9 @@ def test_the_unit_of_forces_is_suspected(lake: Lake, factor: float, said: str) -
             check_units(data)
     else:
         assert said in check_units(data)[0]
+
+
+def test_forces_of_the_other_sign_are_refused(lake: Lake) -> None:
+    data = read_data(lake)
+    with pytest.raises(UsageError, match="other sign than simulated ones: a force is positive where the object pulls"):
+        check_units(replace(data, grasps=replace(data.grasps, steps_n=-data.grasps.steps_n)))

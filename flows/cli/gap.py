@@ -75,6 +75,7 @@ def gap(
     from fast.flows.cli.live import open_reporter
     from fast.flows.gap.folder import write_folder
     from fast.flows.gap.search import GapOrder, run_gap, tell_cost
+    from fast.models.errors import UsageError
     from fast.tasks.gap.panel import PanelSize
 
     if catalogue:
@@ -95,9 +96,14 @@ def gap(
     from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
 
     is_weighed = simulated is not None or is_small(found, order)
+    if is_weighed and out is not None:
+        raise UsageError(
+            f"{'--simulated' if simulated is not None else 'so small a panel'} gets no page, its answer is printed; "
+            "leave out --out (`--json > FILE` keeps the answer)."
+        )
     if dry_run:
         with open_reporter() as reporter:
-            cost = describe_cost(found, order) if is_weighed else tell_cost(found, order, reporter)
+            cost = describe_cost(found, order, reporter) if is_weighed else tell_cost(found, order, reporter)
         show({"cost": cost}, cost, json)
         return
     if is_weighed:

@@ -191,23 +191,33 @@ def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
     """How many grasps the search simulates, and how long they take on its workers; not counted are held-out ones."""
     n_workers = search.order.settings.workers
     around = plan_bank(search.base, search.measured.grasps.cells, choose_largest_bank())
-    probe = plan_probe(lake, search.plans, GraspCosts.read(lake))
-    if n_missing(lake, probe):
-        simulate_missing(lake, probe, n_workers, reporter)
-    costs = GraspCosts.read(lake)
+    costs = probe_costs(lake, search.plans, n_workers, reporter)
     wide, local = (estimate_cost(lake, plans, costs) for plans in (search.plans, around))
     n_all = sum(plan.n_grasps for plan in search.plans)
     what = (
         f"To simulate: {wide.n_grasps} of the {n_all} grasps of the bank, then up to {local.n_grasps} around the "
         "fitted theta (again if it leaves them)"
     )
-    if wide.cpu_s is None or local.cpu_s is None:
-        return f"{what}; how long one takes is not known yet."
-    cpu_s = wide.cpu_s + local.cpu_s
+    cpu_s = None if wide.cpu_s is None or local.cpu_s is None else wide.cpu_s + local.cpu_s
+    return f"{what}; {describe_cpu(cpu_s, n_workers)}."
+
+
+def probe_costs(lake: Lake, plans: Sequence[SimulationPlan], n_workers: int, reporter: ProgressReporter) -> GraspCosts:
+    """How long a grasp of plans takes; where the lake does not know, a few are simulated."""
+    probe = plan_probe(lake, plans, GraspCosts.read(lake))
+    if n_missing(lake, probe):
+        simulate_missing(lake, probe, n_workers, reporter)
+    return GraspCosts.read(lake)
+
+
+def describe_cpu(cpu_s: float | None, n_workers: int) -> str:
+    """A time of CPU in words, and how long it takes on so many workers; None: not known."""
+    if cpu_s is None:
+        return "how long one takes is not known yet"
     n_at_once = min(n_workers, os.cpu_count() or 1)
     return (
-        f"{what}; about {describe_duration(cpu_s)} of CPU, {describe_duration(cpu_s / n_at_once)} on "
-        f"{n_at_once} free core{'s' if n_at_once > 1 else ''}."
+        f"about {describe_duration(cpu_s)} of CPU, {describe_duration(cpu_s / n_at_once)} on {n_at_once} free "
+        f"core{'s' if n_at_once > 1 else ''}"
     )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.gap.search import GapOrder, Simulator
+from fast.flows.gap.search import GapOrder, Simulator, describe_cpu, probe_costs
 from fast.flows.progress import ProgressReporter
 from fast.flows.simulation.progress import n_missing
 from fast.lake.leases import exclusive
@@ -30,12 +30,14 @@ from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.gap.ask import ask
 from fast.tasks.gap.bank import WIDE_BANK, plan_bank, read_bank
 from fast.tasks.gap.calibrate import SearchInputs
+from fast.tasks.gap.cost import estimate_cost
 from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, read_grasps
 from fast.tasks.gap.panel import LEAST_DESIGNS, LEAST_OBJECTS, select_panel
 from fast.tasks.gap.rehearse import rehearse_panel
 from fast.tasks.gap.simulated import read_simulated
 from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
 from fast.tasks.gap.trace_rows import designs_of, measured_grasps
+from fast.tasks.simulation.plan import SimulationPlan
 
 _MOST_ROWS = 8
 
@@ -111,17 +113,21 @@ def is_small(lake: Lake, order: GapOrder) -> bool:
     return n_designs < MIN_DESIGNS or len({row.object_id for row in rows}) < MIN_OBJECTS
 
 
-def describe_cost(lake: Lake, order: GapOrder) -> str:
-    """What weighing a panel would simulate, in a sentence; nothing is simulated.
+def describe_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
+    """What weighing a panel would simulate and how long that takes, in a sentence.
+
+    A lake that has never simulated such grasps makes a few of the bank's, which tell how long one takes.
 
     Raises:
         TooLittleDataError: a single object was gripped.
-        UsageError: measurements are missing, not of one kind, or not in N.
+        UsageError: measurements are missing or not of one kind.
+        FastError: another process searches in this lake.
     """
-    measured = read_grasps(lake, order.campaign_id, order.panel)
-    _check_size(measured)
-    plans = plan_bank(_find_base(lake, measured), measured.grasps.cells)
-    return f"To simulate: {n_missing(lake, plans)} of the {sum(plan.n_grasps for plan in plans)} grasps of the bank."
+    with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
+        measured = read_grasps(lake, order.campaign_id, order.panel)
+        _check_size(measured)
+        plans = plan_bank(_find_base(lake, measured), measured.grasps.cells)
+        return _write_cost(lake, order, plans, reporter)
 
 
 def weigh_panel(lake: Lake, order: GapOrder, reporter: ProgressReporter, simulated: Path | None = None) -> Weighed:
@@ -148,7 +154,10 @@ def _weigh(
 ) -> Weighed:
     base, cells = _find_base(lake, measured), measured.grasps.cells
     simulator = Simulator(lake, order, reporter, lambda: False)
-    simulator.simulate(WIDE_BANK, plan_bank(base, cells))
+    plans = plan_bank(base, cells)
+    if n_missing(lake, plans):
+        reporter.announce(_write_cost(lake, order, plans, reporter))
+    simulator.simulate(WIDE_BANK, plans)
     data = GapData.of_all(measured.grasps, read_bank(lake, base, cells), measured.facts)
     warnings = [*measured.warnings, *check_units(data), *check_repeats(data.grasps)]
     beside = None if simulated_n is None else stand_beside(data, simulated_n)
@@ -167,6 +176,14 @@ def _weigh(
         progress=reporter.progress,
     )
     return Weighed(data.grasps, naming, ask(search, naming, order.asking), tuple(warnings), beside)
+
+
+def _write_cost(lake: Lake, order: GapOrder, plans: Sequence[SimulationPlan], reporter: ProgressReporter) -> str:
+    n_workers = order.settings.workers
+    cost = estimate_cost(lake, plans, probe_costs(lake, plans, n_workers, reporter))
+    n_all = sum(plan.n_grasps for plan in plans)
+    words = f"; {describe_cpu(cost.cpu_s, n_workers)}" if cost.n_grasps else ""
+    return f"To simulate: {cost.n_grasps} of the {n_all} grasps of the bank{words}."
 
 
 def _find_base(lake: Lake, measured: MeasuredGrasps) -> SimulatorVersion:

@@ -1,6 +1,7 @@
 """Panels that hold nothing out: one finger on two objects, and a simulator of the lab's own beside ours."""
 
 import csv
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from fast.flows.gap import search
-from fast.flows.gap.search import GapOrder
+from fast.flows.gap.search import GapOrder, describe_cpu
 from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
 from fast.flows.progress import ProgressReporter
 from fast.lake.store import Lake
@@ -23,6 +24,7 @@ from fast.tasks.gap.data import read_grasps
 from fast.tasks.gap.panel import PanelSize
 from fast.tasks.gap.simulated import read_simulated
 from fast.tasks.simulation.plan import SimulationPlan
+from tests.flows.cli.cli_lakes import Fast
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, measured_rows, plan_rows, simulated_trace
 
@@ -61,10 +63,11 @@ def small_lake(root: Path, n_objects: int, hidden: Sequence[EffectValue] = ()) -
 def test_one_finger_on_two_objects_is_a_panel(tmp_path: Path) -> None:
     lake = small_lake(tmp_path / "lake", 2, [LAG])
     assert is_small(lake, ORDER)
-    cost = describe_cost(lake, ORDER)
-    assert cost.startswith("To simulate: ")
+    cost = describe_cost(lake, ORDER, silent())
+    assert re.fullmatch(r"To simulate: \d+ of the 96 grasps of the bank; how long one takes is not known yet\.", cost)
+    assert describe_cpu(60.0, 1) == "about 60 s of CPU, 60 s on 1 free core"
     found = weigh_panel(lake, ORDER, silent())
-    assert describe_cost(lake, ORDER).startswith("To simulate: 0 of ")
+    assert describe_cost(lake, ORDER, silent()).startswith("To simulate: 0 of ")
     assert found.sentence.startswith("4 grasps of 1 tool on 2 objects; nothing is held out")
     assert "held-out" not in found.sentence
     effects = [row["may be missing"] for row in found.list_rows()]
@@ -78,9 +81,15 @@ def test_one_object_tells_nothing_and_is_refused_before_simulating(
 ) -> None:
     monkeypatch.setattr(search, "simulate_missing", lambda *_: pytest.fail("simulated"))
     lake = small_lake(tmp_path / "lake", 1)
-    for refused in (lambda: weigh_panel(lake, ORDER, silent()), lambda: describe_cost(lake, ORDER)):
+    for refused in (lambda: weigh_panel(lake, ORDER, silent()), lambda: describe_cost(lake, ORDER, silent())):
         with pytest.raises(TooLittleDataError, match="1 object was gripped: .* 2 objects are the least"):
             refused()
+
+
+def test_a_page_that_is_not_written_is_not_promised(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lake = small_lake(tmp_path / "lake", 2)
+    refused = Fast(capsys).refused("gap", "--lake", str(lake.root), "--out", str(tmp_path / "page"))
+    assert "so small a panel gets no page, its answer is printed; leave out --out" in refused
 
 
 def write_simulated(path: Path, lake: Lake, version: SimulatorVersion, n_objects: int) -> Path:

@@ -17,6 +17,10 @@ app = App(name="gap", help="Find where simulation and measurement disagree, name
 _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
 _WORLDS = 120  # that are rehearsed
+_EVIDENCE = (
+    "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1); another "
+    "simulator of the same physics, with nothing missing, shows up to some 30, so that is no alarm yet"
+)
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "
     "F: finite elements of its own"
@@ -110,7 +114,7 @@ def gap(
         with open_reporter() as reporter:
             weighed = weigh_panel(found, order, reporter, simulated)
         rows = weighed.list_rows()
-        told = [weighed.sentence, "", table_text(rows), *(f"warning: {one}" for one in weighed.warnings)]
+        told = [weighed.sentence, "", table_text(rows), "", _EVIDENCE, *(f"warning: {one}" for one in weighed.warnings)]
         show({"summary": weighed.sentence, "weighed": rows, "warnings": weighed.warnings}, "\n".join(told), json)
         return
     with open_reporter() as reporter:
@@ -278,6 +282,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
             for row in sorted(tried, key=lambda row: -(row.nats or 0.0))[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
+    lines += [_EVIDENCE, ""]
     lines.append(f"held out: {_held_out(findings)}")
     lines += [f"asked: {one.outcome}" for one in findings.asked]
     if findings.next_experiment is not None:

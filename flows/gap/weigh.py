@@ -40,6 +40,7 @@ from fast.tasks.gap.trace_rows import designs_of, measured_grasps
 from fast.tasks.simulation.plan import SimulationPlan
 
 _MOST_ROWS = 8
+_ALIKE = "These cannot be told apart here"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,8 @@ class Weighed:
         said = [f"{made}; nothing is held out, so no name is checked on grasps that it never saw.", named.sentence]
         if len(self.alike) > 1:
             titles = "; ".join(CATALOGUE[one.effect].title for one in self.alike)
-            said.append(f"These cannot be told apart here: {titles}.")
+            words = "Of the catalogue, these explain equally little" if named.kind == "unknown" else _ALIKE
+            said.append(f"{words}: {titles}.")
         if named.kind != "none":
             said.append(self.asked.sentence if self.asked is not None else "No grasp of this bench would tell more.")
         if self.beside is not None:
@@ -81,13 +83,13 @@ class Weighed:
         """What was weighed, the most evidence first: effects on trial, and the best pattern without a name."""
         trials = self.naming.trials
         rows: list[dict[str, object]] = [
-            {"may be missing": one.effect, "evidence": round(one.nats, 1), "value": _tell_value(one)}
+            {"may be missing": one.effect, "evidence": _round(one.nats), "value": _tell_value(one)}
             for one in trials.tried
         ]
         known = {one.effect for one in trials.tried}
         for one in trials.weighed:
             if one.name not in known and len(rows) < _MOST_ROWS:
-                rows.append({"may be missing": one.name, "evidence": round(one.nats, 1), "value": ""})
+                rows.append({"may be missing": one.name, "evidence": _round(one.nats), "value": ""})
         return rows
 
     def _tell_beside(self, beside: Beside) -> str:
@@ -210,6 +212,10 @@ def _check_size(measured: MeasuredGrasps) -> None:
 
 def _count(n: int, what: str) -> str:
     return f"{n} {what}{'' if n == 1 else 's'}"
+
+
+def _round(nats: float) -> float:
+    return round(nats, 1) + 0.0  # not -0
 
 
 def _tell_value(trial: Trial) -> str:

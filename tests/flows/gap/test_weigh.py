@@ -14,10 +14,10 @@ from fast.flows.gap.search import GapOrder, describe_cpu
 from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
 from fast.flows.progress import ProgressReporter
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import DesignRow, GraspRow
+from fast.lake.tables.campaign import DesignRow, GraspRow, TraceRow
 from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
-from fast.models.records import EffectValue
+from fast.models.records import EffectValue, Trace
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.mean_data import TooLittleDataError
 from fast.tasks.gap.data import read_grasps
@@ -47,14 +47,18 @@ def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "simulate_missing", simulate)
 
 
-def small_lake(root: Path, n_objects: int, hidden: Sequence[EffectValue] = ()) -> Lake:
-    """One finger, gripping so many objects twice each."""
+def small_lake(root: Path, n_objects: int, hidden: Sequence[EffectValue] = (), wobble_n: float = 0.0) -> Lake:
+    """One finger, gripping so many objects twice each. wobble_n: a force along the lift that no effect makes."""
     lake = Lake.open(root, create=True)
     rows: list[Row] = [DesignRow.of(DESIGNS[0])]
     for object_id in OBJECTS[:n_objects]:
         for repeat in range(2):
             for row in measured_rows(DESIGNS[0], "demo/B01T0", object_id, repeat, hidden=hidden):
                 of_bench = {"bench": "virtual", "peak_force_n": 5.0}
+                if isinstance(row, TraceRow):
+                    trace = row.trace
+                    force_n = trace.force_n + wobble_n * np.sin(trace.lift_mm)
+                    row = TraceRow.of(row.grasp_id, Trace(trace.time_s, trace.lift_mm, force_n))
                 rows.append(row.model_copy(update=of_bench) if isinstance(row, GraspRow) else row)
     lake.append(rows, PROVENANCE)
     return lake
@@ -74,6 +78,17 @@ def test_one_finger_on_two_objects_is_a_panel(tmp_path: Path) -> None:
     assert "load_cell_lag" in effects
     if found.naming.named.kind != "none":
         assert found.asked is not None or "No grasp of this bench would tell more." in found.sentence
+
+
+def test_what_explains_little_is_not_called_alike_and_evidence_is_explained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lake = small_lake(tmp_path / "lake", 2, wobble_n=2.0)
+    answer = Fast(capsys)("gap", "--lake", str(lake.root), "--rehearse", "16", "--workers", "1")
+    assert "no effect of the catalogue explains" in answer.out
+    assert "cannot be told apart" not in answer.out
+    assert "evidence: natural logarithm of how much more probable" in answer.out
+    assert " -0 " not in answer.out
 
 
 def test_one_object_tells_nothing_and_is_refused_before_simulating(

@@ -32,6 +32,7 @@ from fast.tasks.gap.trace_rows import designs_of, find_base_setup, measured_gras
 
 _CUT_SHARE = 0.3  # of the peak: traces of whole lifts end with less than 0.2
 _OPPOSITE = -0.5  # cosine of measured and simulated traces: far from what any friction or modulus turns round
+_SPEED_SHARE = 0.2  # that a lift may be faster or slower than its setup says
 _NOISE_TRACES = 20  # of each tool, whose readings before contact are kept
 
 
@@ -287,9 +288,11 @@ def _steps(
     found: dict[str, np.ndarray] = {}
     quiet: list[Trace] = []
     seen: dict[bytes, str] = {}
+    speeds: dict[str, tuple[float, float]] = {}  # mm/s, of the lift and of the setup, where these are two
     n_copies = n_cut = n_flat = 0
     for rows in by_tool.values():
         before: list[Trace] = []
+        setups = {row.grasp_id: GraspSetup.model_validate_json(row.setup_json) for row in rows}
         for grasp_id, trace in read_traces(lake, TraceRow, [row.grasp_id for row in rows]):
             if not is_usable(trace):
                 continue
@@ -304,6 +307,9 @@ def _steps(
                 n_copies += 1
                 continue
             found[grasp_id] = steps_n
+            speed, said = _find_speed(trace), setups[grasp_id].lift_speed_mm_per_s
+            if abs(speed - said) > _SPEED_SHARE * said:
+                speeds[grasp_id] = speed, said
             if len(before) < _NOISE_TRACES:
                 before.append(_before_contact(trace))
         quiet += _less_their_mean([trace for trace in before if len(trace.time_s) > 2])
@@ -316,9 +322,23 @@ def _steps(
         sentences.append(f"{n_flat} of {n_all} grasps have the same force in every reading; left out.")
     if n_cut:
         sentences.append(f"{n_cut} of {n_all} grasps end while the fingers still hold the object; left out.")
+    if speeds:
+        grasp_id, (speed, said) = next(iter(speeds.items()))
+        sentences.append(
+            f"{len(speeds)} of {n_all} grasps were lifted at another speed than their setup says, first {grasp_id} at "
+            f"{spell_number(speed)} mm/s instead of {said:g}: what hangs on speed is told wrongly; import them with "
+            "the column lift_speed_mm_per_s in grasps.csv."
+        )
     if n_copies:
         sentences.append(f"{n_copies} of {n_all} grasps have the samples of another grasp; the copies are left out.")
     return found, quiet, sentences
+
+
+def _find_speed(trace: Trace) -> float:
+    """Speed of a lift in mm/s, between a tenth and nine tenths of its height."""
+    time_s, lift_mm = trace.time_s[trace.is_lift], trace.lift_mm[trace.is_lift]
+    start, end = (int(np.argmax(lift_mm >= share * lift_mm.max())) for share in (0.1, 0.9))
+    return float((lift_mm[end] - lift_mm[start]) / max(time_s[end] - time_s[start], 1e-3))
 
 
 def is_cut(trace: Trace) -> bool:

@@ -207,6 +207,16 @@ def test_a_lift_that_ended_early_or_a_dead_load_cell_is_called_so(tmp_path: Path
         read_grasps(_lake_of(tmp_path / "dead", dead), None)
 
 
+def test_lifts_at_another_speed_than_said_are_pointed_out(tmp_path: Path) -> None:
+    rows = [row for repeat in range(2) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
+    assert not any("speed" in sentence for sentence in read_grasps(_lake_of(tmp_path / "usual", rows), None).warnings)
+    fast = _change_traces(rows[:2], lambda t: Trace(t.time_s / 2.0, t.lift_mm, t.force_n))
+    sentences = read_grasps(_lake_of(tmp_path / "fast", [*fast, *rows[2:]]), None).warnings
+    (sentence,) = (sentence for sentence in sentences if "speed" in sentence)
+    assert sentence.startswith("1 of 2 grasps were lifted at another speed than their setup says")
+    assert "at 10 mm/s instead of 5" in sentence
+
+
 def test_a_scale_that_rounds_its_noise_away_takes_it_from_repeats(tmp_path: Path) -> None:
     rows = [row for repeat in range(2) for row in measured_rows(DESIGNS[0], "T0", OBJECTS[0], repeat)]
     rounded = _change_traces(rows, lambda t: Trace(t.time_s, t.lift_mm, np.where(t.lift_mm > 0, t.force_n, 0.3)))

@@ -48,7 +48,7 @@ def _read_row(row: CsvRow) -> ToldGrasp:
     return ToldGrasp(
         place=row.place,
         tool_id=row["tool_id"],
-        object_id=read_object(row, "object_id"),
+        object_id=_read_object_once(row),
         repeat=row.integer("repeat"),
         peak_force_n=_read_force_n(row) if row["peak_force_n"] else None,
         reason=row.get("reason", ""),
@@ -71,6 +71,15 @@ def read_object(row: CsvRow, column: str) -> int:
     if any(letter.isalpha() for letter in text):
         raise row.wrong(column, f"it must be a number or a name; {closest(text, list(names))}".rstrip("."))
     return row.integer(column)
+
+
+def _read_object_once(row: CsvRow) -> int:
+    """The object of a row, whose column `object` may not name another one; words that name none are a remark."""
+    object_id, name = read_object(row, "object_id"), row.get("object", "").strip().casefold()
+    namesakes = {obj.object_id for obj in list_known() if obj.name.casefold() == name}
+    if namesakes and object_id not in namesakes:
+        raise row.wrong("object", f"but object_id is `{row['object_id']}`, another object; which was it")
+    return object_id
 
 
 def _read_force_n(row: CsvRow) -> float:

@@ -228,6 +228,15 @@ def test_objects_by_name_units_in_cells_and_unknown_columns_are_read(tmp_path: P
     assert notes == ["results.csv: columns that nobody knows were left out: remark"]
 
 
+def test_an_object_that_the_name_beside_it_denies_is_asked_about(tmp_path: Path) -> None:
+    header, path = "tool_id,object_id,repeat,peak_force_n,object\n", tmp_path / "results.csv"
+    path.write_text(header + "B01T0,2,0,5,Large Sphere\nB01T0,2,1,5,the red one\nB01T0,tube,0,5,tube\n")
+    assert [one.object_id for one in read_peaks(path)] == [2, 2, 14]
+    path.write_text(header + "B01T0,2,0,5,cube\n")
+    with pytest.raises(UsageError, match="row 2: object is `cube`, but object_id is `2`, another object; which was it"):
+        read_peaks(path)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -46,6 +46,14 @@ def test_a_batch_is_confirmed_on_a_phone(tmp_path):
     assert {row["status"] for slot, row in rows.items() if slot} == {"printed"}
 
 
+def test_no_tab_is_wider_than_a_small_phone(tmp_path):
+    with serve(Lake.open(proposed_lake(tmp_path))) as address, open_browser(address, 360) as page:
+        for tab in ("Now", "To do", "Results", "Gap", "Start"):
+            page.click(f"nav a:has-text('{tab}')")
+            page.wait_for_selector(f"nav a[aria-current]:has-text('{tab}')")
+            assert page.evaluate("() => document.documentElement.scrollWidth") == 360, tab
+
+
 def test_the_force_moves_on_the_screen_and_a_reload_shows_the_whole_grasp(tmp_path):
     lake, bench, is_over = Lake.open(proposed_lake(tmp_path)), Measuring(), threading.Event()
     bench.begin("quick/B01T1", 2)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from fast.hardware.wire.serial import LinkLostError
+from fast.hardware.wire.serial import LinkLostError, check_is_device
 
 _PTY = "/dev/pts/"
 
@@ -20,6 +20,7 @@ def check_serial_port(port: str) -> str:
     if not os.path.exists(port):
         there = ", ".join(found.device for found in list_ports.comports()) or "none"
         raise LinkLostError(f"{port} does not exist (there are: {there}); plug it in, or correct it in the bench file.")
+    check_is_device(port)
     if not os.access(port, os.R_OK | os.W_OK):
         group = Path(port).group()
         raise LinkLostError(

@@ -132,10 +132,10 @@ class ModbusLink:
         for n_left in reversed(range(self.n_read_repeats + 1)):
             try:
                 return self._once(request)
-            except LinkLostError as error:
+            except LinkLostError:
                 if not n_left or time.monotonic() > last_start_s:
                     raise
-                logger.warning("%s Repeating the read on a new connection.", error)
+                logger.warning("%s gave no valid answer; reading again on a new connection.", self.name)
                 self.n_reconnects += 1
         raise AssertionError("a try returns or raises")
 
@@ -149,10 +149,13 @@ class ModbusLink:
                 raise
             except Exception as error:  # pymodbus lets struct.error and others out when bytes make no sense
                 self.close()
-                how = "did not answer in time" if isinstance(error, ModbusException | OSError) else "answered nonsense"
+                wait_s = self.time_out_s / _WAITS
+                how = f"gave no valid answer within {wait_s:.2g} s"
+                if not isinstance(error, ModbusException | OSError):
+                    how = "answered nonsense"
                 raise LinkLostError(
                     f"{self.name} {how}; the outcome of the last request is unknown. "
-                    "Check power and cable; the batch is paused and no data is lost."
+                    "Check its power, cable and address, and that it speaks Modbus there."
                 ) from error
             except BaseException:
                 self.close()  # interrupted between request and answer: the old answer must not meet the next request
@@ -201,7 +204,7 @@ class ModbusLink:
             what = f"function {answer.function_code} to function {function_code & ~_REFUSAL}"
         raise ModbusAnswerError(
             f"{self.name} answered {what}; the answer is refused and the connection was reset. Check that nothing else "
-            "is at its address; the batch is paused and no data is lost."
+            "is at its address."
         )
 
 

@@ -3,9 +3,12 @@
 A transport moves bytes and knows nothing of their meaning. The log answers "what was really said" after a fault.
 """
 
+import errno
 import logging
+import os
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol
 
 import serial
@@ -14,6 +17,13 @@ from fast.hardware.wire.log import CLOSED, OPENED, WireLog
 from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
+
+_WHY_NOT_OPEN = {
+    errno.ENOENT: "it does not exist; plug it in, or correct the port",
+    errno.EACCES: "this user may not open it; `fast doctor --real BENCH.toml` says how to allow it",
+    errno.EAGAIN: "another program has it; end that program first",
+    errno.EBUSY: "another program has it; end that program first",
+}
 
 
 class LinkLostError(DeviceError):
@@ -106,6 +116,7 @@ class SerialTransport:
         """
         if self._serial is not None:
             raise LinkLostError(f"Port {self._port} is open already; close it before opening it again.")
+        check_is_device(self._port)
         port = serial.Serial(baudrate=self._baudrate, timeout=None, write_timeout=self._write_timeout_s, exclusive=True)
         port.port = self._port
         port.dtr = False
@@ -113,9 +124,7 @@ class SerialTransport:
             port.open()
         except (OSError, ValueError) as error:
             port.close()
-            raise LinkLostError(
-                f"Port {self._port} did not open ({error}); check the cable, the port name and who else uses it."
-            ) from error
+            raise LinkLostError(f"Port {self._port} did not open: {_say_why_not_open(error)}.") from error
         self._is_closing.clear()
         self._log.note(OPENED)
         self._serial = port
@@ -173,3 +182,19 @@ class SerialTransport:
             if data:
                 self._log.record("received", data)
                 on_bytes(data)
+
+
+def check_is_device(port: str) -> None:
+    """Refuse a plain file or a folder, which pyserial cannot open, or opens in vain.
+
+    Raises:
+        LinkLostError: it is one of these.
+    """
+    if os.path.exists(port) and not Path(port).is_char_device():
+        what = "a folder" if os.path.isdir(port) else "a plain file"
+        raise LinkLostError(f"Port {port} did not open: it is {what}, no serial port; correct the port.")
+
+
+def _say_why_not_open(error: Exception) -> str:
+    unknown = f"{error}; check the cable, the port name and who else uses it"
+    return _WHY_NOT_OPEN.get(getattr(error, "errno", None) or 0, unknown)

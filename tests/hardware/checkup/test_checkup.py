@@ -2,6 +2,7 @@
 
 import os
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -184,6 +185,10 @@ def test_ports(tmp_path, monkeypatch):
         check_serial_port(str(tmp_path / "none"))
     path = tmp_path / "port"
     path.touch()
+    for port, what in ((path, "a plain file"), (tmp_path, "a folder")):
+        with pytest.raises(LinkLostError, match=f"it is {what}, no serial port; correct the port"):
+            check_serial_port(str(port))
+    monkeypatch.setattr(Path, "is_char_device", lambda _: True)
     with path.open("rb"):
         assert holders(str(path)) == [], "this process does not count"
         child = os.fork()

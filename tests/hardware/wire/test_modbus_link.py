@@ -84,7 +84,7 @@ def test_exceptions_become_sentences_and_are_not_repeated(link):
 def test_reads_are_repeated_on_fresh_sockets_and_writes_are_not(link, server, memory):
     link.write_coil(16384, True)
     server.is_silent = True
-    with pytest.raises(DeviceError, match="did not answer in time"):
+    with pytest.raises(DeviceError, match="gave no valid answer within"):
         link.read_registers(3, 0, 1)
     assert link.n_reconnects == 2
     n_writes = memory.n_writes
@@ -198,7 +198,7 @@ def test_a_read_without_answer_ends_before_the_watchdog_of_the_plc(raw_peer, ans
     plc = wires_to(settings.model_copy(update={"plc_host": "127.0.0.1", "plc_port": raw_peer(answer).port}),
                    RealClock()).plc  # fmt: skip
     start_s = time.monotonic()
-    with pytest.raises(LinkLostError, match="did not answer in time"):
+    with pytest.raises(LinkLostError, match="gave no valid answer within"):
         plc.read_registers(3, 0, 5)
     assert time.monotonic() - start_s < settings.modbus_time_out_s + 0.2
     plc.close()

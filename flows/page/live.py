@@ -52,7 +52,7 @@ class LiveHub:
                 try:
                     yield await asyncio.wait_for(queue.get(), _PING_S)
                 except TimeoutError:
-                    yield ": still here\n\n"
+                    yield "event: ping\ndata: {}\n\n"  # a comment would not reach the script of the page
         finally:
             watcher.remove(queue)
 

@@ -42,10 +42,13 @@
   document.addEventListener("input", (event) => { event.target.form?.setAttribute("data-touched", ""); });
 
   // News.
-  let source, newsAt = 0;
+  const longestSilenceMs = 40000;  // the server says something every 15 s: a hung one, or a lost network, does not
+  let source, newsAt = 0, heardAt = Date.now();
   function listen() {
     if (!campaign || document.hidden) return;
     source = new EventSource(`/events?campaign=${encodeURIComponent(campaign)}`);
+    heardAt = Date.now();
+    for (const kind of ["ping", "standing", "news", "force"]) source.addEventListener(kind, () => { heardAt = Date.now(); });
     source.onopen = () => { if (!$("#lost").hidden) { $("#lost").hidden = true; tell("standing"); tell("news"); } };
     source.onerror = () => { $("#lost").hidden = false; };
     source.addEventListener("standing", () => { tell("standing"); count(); });
@@ -63,6 +66,9 @@
       if (badge && badge.textContent !== String(n)) { badge.textContent = n; badge.classList.toggle("none", n === 0); if ($("#todos")) document.body.dispatchEvent(new CustomEvent("changed", { detail: { isNews: true } })); }
     } catch { /* the next news tells */ }
   }
+  setInterval(() => {
+    if (source && Date.now() - heardAt > longestSilenceMs) { $("#lost").hidden = false; source.close(); listen(); }
+  }, 2000);
   document.addEventListener("visibilitychange", () => {
     if (document.hidden) { source?.close(); source = undefined; } else if (!source) { listen(); tell("standing"); tell("news"); }
   });

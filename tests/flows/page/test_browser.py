@@ -85,6 +85,19 @@ def test_the_force_moves_on_the_screen_and_a_reload_shows_the_whole_grasp(tmp_pa
         assert float(highest_mm) == pytest.approx(bench.lift_mm[-1], abs=0.01)
 
 
+def test_a_server_that_falls_silent_counts_as_lost_and_is_asked_again(tmp_path):
+    with serve(Lake.open(proposed_lake(tmp_path))) as address, open_browser(address) as page:
+        page.clock.install()
+        page.route("**/events*", lambda route: None)  # never answered: a hung server, or a network that is gone
+        page.reload()
+        page.wait_for_selector("#lost", state="hidden")
+        page.clock.fast_forward(42_000)
+        page.wait_for_selector("#lost:has-text('does not answer')")
+        page.unroute("**/events*")
+        page.clock.fast_forward(42_000)
+        page.wait_for_selector("#lost", state="hidden")
+
+
 def test_a_stop_asks_once_and_two_screens_see_the_same(tmp_path):
     lake = Lake.open(proposed_lake(tmp_path))
     with exclusive(lake.storage, lease_name("quick"), "busy") as lease:

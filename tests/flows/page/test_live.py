@@ -87,6 +87,18 @@ def test_a_file_that_cannot_be_written_ends_no_grasp(tmp_path, caplog):
     assert "is not shown" in caplog.text
 
 
+def test_a_page_hears_from_the_server_also_when_there_is_no_news(tmp_path, monkeypatch):
+    monkeypatch.setattr("fast.flows.page.live._PING_S", 0.01)
+
+    async def hear():
+        events = LiveHub(Lake.open(tmp_path / "lake", create=True)).follow("quick")
+        heard = [await anext(events), await anext(events)]
+        await events.aclose()
+        return heard
+
+    assert asyncio.run(hear())[1].startswith("event: ping\ndata: ")
+
+
 def test_pages_get_the_force_at_least_five_times_a_second_and_one_watcher_serves_all(tmp_path):
     lake = Lake.open(tmp_path / "lake", create=True)
     bench = Measuring()

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import shlex
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -70,9 +71,10 @@ class Lake:
         elif create:
             lake.storage.make(json.dumps({"format": "fast-lake", "schema_version": LAYOUT_VERSION}) + "\n")
         else:
+            there = f"--lake {shlex.quote(lake.address)}"
             raise UsageError(
                 f"{lake.address} is not a lake: give another --lake (or FAST_LAKE), or make one there with `fast "
-                f"campaign run CONFIG.toml --lake {lake.address}` or `fast lake import DIR --lake {lake.address}`."
+                f"campaign run CONFIG.toml {there}` or `fast lake import DIR {there}`."
             )
         return lake
 

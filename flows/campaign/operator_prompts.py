@@ -1,5 +1,6 @@
 """How a campaign speaks to people at the bench: terminal, form in the pages, notifications, reminders."""
 
+import shlex
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -104,7 +105,7 @@ class PrintPrompts(Prompts):
         return HumanStep(
             name=f"batch {name}",
             what=f"print and mount batch {name}{sheet}",
-            command=f"fast print confirm {name} --operator NAME --lake {self._campaign.lake.address}",
+            command=f"fast print confirm {name} --operator NAME --lake {shlex.quote(self._campaign.lake.address)}",
             form=make_print_form(self._campaign.lake, self._campaign.campaign_id, batch),
             event="print_waiting",
         )
@@ -131,7 +132,7 @@ class MountPrompts(Prompts):
         return HumanStep(
             name=f"kept tools of {name}",
             what=f"mount these kept tools again, nothing is printed: {where}",
-            command=f"fast print mounted {name} --operator NAME --lake {self._campaign.lake.address}",
+            command=f"fast print mounted {name} --operator NAME --lake {shlex.quote(self._campaign.lake.address)}",
             form=make_mount_form(self._campaign.lake, name, search_id),
             event="mount_waiting",
         )
@@ -158,7 +159,7 @@ class FolderPrompts(Prompts):
         return HumanStep(
             name=name,
             what=f"{name}: {what} of {folder / RESULTS}, write the peaks into it",
-            command=f"fast tell {config} {folder / RESULTS} --lake {lake.address}",
+            command=shlex.join(["fast", "tell", str(config), str(folder / RESULTS), "--lake", lake.address]),
             form=make_told_form(self._campaign, name),
             event="told_waiting",
         )

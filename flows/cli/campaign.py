@@ -2,6 +2,7 @@
 
 import math
 import os
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -256,7 +257,9 @@ def _can_search_gap(tools: list[dict[str, Any]]) -> bool:
 
 def _next_lines(data: dict[str, Any], lake: Path) -> list[str]:
     """What to open and what to try next, as it can be clicked or typed."""
-    where = "" if os.environ.get("FAST_LAKE") == str(lake) or lake == DEFAULT_LAKE else f" --lake {lake}"
+    where = (
+        "" if os.environ.get("FAST_LAKE") == str(lake) or lake == DEFAULT_LAKE else f" --lake {shlex.quote(str(lake))}"
+    )
     best = data["best_tool"]
     tries = [("what it did, in motion", f"fast view {data['campaign']}{where}")]
     if best:

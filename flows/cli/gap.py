@@ -1,5 +1,6 @@
 """`fast gap`: where the simulator is wrong, what is missing, and what adding it changes."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -206,7 +207,11 @@ def next_(
     sheet = None
     if out is not None:
         sheet = write_bench_plan(found, plan, out)
-        lines += ["", f"sheet: {sheet}", f"then: fast lake import {out} --lake {lake}"]
+        lines += [
+            "",
+            f"sheet: {sheet}",
+            f"then: {shlex.join(['fast', 'lake', 'import', str(out), '--lake', str(lake)])}",
+        ]
     asked = [request.model_dump(mode="json") for request in plan.requests]
     show({"grasps": asked, "minutes": plan.minutes, "sheet": sheet}, "\n".join(lines), json)
 

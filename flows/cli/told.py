@@ -1,5 +1,6 @@
 """`fast ask` and `fast tell`: a campaign on a bench of one's own, a batch at a time."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -46,7 +47,7 @@ def ask(
     lines = [f"batch {asked.batch_id}: {len(rows)} tools, {len(asked.grasps)} grasps", "", table_text(rows, width=110)]
     if asked.folder is not None:
         lines += ["", f"wrote {asked.folder}; fill in results.csv, then:"]
-        lines += [f"fast tell {config} {asked.folder / 'results.csv'} --lake {lake}"]
+        lines += [shlex.join(["fast", "tell", str(config), str(asked.folder / "results.csv"), "--lake", str(lake)])]
     grasps = [grasp.model_dump(include={"tool_id", "object_id", "repeat"}) for grasp in asked.grasps]
     data = {"batch": asked.batch_id, "designs": {k: d.model_dump() for k, d in asked.designs.items()}}
     show(data | {"grasps": grasps, "folder": asked.folder}, "\n".join(lines), json)

@@ -1,5 +1,6 @@
 """`fast gap next`: the grasps that a search asks for, as a plan and a printable sheet for a bench without gantry."""
 
+import shlex
 from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import groupby
@@ -86,7 +87,12 @@ def make_sheet(plan: BenchPlan, address: str, directory: Path, config: str = "")
                                        "purpose": request.purpose}))  # fmt: skip
         known = settings
     tools = [(tool_id, [row for _, row in group]) for tool_id, group in groupby(rows, key=lambda row: row[0])]
-    told = {"address": address, "directory": str(directory), "config": config, "results": RESULTS}
+    told = {
+        "address": shlex.quote(address),
+        "directory": shlex.quote(str(directory)),
+        "config": config and shlex.quote(config),
+        "results": RESULTS,
+    }
     return render("flows/gap/bench_plan.html.j2", sentence=plan.sentence, tools=tools, **told)
 
 
@@ -109,5 +115,5 @@ def describe_command(asked: NextExperiment, campaign_id: str | None, address: st
     """The command line that answers a question, or writes the plan of its grasps; empty if it has neither."""
     of = f" --campaign {campaign_id}" if campaign_id else ""
     if asked.person is not None:
-        return f"fast gap answer {asked.person.kind} VALUE{of} --operator NAME --lake {address}"
-    return f"fast gap next --lake {address} --out asked" if asked.grasps else ""
+        return f"fast gap answer {asked.person.kind} VALUE{of} --operator NAME --lake {shlex.quote(address)}"
+    return f"fast gap next --lake {shlex.quote(address)} --out asked" if asked.grasps else ""

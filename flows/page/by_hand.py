@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,8 @@ def find_lent(lake: Lake, config: Path) -> LentBench:
     if lent is None or not lent.is_real:
         raise UsageError(
             "A real bench needs leave to move at the terminal beside it, once: "
-            f"fast gantry lend --real {file} --lake {lake.address}. Then start again here."
+            f"fast gantry lend --real {shlex.quote(str(file))} --lake {shlex.quote(lake.address)}. "
+            "Then start again here."
         )
     if Path(lent.file) != file:
         raise UsageError(f"{config.name} is for the bench {file.stem}, and {lent.name} is lent; nothing was started.")

@@ -1,6 +1,7 @@
 import errno
 import os
 import pickle
+import shlex
 import shutil
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -38,6 +39,13 @@ def test_a_missing_lake_is_an_error_that_says_how_to_make_one(tmp_path):
     with pytest.raises(UsageError, match=r"not a lake.*fast lake import"):
         Lake.open(tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+def test_the_commands_of_a_sentence_can_be_pasted_also_where_a_path_has_spaces(tmp_path):
+    with pytest.raises(UsageError) as refused:
+        Lake.open(tmp_path / "my lake")
+    command = str(refused.value).rpartition(" or `")[2].partition("`")[0]
+    assert shlex.split(command) == ["fast", "lake", "import", "DIR", "--lake", str(tmp_path / "my lake")]
 
 
 def test_a_folder_with_something_else_is_not_taken_over(tmp_path):

@@ -1,5 +1,6 @@
 """Forms in the pages, against a server that answers as Prefect's does; what cannot be had never fails a campaign."""
 
+import shlex
 from urllib.error import HTTPError
 
 import pytest
@@ -104,13 +105,17 @@ def test_a_server_whose_database_is_busy_is_asked_again(monkeypatch):
 
 
 def test_a_person_is_asked_and_reminded_and_forms_are_closed(tmp_path, pages, monkeypatch):
-    lake = Lake.open(proposed_lake(tmp_path))
-    campaign = Campaign(lake, load_config(tmp_path / "quick.toml"))
+    home = tmp_path / "my lab"
+    home.mkdir()
+    lake = Lake.open(proposed_lake(home))
+    campaign = Campaign(lake, load_config(home / "quick.toml"))
     said = []
     prompts = PrintPrompts(campaign, ProgressReporter(said.append, said.append), SILENT)
     sheet = ensure_tray(lake, "quick", 1)
     prompts.ask(1, sheet)
     assert "fast print confirm quick/B01 --operator NAME" in said[0]
+    command = next(line for line in said[0].splitlines() if "fast print confirm" in line)
+    assert shlex.split(command)[-1] == lake.address
     assert "form at http://" in said[0]
     assert [row["kind"] for row in lake.rows(EventRow)][-1] == "print_waiting"
     prompts.remind(1, sheet)

@@ -20,7 +20,7 @@ _MOST_CANDIDATES = 6
 _WORLDS = 120  # that are rehearsed
 _EVIDENCE = (
     "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1); another "
-    "simulator of the same physics, with nothing missing, shows up to some 30, so that is no alarm yet"
+    "simulator of the same physics, with nothing missing, rarely shows more than 45, so less is no alarm"
 )
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "

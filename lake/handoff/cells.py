@@ -15,6 +15,7 @@ from fast.models.units import unit_of
 _EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)
 _CLOCKS_APART = timedelta(days=1)  # of two labs, time zones that nobody wrote down included
 MOST_FORCE_N = 2000.0  # ten times the paper's load cell
+_LEAST_PEAK_N = -1.0  # noise and zero of a load cell; what is lower was counted downwards
 _BENCH = re.compile(r"[a-z0-9][a-z0-9-]{0,40}")
 _HASH = re.compile(r"[0-9A-Za-z]{1,64}")
 _LARGEST_INTEGER = 2**53  # what spreadsheets and JSON keep exactly
@@ -87,8 +88,8 @@ def optional_force(text: str) -> float | None:
     if not text:
         return None
     value = number_or_nan(text)
-    if not abs(value) <= MOST_FORCE_N:
-        raise ValueError(f"must be a number of at most {MOST_FORCE_N:g} N in size; look at the unit.")
+    if not _LEAST_PEAK_N <= value <= MOST_FORCE_N:
+        raise ValueError(f"must be a number from {_LEAST_PEAK_N:g} to {MOST_FORCE_N:g} N; look at unit and sign.")
     return value
 
 

@@ -9,11 +9,29 @@ import numpy as np
 from fast.models.records import Trace
 from fast.models.units import work_j_from_n_mm
 
+_MOST_GROWTH_N = 1.0  # of a push while the gripper rises: noise and drift
+_PUSH_TO_PULL = 2.0  # what springs back after a pull is smaller than the pull
+
 
 def peak_force_n(trace: Trace) -> float:
     """Peak pull-off force: the largest force during the lift, in N (the paper's objective)."""
     force_n = trace.force_n[trace.is_lift]
     return float(force_n.max()) if force_n.size else 0.0
+
+
+def find_counted_down(trace: Trace) -> int | None:
+    """Sample with the lowest force, where the pull was counted downwards: it is negative, and grows while lifting.
+
+    Fingers may push an object down too, but such a push only fades while they rise. None: the pull is positive.
+    """
+    lifted = np.flatnonzero(trace.is_lift)
+    if not lifted.size:
+        return None
+    force_n = trace.force_n[lifted]
+    lowest = int(force_n.argmin())
+    growth_n = min(force_n[0], 0.0) - force_n[lowest]
+    is_down = growth_n > _MOST_GROWTH_N and -force_n[lowest] > _PUSH_TO_PULL * force_n.max()
+    return int(lifted[lowest]) if is_down else None
 
 
 def work_j(trace: Trace) -> float:

@@ -19,7 +19,7 @@ from fast.models.errors import UsageError
 from fast.models.ids import canonical_json
 from fast.models.question import Question, settle
 from fast.models.records import BENCH_FAULT, GraspRequest, Trace, find_setup_id
-from fast.models.traces import initial_force_n, peak_force_n, work_j
+from fast.models.traces import find_counted_down, initial_force_n, peak_force_n, work_j
 from fast.models.units import spell_number
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.measure import find_first_order
@@ -302,6 +302,11 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
         return (
             f"{one.place}: the lift has {spell_number(speed, 3)} mm/s, {wanted:g} mm/s were asked for; look at the "
             "units of time and lift, or set grasp.lift_speed_mm_per_s"
+        )
+    if (lowest := find_counted_down(trace)) is not None:
+        return (
+            f"{one.place}: the pull is counted downwards, to {trace.force_n[lowest]:g} N at sample {lowest + 1}; force "
+            "is positive when the object pulls the gripper down: change the sign"
         )
     return _find_force_fault(campaign, one, peak_force_n(trace)) or _find_force_fault(
         campaign, one, float(np.abs(trace.force_n).max())

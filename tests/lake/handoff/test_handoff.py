@@ -327,7 +327,7 @@ def test_any_number_survives_export_and_import(tmp_path_factory, values):
     root = tmp_path_factory.mktemp("round")
     lake = Lake.open(root / "lake", create=True)
     lift = np.sort([v[0] for v in values] + [1.0])  # a lift rises
-    force = np.array([v[1] for v in values] + [0.0])
+    force = np.array([v[1] for v in values] + [900.0])  # a pull is positive
     time_s = (lift - lift[0]) / 3 + 0.001 * np.arange(len(lift))  # a slower one than any bench's is asked about
     row = GraspRow(
         grasp_id="K", campaign_id="c", tool_id="x", design_id="D", object_id=1, repeat=0, status="ok",

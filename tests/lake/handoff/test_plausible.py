@@ -42,6 +42,7 @@ WRONG = {
     "year 1": (lambda f: change(f, "grasps.csv", "started_at", {0: "0001-01-01T00:00:00"}), "must be from 2000 to now"),
     "year 9999": (lambda f: change(f, "grasps.csv", "started_at", {0: "9999-12-31T00:00:00"}), "must be from 2000"),
     "mN": (lambda f: scale(f, "force_n", 1000.0), "must be at most 2000 N in size; look at unit"),
+    "downwards": (lambda f: scale(f, "force_n", -1.0), "the pull is counted downwards; force is positive"),
     "um": (lambda f: scale(f, "lift_mm", 1000.0), "must be at most 1000 mm in size"),
     "ms": (lambda f: scale(f, "time_s", 10_000.0), "slower than 0.05 mm/s; times are in s, not ms"),
     "huge": (lambda f: change(f, "traces.csv", "lift_mm", {2: "1e308"}), "must be at most 1000 mm in size"),
@@ -57,6 +58,14 @@ def test_what_cannot_be_true_is_refused_and_nothing_is_written(folder: Path, lak
     with pytest.raises(HandoffError, match=words):
         import_handoff(lake, folder, PROVENANCE)
     assert lake.rows(GraspRow) == []
+
+
+def test_fingers_may_push_the_object_down_until_they_leave_it(folder: Path, lake: Lake) -> None:
+    rows = read_csv(folder / "traces.csv")
+    push_n = {0.0: "-6", 0.1: "-5.5", 1 / 3: "-2", 2.0: "0.02"}  # by lift: a push only fades
+    write_csv(folder / "traces.csv", [row | {"force_n": push_n[float(row["lift_mm"])]} for row in rows])
+    import_handoff(lake, folder, PROVENANCE)
+    assert [row["peak_force_n"] for row in lake.rows(GraspRow)] == [0.02, 0.02]
 
 
 def test_a_bench_may_hold_at_the_top_for_as_long_as_it_likes(folder: Path, lake: Lake) -> None:

@@ -130,6 +130,10 @@ WRONG = {
         "3 samples, it must have at least 10",
     ),
     "no lift": ({"peak_force_n": None, "trace": trace(lift_mm=np.linspace(0, -40, 200))}, "must begin at 0 and rise"),
+    "downwards": (
+        {"peak_force_n": None, "trace": trace(peak_n=-9.0)},
+        "the pull is counted downwards, to -8.99972 N at sample 100; .*change the sign",
+    ),
     "falls": ({"peak_force_n": None, "trace": trace(lift_mm=falling())}, "the lift goes back by 9.8 mm"),
     "infinite": ({"peak_force_n": None, "trace": trace(force_n=np.full(200, np.inf))}, "not finite numbers"),
     "time back": (

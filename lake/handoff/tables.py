@@ -98,8 +98,10 @@ def read_csv(reader: Reader, name: str, columns: tuple[str, ...], optional: tupl
             return _with_points(table) if separator == ";" else table
     except FileNotFoundError:
         reader.fault(name, None, None, None, "is missing; add it to the folder.")
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reader.fault(name, None, None, None, f"is not a readable CSV file in UTF-8 ({error}).")
+    except UnicodeDecodeError:
+        reader.fault(name, None, None, None, "is not a text file in UTF-8; save it as CSV in UTF-8.")
+    except (OSError, csv.Error) as error:
+        reader.fault(name, None, None, None, f"is not a readable CSV file ({error}); correct it.")
     return empty
 
 
@@ -138,6 +140,10 @@ def has_columns(
 ) -> bool:
     """Whether a file has its columns, each once and no others but the numbers of rows; names what is wrong."""
     missing = [column for column in columns if column not in header and column not in optional]
+    if not set(header) & set(columns):
+        limit = "row 1 names no column; separate names by commas or semicolons, without lines above: "
+        reader.fault(name, None, None, None, f"{limit}{', '.join(columns)}.")
+        return False
     for column in missing:
         reader.fault(name, None, column, None, f"the column is missing; the columns are {', '.join(columns)}.")
     for column in dict.fromkeys(header):

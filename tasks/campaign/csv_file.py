@@ -115,6 +115,11 @@ def _check_header(
     path: Path, header: Sequence[str], needed: Sequence[str], optional: Sequence[str], ignored: list[str] | None
 ) -> None:
     known = [*needed, *optional]
+    if len(header) < 2 and header != list(needed):
+        raise UsageError(
+            f"{path}: row 1 is not the names of the columns, separated by commas or semicolons; nothing was written: "
+            f"begin with {', '.join(known)}."
+        )
     for name in header:
         if name not in known and ignored is not None and not difflib.get_close_matches(name, known, cutoff=0.75):
             ignored.append(name or "without a name")

@@ -241,7 +241,9 @@ def test_a_missing_or_empty_file_is_named(lake, folder, name):
     (folder / name).write_text(text.splitlines()[0] + "\n")
     assert f"{name}: has no usable rows." in faults_of(lake, folder)
     (folder / name).write_bytes(b"\xff\xfe\x00")
-    assert any(name in fault and "not a readable CSV" in fault for fault in faults_of(lake, folder))
+    assert f"{name}: is not a text file in UTF-8; save it as CSV in UTF-8." in faults_of(lake, folder)
+    (folder / name).write_text(text.replace(",", "\t"))
+    assert sum(fault.startswith(f"{name}: row 1 names no column; sep") for fault in faults_of(lake, folder)) == 1
 
 
 def test_wrong_columns_are_named(lake, folder):

@@ -92,7 +92,7 @@ def check_names(new: Sequence[RigidObject], known: Sequence[RigidObject]) -> Non
 
 def _read_description(path: Path) -> RigidObject:
     try:
-        text = _read_bytes(path).decode()
+        text = _read_bytes(path).decode("utf-8-sig")  # editors of Windows write the mark
     except UnicodeDecodeError as error:
         raise ConfigError(f"object file `{path}` is not a text file; give a TOML file.") from error
     told = load_record(ObjectFile, parse_toml(text, f"object file `{path}`"), str(path))

@@ -248,7 +248,7 @@ def read_design(path: Path | None) -> "Design":
     if numbered := NUMBERED.fullmatch(str(path)):
         return numbered_design(int(numbered[1]))
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise ConfigError(f"design file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
     except UnicodeDecodeError as error:

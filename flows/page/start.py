@@ -98,7 +98,7 @@ def read_config(lake: Lake, name: str) -> Config:
     """
     path = _find_config(lake, name)
     try:
-        return Config(name, path.read_text(encoding="utf-8"))
+        return Config(name, path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"{name} cannot be read ({error}); choose another.") from error
 
@@ -305,7 +305,7 @@ def _find_config(lake: Lake, name: str) -> Path:
 
 
 def _is_same(lake: Lake, name: str, text: str) -> bool:
-    return _find_config(lake, name).read_text(encoding="utf-8").strip() == text.strip()
+    return _find_config(lake, name).read_text(encoding="utf-8-sig").strip() == text.strip()
 
 
 def _write(lake: Lake, text: str, base: str, name: str) -> Path:

@@ -301,7 +301,7 @@ def relative_to(config_path: Path, name: str) -> Path:
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """Parse a TOML file, with one sentence for a missing or broken one."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise ConfigError(f"{what} `{path}` does not exist; give the path of a TOML file.") from error
     except (OSError, UnicodeDecodeError) as error:

@@ -91,7 +91,7 @@ def read_world(path: Path) -> World:
         ConfigError: the file is missing, or has a wrong value, key or effect.
     """
     try:
-        return load_world(path.read_text(encoding="utf-8"), str(path))
+        return load_world(path.read_text(encoding="utf-8-sig"), str(path))
     except OSError as error:
         raise ConfigError(f"world file `{path}` cannot be read: {error.strerror}; give an existing file.") from error
     except UnicodeDecodeError as error:
@@ -107,7 +107,7 @@ def enter(campaign: Campaign, config_path: Path) -> None:
     """
     _check_own_designs(campaign)
     check_prior(campaign)
-    register(campaign, config_path.read_text(encoding="utf-8"))
+    register(campaign, config_path.read_text(encoding="utf-8-sig"))
     if campaign.config.material is not None:
         store_lot(campaign.lake, relative_to(config_path, campaign.config.material))
 

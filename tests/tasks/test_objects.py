@@ -240,3 +240,8 @@ def test_a_solid_of_a_cad_program_is_refused_with_what_to_do(folder: Path) -> No
     ):
         with pytest.raises(ConfigError, match="is a solid of a CAD program, .* export it there as 3MF, or as STL"):
             give()
+
+
+def test_a_file_from_an_editor_of_windows_is_read(folder: Path) -> None:
+    (folder / "bell.toml").write_text("\ufeff" + DUMBBELL.replace("\n", "\r\n"), encoding="utf-8", newline="")
+    assert read_object(folder / "bell.toml").name == "dumbbell"

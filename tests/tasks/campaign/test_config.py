@@ -111,6 +111,12 @@ def test_a_campaign_that_followed_calibrations_has_nights():
     assert read_stored_config(text, "quick").night == NightSettings(active=True, max_designs=5)
 
 
+def test_a_config_from_an_editor_of_windows_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "windows.toml"
+    path.write_text('\ufeffname = "windows"\r\nseed = 1\r\n[bench]\r\nkind = "folder"\r\n', "utf-8", newline="")
+    assert load_config(path).name == "windows"
+
+
 def test_missing_file_says_so(tmp_path):
     with pytest.raises(ConfigError, match="does not exist; give the path of a TOML file"):
         load_config(tmp_path / "none.toml")

@@ -115,7 +115,7 @@ def _check_header(
     path: Path, header: Sequence[str], needed: Sequence[str], optional: Sequence[str], ignored: list[str] | None
 ) -> None:
     known = [*needed, *optional]
-    if len(header) < 2 and header != list(needed):
+    if len(header) < 2 and not set(header) & set(known):
         raise UsageError(
             f"{path}: row 1 is not the names of the columns, separated by commas or semicolons; nothing was written: "
             f"begin with {', '.join(known)}."

@@ -15,7 +15,7 @@ from fast.models.units import unit_of
 _EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)
 _CLOCKS_APART = timedelta(days=1)  # of two labs, time zones that nobody wrote down included
 MOST_FORCE_N = 2000.0  # ten times the paper's load cell
-_LEAST_PEAK_N = -1.0  # noise and zero of a load cell; what is lower was counted downwards
+_LEAST_PEAK_N = -5.0  # noise and zero of a load cell that nobody tared; what is lower was counted downwards
 _BENCH = re.compile(r"[a-z0-9][a-z0-9-]{0,40}")
 _HASH = re.compile(r"[0-9A-Za-z]{1,64}")
 _LARGEST_INTEGER = 2**53  # what spreadsheets and JSON keep exactly

@@ -91,7 +91,7 @@ def test_peaks_alone_need_no_traces_file(lake: Lake, small_rows, make_grasp, tmp
         ("status", "failed", "must say why the grasp failed"),
         ("bench", "../x", "must be virtual, real, or a name"),
         ("world_hash", "no hash", "must be a hash of letters and digits"),
-        ("peak_force_n", "1e9", "must be a number from -1 to 2000 N"),
+        ("peak_force_n", "1e9", "must be a number from -5 to 2000 N"),
         ("attempt", "-1", "must be an integer from 0 to 1000"),
         ("lab", "The Lab", "must be a name of at most 41 of a-z"),
     ],

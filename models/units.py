@@ -43,6 +43,11 @@ def spell_name(name: str, with_unit: bool = False) -> str:
     return name.removesuffix(suffix).replace("_", " ") + (f" ({unit})" if unit and with_unit else "")
 
 
+def spell_minutes(minutes: float) -> str:
+    """Whole minutes, one at least; the same for a number and for it with one decimal, as findings keep it."""
+    return f"{max(int(round(minutes, 1) + 0.5), 1)} min"
+
+
 def spell_share(share: float, digits: int = 0) -> str:
     """A share as a person reads it, with the space that the SI asks for (0.26 -> `26 %`)."""
     return f"{100.0 * share:.{digits}f} %"

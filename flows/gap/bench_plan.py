@@ -13,7 +13,7 @@ from fast.lake.store import Lake
 from fast.models.gap.findings import NextExperiment
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspRequest, GraspSetup, Placement
-from fast.models.units import spell_name, unit_of
+from fast.models.units import spell_minutes, spell_name, unit_of
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.campaign.state import load_designs
 from fast.tasks.gap.findings import find_last_run, find_run
@@ -32,7 +32,7 @@ class BenchPlan:
         """How much there is to do."""
         tools = len({request.tool_id for request in self.requests})
         words = f"{len(self.requests)} grasps are asked for, of {tools} tool{'s' if tools > 1 else ''}"
-        return f"{words}; about {self.minutes:.0f} min with the gantry" if self.minutes else words
+        return f"{words}; about {spell_minutes(self.minutes)} with the gantry" if self.minutes else words
 
 
 def plan_next(lake: Lake, search_id: str | None = None) -> BenchPlan:

@@ -182,8 +182,8 @@ def time(text: str) -> datetime | None:
 
 
 def number_or_nan(text: str) -> float:
-    """The number, or NaN for anything else."""
+    """The number, or NaN for anything else; Python takes 1_0 for 10, which nobody means."""
     try:
-        return float(text)
+        return float(text) if "_" not in text else math.nan
     except ValueError:
         return math.nan

@@ -32,6 +32,8 @@ class CsvRow(dict[str, str]):
             value = float(text.replace(self.decimal, ".") if self.decimal != "." else text)
         except ValueError:
             value = math.nan
+        if "_" in text:  # Python takes 1_0 for 10, which nobody means
+            value = math.nan
         if not math.isfinite(value):
             raise self.wrong(column, "it must be a finite number")
         return value

@@ -26,6 +26,7 @@ from fast.models.gap.grasps import Grasps
 from fast.models.gap.naming.name import NamingResult
 from fast.models.records import GraspRequest
 from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import spell_minutes
 from fast.tasks.gap.ask_settings import AskSettings
 from fast.tasks.gap.calibrate import SearchInputs
 from fast.tasks.gap.moved import choose_cells, simulate_moved
@@ -130,7 +131,7 @@ class _Plan:
             promised=promised,
             minutes=round(self.choice.minutes, 1),
             sentence=(
-                f"{n} grasps, about {max(self.choice.minutes, 1.0):.0f} min: {'; '.join(words)}, each in turn with a "
+                f"{n} grasps, about {spell_minutes(self.choice.minutes)}: {'; '.join(words)}, each in turn with a "
                 f"grasp as usual. {MEANS}{join_outcomes(outcomes)}."
             ),
             outcomes=outcomes,

@@ -17,7 +17,7 @@ from fast.models.gap.ask.refine import Ranking, Refinement, rank_draws, refine
 from fast.models.gap.ask.settings import list_settings
 from fast.models.gap.findings import Asked, Interval, NextExperiment, RankedDesigns
 from fast.models.gap.fit.fit import Fit
-from fast.models.units import spell_name, spell_share, unit_of
+from fast.models.units import spell_minutes, spell_name, spell_share, unit_of
 from fast.tasks.gap.ask import FEWEST_GRASPS, ask, estimate_costs, spread_cells, write_pair
 from fast.tasks.gap.ask_settings import AskSettings
 from fast.tasks.gap.calibrate import CalibratedSimulator
@@ -123,7 +123,7 @@ def _write_experiment(fit: Fit, plan: Refinement, pairs: Sequence[Pair], ranked:
         promised_grasps=n,
         minutes=round(plan.minutes, 1),
         sentence=(
-            f"{n} grasps, about {max(plan.minutes, 1.0):.0f} min: {'; '.join(words)}, each in turn with a grasp as "
+            f"{n} grasps, about {spell_minutes(plan.minutes)}: {'; '.join(words)}, each in turn with a grasp as "
             f"usual. They shorten the interval of {what}, on which the order of the {len(ranked.tools)} best designs "
             f"hangs, to about {spell_share(plan.sd_left)} of its width."
         ),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fast.models.units import spell_chance, spell_number
+from fast.models.units import spell_chance, spell_minutes, spell_number
 
 
 @pytest.mark.parametrize(
@@ -21,3 +21,8 @@ def test_a_large_number_has_no_exponent(value: float, digits: int, text: str) ->
 )
 def test_a_rehearsed_chance_is_never_sure(chance: float, text: str) -> None:
     assert spell_chance(chance) == text
+
+
+@pytest.mark.parametrize(("minutes", "text"), [(0.2, "1 min"), (6.53, "7 min"), (6.5, "7 min"), (6.44, "6 min")])
+def test_minutes_are_the_same_of_a_number_and_of_what_findings_keep_of_it(minutes: float, text: str) -> None:
+    assert spell_minutes(minutes) == spell_minutes(round(minutes, 1)) == text

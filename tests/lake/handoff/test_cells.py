@@ -50,6 +50,7 @@ def test_a_cell_has_its_value(read: Any, text: str, value: object) -> None:
         (cells.optional_hash, "W 1", "must be a hash of letters and digits, or empty."),
         (cells.optional_force, "2000.1", "must be a number from -5 to 2000 N; look at unit and sign."),
         (cells.optional_force, "-5.1", "must be a number from -5 to 2000 N; look at unit and sign."),
+        (cells.optional_force, "1_0", "must be a number from -5 to 2000 N; look at unit and sign."),
         (cells.optional_force, "nan", "must be a number from -5 to 2000 N; look at unit and sign."),
         (cells.one_of("nominal", "placed"), "off", "must be nominal or placed, or empty for nominal."),
         (cells.integer(0, 9), "10", "must be an integer from 0 to 9."),

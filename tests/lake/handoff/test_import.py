@@ -140,7 +140,7 @@ def folders(draw) -> dict[str, list[dict]]:
                 "offset_y_mm": draw(st.floats(1, 5)),
             }
         )
-        for i, force_n in enumerate(draw(st.lists(forces, min_size=1, max_size=3))):
+        for i, force_n in enumerate([*draw(st.lists(forces, max_size=2)), 2000.0]):  # a pull is positive
             traces.append(dict(zip(TRACE_COLUMNS, (grasp_id, i / 3, 1 + i / 7, force_n), strict=True)))
         if not is_real:
             theta = (draw(st.none() | st.floats(1, 20)), draw(st.none() | st.floats(0, 2)), None, draw(numbers))

@@ -26,6 +26,7 @@ VARIABLES = (
 RUNNING = 7  # robot mode in which the brakes are open
 _STALE_S = 2.0  # of the wall, without a new time stamp
 _ROUGHLY_S = 10.0  # beyond the time that a motion should take
+_STOPPED_S = 2.0  # of the arm, for which the end of a stop is waited for
 _POLL_S = 0.0005
 _PORT_TIME_OUT_S = 5.0
 
@@ -68,6 +69,7 @@ class ArmLink:
         self._hear = hear
         self._rtde: Any = None
         self._number = 0
+        self._halt = 0
         self._last_time_s = -1.0
         self._new_at_s = time.monotonic()
 
@@ -162,6 +164,7 @@ class ArmLink:
             DeviceError: the controller takes no program.
         """
         self._hear()
+        self._await_halt()
         self._number = self._number % 1_000_000 + 1
         body = [*lines, f"write_output_integer_register({DONE_REGISTER}, {self._number})"]
         text = "\n".join(["def fast():", *(f"  {line}" for line in body), "end", ""])
@@ -202,6 +205,15 @@ class ArmLink:
         deceleration = self._settings.acceleration_mm_per_s2 / 1000.0
         done = f"  write_output_integer_register({DONE_REGISTER}, {self._number})"
         self._send(f"def fast():\n  stopl({deceleration:g})\n{done}\nend\n")
+        self._halt = self._number
+
+    def _await_halt(self) -> None:
+        """Wait until a stop has ended: it came on a connection of its own, and would end a program that overtook it."""
+        number, self._halt = self._halt, 0
+        if number:
+            begun = state = self.read()
+            while state.done != number and state.time_s - begun.time_s < _STOPPED_S:
+                state = self.next(state.time_s)
 
     def write_move(self, place_mm: Point, speed_mm_per_s: float, yaw_deg: float = 0.0) -> str:
         """A straight motion of the flange, which points down, as a line of URScript."""

@@ -144,7 +144,10 @@ def test_a_second_client_of_a_bench_is_refused_and_the_first_goes_on(tmp_path):
     try:
         with open_real_bench(settings, {}, ScaledClock(50.0)) as first:
             before = first.gantry.position_mm()
-            with pytest.raises(FastError, match="who else uses it"), open_real_bench(settings, {}, ScaledClock(50.0)):
+            with (
+                pytest.raises(FastError, match="another program has it"),
+                open_real_bench(settings, {}, ScaledClock(50.0)),
+            ):
                 pass
             assert first.gantry.position_mm() == before
             first.pneumatics.is_estop_pressed()

@@ -1,5 +1,6 @@
 """The arm against its controller's protocols, in a process of its own, and the gantry by the same contract."""
 
+import threading
 from collections.abc import Iterator
 
 import numpy as np
@@ -123,6 +124,20 @@ def test_what_an_earlier_session_left_on_the_arm_is_refused(controller):
     link.run(["set_standard_digital_out(0, False)", "set_standard_digital_out(1, True)"], 1.0)
     with pytest.raises(InterlockError, match="A tool is still locked"), open_arm_bench(controller.settings, TOOLS):
         pass
+    link.close()
+
+
+def test_a_program_waits_for_the_stop_before_it(controller, monkeypatch):
+    """Each comes on a connection of its own: a stop that came later than the next program would end it."""
+    link = ArmLink(controller.settings)
+    link.connect()
+    send = link._send
+    monkeypatch.setattr(link, "_send", lambda text: threading.Timer(0.3, send, [text]).start())
+    link.halt()
+    monkeypatch.setattr(link, "_send", send)
+    x_mm, y_mm, z_mm = link.read().position_mm.tolist()
+    link.run([link.write_move((x_mm, y_mm, z_mm - 20.0), 20.0), "set_standard_digital_out(2, True)"], 1.0)
+    assert link.read().is_on(2)
     link.close()
 
 

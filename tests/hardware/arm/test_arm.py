@@ -129,6 +129,7 @@ def test_what_an_earlier_session_left_on_the_arm_is_refused(controller):
 
 def test_a_program_waits_for_the_stop_before_it(controller, monkeypatch):
     """Each comes on a connection of its own: a stop that came later than the next program would end it."""
+    monkeypatch.setattr("fast.hardware.arm.link._STOPPED_S", 1000.0)  # the arm's time runs fast here
     link = ArmLink(controller.settings)
     link.connect()
     send = link._send
@@ -136,7 +137,7 @@ def test_a_program_waits_for_the_stop_before_it(controller, monkeypatch):
     link.halt()
     monkeypatch.setattr(link, "_send", send)
     x_mm, y_mm, z_mm = link.read().position_mm.tolist()
-    link.run([link.write_move((x_mm, y_mm, z_mm - 20.0), 20.0), "set_standard_digital_out(2, True)"], 1.0)
+    link.run([link.write_move((x_mm, y_mm, z_mm - 20.0), 1.0), "set_standard_digital_out(2, True)"], 20.0)
     assert link.read().is_on(2)
     link.close()
 

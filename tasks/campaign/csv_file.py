@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from fast.lake.handoff.cells import number_or_nan
 from fast.lake.handoff.tables import find_separator
 from fast.models.errors import UsageError
 from fast.models.validation import closest, is_text
@@ -28,12 +29,7 @@ class CsvRow(dict[str, str]):
             UsageError: it is none.
         """
         text = self.get(column, "")
-        try:
-            value = float(text.replace(self.decimal, ".") if self.decimal != "." else text)
-        except ValueError:
-            value = math.nan
-        if "_" in text:  # Python takes 1_0 for 10, which nobody means
-            value = math.nan
+        value = number_or_nan(text.replace(self.decimal, ".") if self.decimal != "." else text)
         if not math.isfinite(value):
             raise self.wrong(column, "it must be a finite number")
         return value

@@ -123,13 +123,22 @@ def take_told(
     told = [replace(one, tool_id=_full_id(campaign, named, one)) for one in told]
     tools = {tool.tool_id: tool for tool in state.tools}
     before = {(row.tool_id, row.object_id, row.repeat): row for row in _known_rows(campaign, told)}
+    known = _find_known(campaign, told, before)
     asked = _find_asked(campaign, state)
     faults = [fault for one in told if (fault := _find_fault(campaign, state, tools, asked, one))]
     faults += _find_doubles(told) + _find_disorder(asked, told)
-    faults += [] if may_replace else [fault for one in told if (fault := _find_change(one, before.get(one.key)))]
+    faults += (
+        []
+        if may_replace
+        else [
+            _say_change(one, row)
+            for one in told
+            if one.key not in known and (row := before.get(one.key)) and row.status == "ok"
+        ]
+    )
     if faults:
         raise UsageError(_say(faults))
-    new = [one for one in told if not _is_known(one, before.get(one.key))]
+    new = [one for one in told if one.key not in known]
     questions = ask(campaign, tools, new) if ask is not None else []
     settle(questions, is_sure, "Correct the file", way)
     if new and not is_dry:
@@ -158,13 +167,18 @@ def take_back(campaign: Campaign, operator: str) -> int:
     last = max(row.order or 0 for row in told)
     moment = next(json.loads(row.details_json)["telling"] for row in told if (row.order or 0) == last)
     rows = [row for row in told if json.loads(row.details_json).get("telling") == moment]
-    details = canonical_json({"end": BENCH_FAULT, "taken_back_by": operator})
-    changes = {"status": "failed", "reason": f"taken back by {operator}", "peak_force_n": None, "work_j": None}
-    taken = [row.model_copy(update={**changes, "initial_force_n": None, "details_json": details}) for row in rows]
+    taken = [_take_back_row(row, operator) for row in rows]
     campaign.lake.append(taken, campaign.provenance(parents=sorted({row.tool_id for row in rows})))
     text = f"{operator} took back {len(rows)} grasps"
     append_event(campaign.lake, campaign.campaign_id, TAKEN_BACK, text, n=len(rows))
     return len(rows)
+
+
+def _take_back_row(row: GraspRow, operator: str) -> GraspRow:
+    """The row that stands for a grasp which counts as not made."""
+    details = canonical_json({"end": BENCH_FAULT, "taken_back_by": operator})
+    changes = {"status": "failed", "reason": f"taken back by {operator}", "peak_force_n": None, "work_j": None}
+    return row.model_copy(update={**changes, "initial_force_n": None, "details_json": details})
 
 
 def find_named_tools(campaign: Campaign) -> dict[str, list[str]]:
@@ -348,22 +362,34 @@ def _find_disorder(asked: Mapping[Key, GraspRequest], told: Sequence[ToldGrasp])
     ]
 
 
-def _is_known(one: ToldGrasp, row: GraspRow | None) -> bool:
-    """Whether the lake has this grasp as it is told; a failure does not stand against a later success."""
-    if row is None or (row.status == "ok") != (one.force_n is not None):
-        return False
-    if row.status != "ok":
-        return True
+def _find_known(campaign: Campaign, told: Sequence[ToldGrasp], before: Mapping[Key, GraspRow]) -> set[Key]:
+    """The grasps that the lake has as they are told, their samples too; a failure, with its reason."""
+    alike = [one for one in told if (row := before.get(one.key)) is not None and _has_equal_numbers(one, row)]
+    traced = [before[one.key].grasp_id for one in alike if one.trace is not None]
+    traces = {row.grasp_id: row.trace for row in campaign.lake.records(TraceRow, grasp_id=traced)} if traced else {}
+    return {
+        one.key for one in alike if one.trace is None or _are_equal(one.trace, traces.get(before[one.key].grasp_id))
+    }
+
+
+def _has_equal_numbers(one: ToldGrasp, row: GraspRow) -> bool:
+    if row.status != "ok" or one.force_n is None:
+        return row.status != "ok" and one.force_n is None and row.reason == one.reason
     is_traced = row.work_j is not None
-    return is_traced == (one.trace is not None) and abs((row.peak_force_n or 0.0) - (one.force_n or 0.0)) <= 1e-9
+    return is_traced == (one.trace is not None) and abs((row.peak_force_n or 0.0) - one.force_n) <= 1e-9
 
 
-def _find_change(one: ToldGrasp, row: GraspRow | None) -> str | None:
+def _are_equal(one: Trace, other: Trace | None) -> bool:
+    channels = ("time_s", "lift_mm", "force_n")
+    return other is not None and all(np.array_equal(getattr(one, name), getattr(other, name)) for name in channels)
+
+
+def _say_change(one: ToldGrasp, row: GraspRow) -> str:
     """A grasp that the lake has as a success with other numbers."""
-    if row is None or row.status != "ok" or _is_known(one, row):
-        return None
     now = f"{one.force_n:g} N" if one.force_n is not None else f"failed ({one.reason})"
     was = f"{row.peak_force_n:g} N{'' if row.work_j is None else ' with its trace'}"
+    if one.trace is not None:
+        now += " with a trace" if row.work_j is None else " with another trace"
     return f"{one.place}: the lake has this grasp with {was}, now it is {now}; add --replace to correct it"
 
 
@@ -400,6 +426,8 @@ def _write(
         details = {"told_by": operator, "telling": telling} | ({"sure": marks[one.key]} if one.key in marks else {})
         row = row.model_copy(update={"order": order + place, "details_json": canonical_json(details)})
         rows += [TraceRow.of(row.grasp_id, one.trace), row] if one.trace is not None else [row]
+    earlier = [(one, old) for one in told if (old := before.get(one.key)) is not None]
+    rows += [_take_back_row(old, operator) for one, old in earlier if _drops_trace(one, old)]
     parents = sorted({tools[one.tool_id].design.design_id for one in told} | {one.tool_id for one in told})
     campaign.lake.append(rows, campaign.provenance(parents=parents))
     append_event(campaign.lake, campaign.campaign_id, TOLD, f"{operator} told {len(told)} grasps", n=len(told))
@@ -408,8 +436,9 @@ def _write(
 def _grasp_row(
     campaign: Campaign, tool: ProposedTool, one: ToldGrasp, before: GraspRow | None, request: GraspRequest
 ) -> GraspRow:
-    """A success replaces the row of an earlier success; after a failure it is a new attempt."""
-    attempt = 0 if before is None else before.attempt + (before.status != "ok")
+    """A grasp replaces its earlier row; a success after a failure, or without its trace, is a new attempt."""
+    is_new = before is not None and one.force_n is not None and (before.status != "ok" or _drops_trace(one, before))
+    attempt = 0 if before is None else before.attempt + is_new
     lab = campaign.config.lab
     trace, force_n = one.trace, one.force_n
     return GraspRow(
@@ -433,3 +462,8 @@ def _grasp_row(
         lab=lab,
         **setup_columns(request.setup, request.placement),
     )
+
+
+def _drops_trace(one: ToldGrasp, before: GraspRow) -> bool:
+    """Whether a peak alone takes the place of a grasp with its trace, which would stay beside the new peak."""
+    return before.work_j is not None and one.trace is None and one.force_n is not None

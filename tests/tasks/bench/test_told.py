@@ -103,6 +103,48 @@ def test_a_failure_is_final_until_it_succeeds(campaign: Campaign) -> None:
     assert sorted((one.attempt, one.status) for one in later) == [(0, "failed"), (1, "ok")]
 
 
+def test_a_corrected_trace_with_the_same_peak_is_no_repetition(campaign: Campaign) -> None:
+    told_as = {"peak_force_n": None, "reason": ""}
+    take_told(campaign, told(campaign, **told_as, trace=trace()), "ada")
+    (row,) = [one for one in campaign.lake.records(GraspRow) if one.work_j is not None]
+    place = {"tool_id": row.tool_id, "object_id": row.object_id, "repeat": row.repeat}
+    short = trace()
+    corrected = [ToldGrasp("row 0", **place, trace=replace(short, lift_mm=0.5 * short.lift_mm))]
+    with pytest.raises(UsageError, match="with 8.99972 N with its trace, now it is 8.99972 N with another trace"):
+        take_told(campaign, corrected, "ada")
+    assert take_told(campaign, corrected, "ada", may_replace=True).n_written == 1
+    assert take_told(campaign, corrected, "ada").n_known == 1
+    (after,) = campaign.lake.records(GraspRow, grasp_id=row.grasp_id)
+    assert after.work_j == pytest.approx(0.5 * (row.work_j or 0.0))
+    assert campaign.lake.records(TraceRow)[-1].lift_mm[-1] == 20.0
+
+
+def test_a_peak_in_place_of_a_trace_leaves_no_trace_beside_it(campaign: Campaign) -> None:
+    take_told(campaign, told(campaign, peak_force_n=None, trace=trace()), "ada")
+    (row,) = [one for one in campaign.lake.records(GraspRow) if one.work_j is not None]
+    peak = [ToldGrasp("row 0", row.tool_id, row.object_id, row.repeat, 5.0)]
+    take_told(campaign, peak, "ada", may_replace=True)
+    assert campaign.lake.query("FROM grasp_traces WHERE is_valid").num_rows == 0
+    assert campaign.lake.query("FROM grasp_summary WHERE is_valid").num_rows == N_ASKED
+    assert campaign.lake.query("SELECT min(peak_force_n) AS n FROM grasp_summary WHERE is_valid")["n"][0].as_py() == 5.0
+    assert take_told(campaign, peak, "ada").n_known == 1
+    assert take_back(campaign, "ada") == 1
+    assert len(plan_batch(campaign, campaign.state(), 1)) == 1
+
+
+def test_a_failure_that_was_taken_back_or_has_another_reason_is_told_again(campaign: Campaign) -> None:
+    every = told(campaign, peak_force_n=None, reason="slipped")
+    take_told(campaign, every, "ada")
+    assert take_told(campaign, every, "ada").n_known == N_ASKED
+    assert take_back(campaign, "ada") == N_ASKED
+    assert take_told(campaign, every, "ada").n_written == N_ASKED
+    assert plan_batch(campaign, campaign.state(), 1) == ()
+    assert take_told(campaign, [replace(every[0], reason="torn")], "ada").n_written == 1
+    reasons = [row.reason for row in campaign.lake.records(GraspRow, status="failed")]
+    assert sorted(reasons) == ["taken back by ada"] * (N_ASKED - 1) + ["torn"]
+    assert plan_batch(campaign, campaign.state(), 1) == ()
+
+
 def test_a_dry_run_writes_nothing(campaign: Campaign) -> None:
     before = campaign.lake.rows(GraspRow), campaign.lake.rows(ToolRow)
     assert take_told(campaign, told(campaign), "ada", is_dry=True).n_written == N_ASKED

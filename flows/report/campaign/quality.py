@@ -38,12 +38,12 @@ def prepare_headline(content: Content) -> dict[str, Any]:
         return told
     value, _, spread = describe_quality(best, 1).partition(" ")
     reference_n = average_quality_n(content.first)
-    gain = (best.quality_n or 0.0) / reference_n - 1
+    gain = _gain_over(best, reference_n)
     return told | {
         "quality": value,
         "spread": spread,
         "reference_n": reference_n,
-        "gain": f"{100 * gain:+.0f} %" if round(100 * gain) else "",
+        "gain": f"{100 * gain:+.0f} %" if gain is not None and round(100 * gain) else "",
         "times": _describe_times(content),
         "verdict": _verdict(content, best, reference_n, gain),
         "caution": _caution(content),
@@ -67,7 +67,12 @@ def describe_quality(tool: Tool, digits: int = 2) -> str:
     return f"{number(tool.quality_n, digits)} ± {number(tool.half_width_n, digits, 'N')}"
 
 
-def _verdict(content: Content, best: Tool, reference: float, gain: float) -> str:
+def _gain_over(best: Tool, reference_n: float | None) -> float | None:
+    """By which share the best tool holds more; None over a tool that holds nothing."""
+    return (best.quality_n or 0.0) / reference_n - 1 if reference_n and reference_n > 0 else None
+
+
+def _verdict(content: Content, best: Tool, reference: float, gain: float | None) -> str:
     opening = f"{best.label} holds best: it takes {describe_quality(best)} on average to pull an object out of its grip"
     if content.times_reference is not None:
         opening += f", {content.times_reference.times}"
@@ -77,7 +82,7 @@ def _verdict(content: Content, best: Tool, reference: float, gain: float) -> str
         return f"{opening}. It is one of the first batch, whose mean is {number(reference, 1, 'N')}; none beats it."
     top = max(content.first, key=lambda t: t.quality_n or 0.0)
     won, of = count_objects_won(content.work.rows, best, content.first)
-    over = (best.quality_n or 0.0) / (top.quality_n or 1.0) - 1
+    over = _gain_over(best, top.quality_n)
     return (
         f"{opening}, {_compare(gain)} the mean of the first batch ({number(reference, 1, 'N')}) and "
         f"{_compare(over)} its best tool ({top.label}, {number(top.quality_n, 1, 'N')}). "
@@ -85,8 +90,10 @@ def _verdict(content: Content, best: Tool, reference: float, gain: float) -> str
     )
 
 
-def _compare(gain: float) -> str:
+def _compare(gain: float | None) -> str:
     """A relative difference in words."""
+    if gain is None:
+        return "more than"
     percent = round(100 * gain)
     return f"{abs(percent)} % {'more' if percent > 0 else 'less'} than" if percent else "as much as"
 

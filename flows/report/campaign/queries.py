@@ -24,6 +24,8 @@ _ON_OBJECT = f"""
          avg(work_j ORDER BY repeat) AS work_j, count(*) AS n_repeats,
          coalesce(var_samp(peak_force_n ORDER BY repeat), 0) * (count(*) - 1) AS squares_n2
   FROM ({_VALID}) GROUP BY ALL"""
+# What a person took back was not made, and did not fail.
+_MADE = "(details_json ->> '$.taken_back_by') IS NULL"
 _ASKED = """(SELECT design_id FROM proposals WHERE campaign_id = {campaign}
                       UNION SELECT design_id FROM tools WHERE campaign_id = {campaign})"""
 
@@ -36,7 +38,7 @@ WITH per_tool AS (
   FROM ({_ON_OBJECT}) GROUP BY ALL),
 failed AS (
   SELECT tool_id, count(*) AS n_failed FROM grasps
-  WHERE campaign_id = {{campaign}} AND status = 'failed' GROUP BY ALL)
+  WHERE campaign_id = {{campaign}} AND status = 'failed' AND {_MADE} GROUP BY ALL)
 SELECT t.batch, t.slot, b.kind, t.tool_id, t.design_id, t.status, t.reason,
        q.quality_n, sqrt(q.squares_n2 / nullif(q.n_freedom, 0) * q.inverse_repeats) / q.n_objects AS quality_se_n,
        q.n_freedom, q.work_j, coalesce(q.n_objects, 0) AS n_objects, coalesce(q.n_grasps, 0) AS n_grasps,
@@ -72,7 +74,7 @@ def _mean_traces(which: str) -> str:
 SELECT tool_id, batch, slot, object_id, (floor(lift_mm / {{step}}) + 0.5) * {{step}} AS lift_mm,
        avg(force_n ORDER BY repeat, lift_mm, force_n) AS force_n
 FROM (SELECT tool_id, batch, slot, object_id, repeat, unnest(lift_mm) AS lift_mm, unnest(force_n) AS force_n
-      FROM grasp_traces WHERE campaign_id = {{campaign}} AND is_valid AND {which})
+      FROM grasp_traces WHERE campaign_id = {{campaign}} AND is_valid AND is_base AND {which})
 WHERE lift_mm > 0
 GROUP BY ALL
 ORDER BY batch, slot, tool_id, object_id, lift_mm"""
@@ -154,17 +156,18 @@ WHERE s.design_id IN {_ASKED}
 GROUP BY ALL
 ORDER BY min((s.sequence, s.created_at)), v.young_modulus_mpa DESC NULLS FIRST, v.version_id"""
 
-# Grasps that a gap search asks of kept tools come hours later, and are no part of how long a batch took.
-BATCHES = """
+# Grasps that a gap search asks of kept tools come hours later, and are no part of how long a batch took. From the first
+# start to the last is one grasp less than was made.
+BATCHES = f"""
 SELECT b.batch, b.kind, b.n_tools,
        count(g.grasp_id) FILTER (g.status = 'ok') AS n_grasps,
-       count(g.grasp_id) FILTER (g.status = 'failed') AS n_failed,
+       count(g.grasp_id) FILTER (g.status = 'failed' AND {_MADE}) AS n_failed,
        min(g.started_at) AS first_grasp_at, max(g.started_at) FILTER (g.request_id IS NULL) AS last_grasp_at,
        epoch(last_grasp_at - first_grasp_at) / 3600 AS duration_h,
-       count(g.grasp_id) FILTER (g.request_id IS NULL) / nullif(duration_h, 0) AS grasps_per_h
+       (count(g.started_at) FILTER (g.request_id IS NULL) - 1) / nullif(duration_h, 0) AS grasps_per_h
 FROM batches b
 LEFT JOIN grasps g ON g.campaign_id = b.campaign_id AND g.batch = b.batch
-WHERE b.campaign_id = {campaign}
+WHERE b.campaign_id = {{campaign}}
 GROUP BY b.batch, b.kind, b.n_tools
 ORDER BY b.batch"""
 
@@ -174,7 +177,7 @@ WITH measured AS (
   SELECT g.started_at, g.bench, t.time_s[-1] AS trace_s,
          least(g.created_at, g.started_at + to_seconds(coalesce(t.time_s[-1], 0))) AS ended_at,
          epoch(g.started_at - lag(g.started_at) OVER (PARTITION BY g.tool_id ORDER BY g.started_at)) AS interval_s
-  FROM grasps g LEFT JOIN traces t USING (grasp_id) WHERE g.campaign_id = {{campaign}}),
+  FROM grasps g LEFT JOIN traces t USING (grasp_id) WHERE g.campaign_id = {{campaign}} AND {_MADE}),
 simulated AS (
   SELECT simulation_id, created_at + INTERVAL '{MEANWHILE_S:g} seconds' AS until,
          created_at - to_seconds(coalesce(cpu_s, 0) + {MEANWHILE_S:g}) AS since
@@ -197,7 +200,7 @@ ORDER BY min((s.sequence, s.created_at)), s.version_id"""
 
 FAILURES = f"""
 SELECT 'grasp' AS what, coalesce(nullif(reason, ''), 'no reason given') AS reason, count(*) AS n FROM grasps
-WHERE campaign_id = {{campaign}} AND status = 'failed' GROUP BY ALL
+WHERE campaign_id = {{campaign}} AND status = 'failed' AND {_MADE} GROUP BY ALL
 UNION ALL
 SELECT 'simulation', coalesce(nullif(reason, ''), 'no reason given'), count(*) FROM simulations
 WHERE status = 'failed' AND design_id IN {_ASKED}

@@ -39,8 +39,8 @@ class Card(Record):
 class BatchCost(Record):
     """What a batch took so far, medians over the measured ones; None where the lake does not know.
 
-    bench_h: from the first grasp to the last. waited_h: from asking a person for a batch until its tools hung, printed,
-    cleaned and mounted. material_g: of the fingers, two for a tool.
+    bench_h: from the first grasp to the last, of a real bench. waited_h: from asking a person for a batch until its
+    tools hung, printed, cleaned and mounted. material_g: of the fingers, two for a tool.
     """
 
     n_tools: int
@@ -196,7 +196,7 @@ def simplest_card(one: Simpler) -> Card:
 
 def say(interval: Interval) -> str:
     """`5.1 [3.9, 6.2]`."""
-    return f"{interval.middle:.1f} [{interval.low:.1f}, {interval.high:.1f}]"
+    return f"{interval.middle:z.1f} [{interval.low:z.1f}, {interval.high:z.1f}]"
 
 
 def _with_unit(words: str, unit: str | None) -> str:

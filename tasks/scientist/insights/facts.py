@@ -18,7 +18,7 @@ _REPEATS = """
 """
 _GRASPS = """
     SELECT count(*), count(*) FILTER (status = 'failed') FROM grasps
-    WHERE campaign_id = $campaign AND request_id IS NULL
+    WHERE campaign_id = $campaign AND request_id IS NULL AND (details_json ->> '$.taken_back_by') IS NULL
 """
 # Tools that are measured again hang in a later batch; their grasps are asked for.
 _AGAIN = """
@@ -37,10 +37,11 @@ _OBJECTS = """
     SELECT tool_id, object_id, avg(peak_force_n) FROM grasps
     WHERE campaign_id = $campaign AND status = 'ok' AND request_id IS NULL GROUP BY ALL ORDER BY ALL
 """
+# A virtual bench in lockstep does not wait: its times are the computer's.
 _BENCH_H = """
     SELECT median(hours) FROM (
         SELECT epoch(max(started_at) - min(started_at)) / 3600 AS hours FROM grasps
-        WHERE campaign_id = $campaign AND request_id IS NULL GROUP BY batch
+        WHERE campaign_id = $campaign AND request_id IS NULL AND bench <> 'virtual' GROUP BY batch
     ) WHERE hours > 0
 """
 # The first word that a batch is waited for, and the first tool of it that a person confirmed.

@@ -9,11 +9,12 @@ import pytest
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.page import write_report
 from fast.flows.report.campaign.quality import draw_quality
+from fast.flows.report.campaign.queries import BATCH_TRACES
 from fast.flows.report.campaign.simulation import describe_version, draw_agreement
 from fast.lake.provenance import Provenance
 from fast.lake.query.sql import csv_bytes, run_sql
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import CampaignRow, EventRow, GraspRow
+from fast.lake.tables.campaign import CampaignRow, EventRow, GraspRow, TraceRow
 from fast.models.errors import UsageError
 from fast.tasks.campaign.night_story import Night
 from tests.flows.synthetic_lake import Campaign, build
@@ -193,6 +194,41 @@ def test_half_measured_tool_is_shown_but_not_ranked(tmp_path, no_figures):
     seen = text_of(write_report(lake, "demo", tmp_path / "out"))
     assert "Not ranked, because not measured on every object: B01T0." in seen
     assert "not all objects" in seen
+
+
+def test_a_first_batch_that_holds_nothing_has_a_report(tmp_path, no_figures):
+    lake = make_lake(tmp_path / "lake")
+    empty = [row.model_copy(update={"peak_force_n": 0.0}) for row in lake.records(GraspRow, batch=1, status="ok")]
+    lake.append(empty, Provenance(code_version="0", code_dirty=False))
+    seen = text_of(write_report(lake, "demo", tmp_path / "out"))
+    assert "more than the mean of the first batch (0.0 N) and more than its best tool" in seen
+
+
+def test_what_was_taken_back_did_not_fail(tmp_path, no_figures):
+    lake = make_lake(tmp_path / "lake")
+    gone = lake.records(GraspRow, batch=2)[0]
+    changes = {"status": "failed", "reason": "taken back by ada", "details_json": '{"taken_back_by":"ada"}'}
+    lake.append([gone.model_copy(update=changes)], Provenance(code_version="0", code_dirty=False))
+    content = Content.load(lake, "demo")
+    assert sum(tool.n_failed for tool in content.tools) == sum(row["n_failed"] for row in content.batches.rows) == 2
+    seen = text_of(write_report(lake, "demo", tmp_path / "out"))
+    assert "taken back" not in seen
+
+
+def test_grasps_an_hour_count_the_time_between_them(lake):
+    assert [row["grasps_per_h"] for row in Content.load(lake, "demo").batches.rows] == [pytest.approx(3600 / 24)] * 2
+
+
+def test_traces_of_other_setups_are_no_repeats(tmp_path):
+    lake = make_lake(tmp_path / "lake")
+    values = {"first": 1, "last": 2, "best": "demo/B02T0", "step": 1.0}
+    before = Content.load(lake, "demo").result("traces", BATCH_TRACES, **values).rows
+    row = lake.records(GraspRow, batch=2)[0]
+    asked = row.model_copy(update={"grasp_id": "Kasked", "request_id": "Qasked", "setup_id": "Gfast"})
+    (trace,) = lake.records(TraceRow, grasp_id=row.grasp_id)
+    samples = trace.model_copy(update={"grasp_id": "Kasked", "force_n": 9.0 * trace.force_n})
+    lake.append([samples, asked], Provenance(code_version="0", code_dirty=False))
+    assert Content.load(lake, "demo").result("traces", BATCH_TRACES, **values).rows == before
 
 
 def test_text_from_the_lake_is_escaped(tmp_path, no_figures):

@@ -1,12 +1,13 @@
 """What a campaign of the lake has taught: cards, advice after each batch, and an end by itself."""
 
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fast.flows.campaign.status import format_status, read_status
-from fast.lake.tables.campaign import CampaignRow, EventRow
+from fast.lake.tables.campaign import CampaignRow, EventRow, GraspRow
 from fast.models.scientist.insights.cards import Card
 from fast.models.scientist.insights.stopping import BatchAhead, Outlook
 from fast.models.scientist.surrogate.fit import fit_surrogate
@@ -92,6 +93,21 @@ def test_a_batch_costs_what_batches_took(campaign: Campaign) -> None:
     assert cost.material_g > 100.0
 
 
+def test_what_was_taken_back_did_not_fail_and_a_virtual_bench_has_no_time(tmp_path: Path) -> None:
+    campaign = begun(small_campaign(tmp_path))
+    tool = campaign.state().tools[0]
+    started = datetime(2026, 3, 3, 9, tzinfo=UTC)
+    rows = campaign.lake.records(GraspRow, tool_id=tool.tool_id, object_id=4)
+    rows = [row.model_copy(update={"started_at": started + timedelta(hours=row.repeat)}) for row in rows]
+    gone = {"status": "failed", "details_json": '{"taken_back_by":"ada"}'}
+    campaign.lake.append([rows[0].model_copy(update=gone), *rows[1:]], campaign.provenance())
+    facts = read_facts(campaign, campaign.state(), None)
+    assert facts.n_failed == 0
+    assert read_cost(campaign, campaign.state()).bench_h is None
+    campaign.lake.append([row.model_copy(update={"bench": "real"}) for row in rows], campaign.provenance())
+    assert read_cost(campaign, campaign.state()).bench_h == 1.0
+
+
 def test_too_few_tools_say_how_many_it_takes(tmp_path: Path) -> None:
     found = find_insights(begun(small_campaign(tmp_path)))
     assert found.outlook is None
@@ -109,7 +125,7 @@ def test_advice_is_kept_once_a_batch_and_shown_in_the_status(tmp_path: Path) -> 
     status = read_status(campaign.lake, "small")
     assert status["advice"] == advice.model_dump()
     lines = format_status(status).splitlines()
-    assert any(line.startswith("next batch ") and advice.sentence in line for line in lines)
+    assert f"next batch after B02: {advice.sentence}" in lines
     assert any(line.startswith("health     red: ") for line in lines)
 
 

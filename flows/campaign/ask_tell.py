@@ -262,6 +262,9 @@ def _propose_next(campaign: Campaign, say: Callable[[str], None]) -> int | None:
             if advice is not None:
                 say(advice.sentence)
         return propose_stage(at_stage(campaign, stage), stage)[0]
+    advice = note_advice(at_stage(campaign, schedule.n_stages - 1))
+    if advice is not None:
+        say(advice.sentence)
     return None
 
 

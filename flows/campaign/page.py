@@ -122,7 +122,7 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
     if tools:
         best = tools[0]
         lines.append(f"Best so far: **{best['tool_id']}**, {best['tool_quality_n']:.2f} N mean peak pull-off force.")
-    lines += [f"{one.sentence}\n\nHealth, {one.tone}: {one.health}" for one in said[:1]]
+    lines += [f"After B{one.after_batch:02d}: {one.sentence}\n\nHealth, {one.tone}: {one.health}" for one in said[:1]]
     if picture:
         lines.append(f"![Tool quality by batch, and the best so far]({picture})")
     if tools:

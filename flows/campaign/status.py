@@ -136,7 +136,7 @@ def format_status(status: dict[str, Any]) -> str:
     if status["best_tool"]:
         lines.append(f"best tool  {status['best_tool']}  {status['best_n']:.2f} N")
     if status["advice"]:
-        lines.append(f"next batch {status['advice']['sentence']}")
+        lines.append(f"next batch after B{status['advice']['after_batch']:02d}: {status['advice']['sentence']}")
         lines.append(f"health     {status['advice']['tone']}: {status['advice']['health']}")
     for batch in status["waiting_for_print"]:
         lines.append(f"waiting    for batch {batch}: fast print confirm {batch} --operator NAME")

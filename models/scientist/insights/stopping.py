@@ -125,7 +125,8 @@ def look_ahead(
 
 
 def _batch(before_n: np.ndarray, after_n: np.ndarray, margin: float) -> BatchAhead:
-    is_beaten = after_n >= (1.0 + margin) * before_n
+    # What holds nothing yet may be a little below 0 in a world, and is not beaten by itself.
+    is_beaten = (after_n > before_n) & (after_n - before_n >= margin * np.abs(before_n))
     return BatchAhead(chance=float(np.mean(is_beaten)), gain_n=float(np.median(after_n - before_n)))
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from fast.flows.campaign import ask_tell
+from fast.flows.campaign.status import format_status, read_status
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ProposalRow
 from tests.waiting import wait_for
@@ -88,3 +90,17 @@ def test_it_waits_is_killed_goes_on_and_ends_when_all_is_told(tmp_path: Path) ->
     assert len(lake.rows(GraspRow)) == len(lake.rows(ProposalRow)) == 6
     assert {row["bench"] for row in lake.rows(GraspRow)} == {"foreign"}
     assert (tmp_path / "lake" / "outputs" / "pull" / "report" / "index.html").is_file()
+
+
+def test_the_last_batch_has_its_advice_too(tmp_path: Path) -> None:
+    config, lake = tmp_path / "pull.toml", tmp_path / "lake"
+    config.write_text(CONFIG.replace("guided_batches = 1", "guided_batches = 0"), encoding="utf-8")
+    said: list[str] = []
+    asked = ask_tell.ask(config, lake, say=said.append)
+    assert asked is not None
+    cells = [{"tool_id": one.tool_id, "object_id": one.object_id, "repeat": one.repeat} for one in asked.grasps]
+    rows = [{**cell, "peak_force_n": 9.0 + 0.37 * place} for place, cell in enumerate(cells)]
+    ask_tell.tell(config, lake, rows, ask_tell.Telling(operator="ada", is_sure=True))
+    assert ask_tell.ask(config, lake, say=said.append) is None
+    (sentence,) = said
+    assert f"next batch after B01: {sentence}" in format_status(read_status(Lake.open(lake), "pull")).splitlines()

@@ -220,6 +220,13 @@ def test_the_next_batch_is_worth_it_until_the_best_is_found() -> None:
     assert early.ahead[-1].chance < early.chance
 
 
+def test_a_finger_that_holds_nothing_is_not_beaten_by_itself() -> None:
+    some = observed(8, seed=3)
+    nothing = ObservationSet(some.x, some.s, np.full(8, -0.1), some.noise_variance)
+    worlds, rng = told_by(fit_surrogate(nothing), 17), np.random.default_rng(18)
+    assert look_ahead(worlds, FIN_RAYS, 4, rng, margin=10.0, n_ahead=1).chance == 0.0  # 1 N more
+
+
 def test_tools_that_are_proposed_are_the_next_batch(surrogate: Surrogate) -> None:
     worst = np.zeros((4, 9))
     worst[:, HEIGHT] = 1.0

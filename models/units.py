@@ -50,7 +50,7 @@ def spell_minutes(minutes: float) -> str:
 
 def spell_share(share: float, digits: int = 0) -> str:
     """A share as a person reads it, with the space that the SI asks for (0.26 -> `26 %`)."""
-    return f"{100.0 * share:.{digits}f} %"
+    return f"{100.0 * share:z.{digits}f} %"
 
 
 def spell_list(words: Sequence[str]) -> str:
@@ -68,7 +68,7 @@ def spell_chance(chance: float) -> str:
 def spell_number(value: float, digits: int = 2) -> str:
     """A number of so many digits, large ones without an exponent (127.4 -> `130`, 0.0312 -> `0.031`)."""
     rounded = float(f"{value:.{digits}g}")
-    return f"{rounded:.0f}" if abs(rounded) >= 10.0**digits else f"{rounded:.{digits}g}"
+    return f"{rounded:.0f}" if abs(rounded) >= 10.0**digits else f"{rounded:z.{digits}g}"
 
 
 def force_n_from_kg(mass_kg: float) -> float:

@@ -44,7 +44,7 @@ def number(value: float | None, digits: int = 1, unit: str = "", dash: str = DAS
     """Number with fixed digits, thousands apart, and its unit; where there is none, `dash`."""
     if value is None or value != value:
         return dash
-    return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212") + (f"\u00a0{unit}" if unit else "")
+    return f"{value:z,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212") + (f"\u00a0{unit}" if unit else "")
 
 
 def count(n: int, noun: str) -> str:

@@ -88,7 +88,8 @@ class CalibrationOutcome:
         """What happened, for people and for the state of a flow run."""
         row = self.row
         made = "simulated grasps" if row.data == "trace" else "simulated designs"
-        what = f"{self.n_grasps} grasps of {row.n_designs} tools and {row.n_simulations} {made}"
+        n_tools = row.n_designs + (row.n_held_out or 0)
+        what = f"{self.n_grasps} grasps of {n_tools} tools and {row.n_simulations} {made}"
         if row.version_id is None:
             return f"calibration {row.calibration_id} of {what} gave no simulator version: {row.reason}"
         if not self.is_new:

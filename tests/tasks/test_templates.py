@@ -26,7 +26,7 @@ def render(**values):
 
 def test_numbers_read_as_a_person_writes_them():
     assert number(-12345.678, 1, "N") == "\u221212\u202f345.7\u00a0N"
-    assert [number(value) for value in (None, float("nan"), 0.25)] == ["–", "–", "0.2"]
+    assert [number(value) for value in (None, float("nan"), 0.25, -0.01)] == ["–", "–", "0.2", "0.0"]
     assert [count(n, "tool") for n in (0, 1, 2000)] == ["0 tools", "1 tool", "2\u202f000 tools"]
     assert [moment(value) for value in (None, datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))] == ["–", "2026-01-02 03:04"]
 

@@ -70,7 +70,7 @@ def test_table_2_diagnostics_and_the_new_version_are_printed(tmp_path, fast, ans
     (row,) = lake.records(CalibrationRow)
     lines = answer.out.splitlines()
     assert lines[0] == (
-        f"calibration {row.calibration_id} of 90 grasps of 12 tools and 40 simulated designs gave simulator version "
+        f"calibration {row.calibration_id} of 90 grasps of 15 tools and 40 simulated designs gave simulator version "
         f"{row.version_id}."
     )
     assert lines[2].split() == ["mean", "sd", "q05", "median", "q95", "mode"]

@@ -68,6 +68,20 @@ def test_fingers_may_push_the_object_down_until_they_leave_it(folder: Path, lake
     assert [row["peak_force_n"] for row in lake.rows(GraspRow)] == [0.02, 0.02]
 
 
+def test_a_pull_may_end_in_a_kick_that_is_larger_than_itself(folder: Path, lake: Lake) -> None:
+    rows = read_csv(folder / "traces.csv")
+    tops = {row["grasp_id"]: row for row in rows}
+    pulled = [(40.0, 7.0), (40.1, -20.0), (40.2, 0.0)]  # mm, N
+    more = [
+        row | {"time_s": lift_mm / 5.0, "lift_mm": lift_mm, "force_n": force_n}
+        for row in tops.values()
+        for lift_mm, force_n in pulled
+    ]
+    write_csv(folder / "traces.csv", [*rows, *more])
+    import_handoff(lake, folder, PROVENANCE)
+    assert [row["peak_force_n"] for row in lake.rows(GraspRow)] == [8.0, 8.0]
+
+
 def test_a_bench_may_hold_at_the_top_for_as_long_as_it_likes(folder: Path, lake: Lake) -> None:
     rows = read_csv(folder / "traces.csv")
     tops = {row["grasp_id"]: row for row in rows}  # the last sample of each

@@ -69,6 +69,12 @@ def test_a_trace_is_kept_with_its_peak(campaign: Campaign) -> None:
     assert campaign.lake.ids(TraceRow) == {row.grasp_id}
 
 
+def test_a_pull_that_ends_in_a_kick_is_kept(campaign: Campaign) -> None:
+    force_n = trace().force_n.copy()
+    force_n[-3] = -20.0
+    assert take_told(campaign, told(campaign, peak_force_n=None, trace=trace(force_n=force_n)), "ada").n_traces == 1
+
+
 def test_telling_again_writes_nothing_and_a_part_may_be_told_later(campaign: Campaign) -> None:
     every = told(campaign)
     take_told(campaign, every[:3], "ada")

@@ -1,6 +1,5 @@
 """An entrant's answers: `ANSWERS.json`, and beside it, if wanted, a CSV file of the forces of the asked grasps."""
 
-import csv
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,11 +13,12 @@ from fast.models.errors import UsageError
 from fast.models.records import Record
 from fast.models.traces.step_features import STEP_MM
 from fast.models.validation import load_record, parse_json
+from fast.tasks.gap.simulated import read_curves
 
 GRADED_MM = 40.0  # of lift: beyond, little is in the fingers
 LIFT_MM = STEP_MM * (np.arange(round(GRADED_MM / STEP_MM)) + 0.5)
 _COLUMNS = ("world", "grasp_id", "lift_mm", "force_n")
-_MOST_FORCE_N = 2000.0
+_BEYOND_MM = 5.0  # at either end of a curve, where its first and last force are held
 _MOST_NAMED = 5
 
 
@@ -83,28 +83,29 @@ class Answers(Record):
         for one in self.answers:
             if one.effect and (fault := check_effect(one.effect, families)):
                 raise UsageError(f"{source}: {one.world}, effect: {fault}")
+        silent = [one.world for one in self.answers if one.effect and not one.missing]
+        if silent:
+            raise UsageError(
+                f"{source}: nothing is missing in {_name(silent)} by `missing`, and an `effect` is by name; correct "
+                "one of the two."
+            )
 
 
 def read_forces(path: Path, folder: Path) -> dict[str, dict[str, np.ndarray]]:
     """Foretold forces (80: means over 0.5 mm up to 40 mm of lift) by world and grasp; a world has all or none.
 
     Raises:
-        UsageError: the file is of another form, or lacks some of a world's asked grasps.
+        UsageError: the file is of another form, or lacks some of a world's asked grasps, or of their lift.
     """
-    points: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = csv.DictReader(file)
-            if rows.fieldnames is None or set(rows.fieldnames) != set(_COLUMNS):
-                raise UsageError(f"{path} has other columns than {', '.join(_COLUMNS)}; write these four.")
-            for number, row in enumerate(rows, start=2):
-                points.setdefault((row["world"], row["grasp_id"]), []).append(_read_point(path, number, row))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UsageError(f"{path} is no readable CSV file in UTF-8 ({error}); correct it.") from error
     manifest = Manifest.read(folder)
     found: dict[str, dict[str, np.ndarray]] = {}
-    for (world, grasp_id), pairs in points.items():
-        lift_mm, force_n = np.array(sorted(pairs)).T
+    for (world, grasp_id), curve in read_curves(path, _COLUMNS, lambda row: (row["world"], row["grasp_id"])).items():
+        lift_mm, force_n = curve.T
+        if lift_mm[0] > _BEYOND_MM or lift_mm[-1] < GRADED_MM - _BEYOND_MM:
+            raise UsageError(
+                f"{path}: {grasp_id} of {world} has forces from {lift_mm[0]:g} to {lift_mm[-1]:g} mm of lift; give "
+                f"them in mm, from 0 to {GRADED_MM:g}."
+            )
         found.setdefault(world, {})[grasp_id] = np.interp(LIFT_MM, lift_mm, force_n)
     for world, of_world in found.items():
         if world not in manifest.worlds:
@@ -116,19 +117,6 @@ def read_forces(path: Path, folder: Path) -> dict[str, dict[str, np.ndarray]]:
 def list_asked(world: Path) -> list[str]:
     """Grasps of a world whose forces are asked for."""
     return [row["grasp_id"] for row in read_table(world / ASKED)]
-
-
-def _read_point(path: Path, number: int, row: Mapping[str, str]) -> tuple[float, float]:
-    try:
-        lift_mm, force_n = float(row["lift_mm"]), float(row["force_n"])
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"{path} row {number}: lift_mm and force_n must be numbers; correct it.") from error
-    if not (0.0 <= lift_mm <= 1000.0 and abs(force_n) <= _MOST_FORCE_N):
-        raise UsageError(
-            f"{path} row {number}: lift_mm is {lift_mm} and force_n is {force_n}; lifts go from 0 to 1000 mm, "
-            f"forces to {_MOST_FORCE_N:g} N; correct it."
-        )
-    return lift_mm, force_n
 
 
 def _check_grasps(path: Path, world: str, of_world: Mapping[str, np.ndarray], asked: Sequence[str]) -> None:

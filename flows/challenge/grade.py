@@ -90,6 +90,18 @@ def make_tables(graded: Sequence[Graded]) -> dict[str, Rows]:
     return {"figures": _list_figures(graded), "probabilities": _list_bins(graded), "worlds": _list_worlds(graded)}
 
 
+def tell_doubts(graded: Sequence[Graded]) -> list[str]:
+    """Say which answers have `missing` and `probability` on different sides of even; they count as they stand."""
+    torn = [one.answer for one in graded if (one.answer.probability - 0.5) * (one.answer.missing - 0.5) < 0.0]
+    if not torn:
+        return []
+    told = ", ".join(f"{one.world} (missing: {str(one.missing).lower()}, {one.probability:g})" for one in torn)
+    return [
+        f"`missing` and `probability` contradict each other in {told}: alarms count by the one, the Brier score by the "
+        "other; correct them unless your line of an alarm is not at 0.5."
+    ]
+
+
 def clopper_pearson(k: int, n: int) -> tuple[float, float]:
     """95 % interval of a share of which k of n were seen."""
     low = float(betaincinv(k, n - k + 1, 0.025)) if k else 0.0

@@ -65,13 +65,14 @@ def grade(
     json: AsJson = False,
 ) -> None:
     """Open the keys and grade the answers: false alarms, alarms by size, families, probabilities, gap closed, cost."""
-    from fast.flows.challenge.grade import grade_answers, make_tables
+    from fast.flows.challenge.grade import grade_answers, make_tables, tell_doubts
     from fast.flows.challenge.public import PUBLIC
 
     given, graded = grade_answers(answers, challenge or PUBLIC, keys)
-    tables = make_tables(graded)
+    tables, doubts = make_tables(graded), tell_doubts(graded)
     text = _text(f"{given.entrant}, {len(graded)} worlds; 95 % intervals", tables)
-    show({"entrant": given.entrant, "challenge": given.challenge, **tables}, text, json)
+    text = "\n\n".join([text, *(f"warning: {one}" for one in doubts)])
+    show({"entrant": given.entrant, "challenge": given.challenge, **tables, "warnings": doubts}, text, json)
 
 
 def _text(head: str, tables: "dict[str, Rows]") -> str:

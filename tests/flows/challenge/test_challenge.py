@@ -114,6 +114,10 @@ def test_a_seed_makes_the_same_worlds_and_another_makes_others(made: Path, tmp_p
         (lambda a: a.update(challenge="C123"), "answers challenge `C123`, but .* made from another seed"),
         (lambda a: a["answers"][0].update(probability=1.4), "`answers.0.probability` is 1.4, it must be at most 1"),
         (lambda a: a["answers"][0].update(effect="stress_relax"), "w01, effect: .*did you mean `stress_relaxation`"),
+        (
+            lambda a: a["answers"][1].update(missing=False, effect="not listed"),
+            "nothing is missing in w02 by `missing`, and an `effect` is by name; correct one of the two",
+        ),
         (lambda a: a.update(answers=[]), "w01, w02, w03 are not answered"),
         (lambda a: a.pop("challenge"), "`challenge`"),
     ],
@@ -158,6 +162,19 @@ def test_other_bad_input_is_named(made: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "worlds").exists()
 
 
+def test_a_probability_that_contradicts_the_alarm_is_named(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def contradict(content: dict[str, Any]) -> None:
+        content["answers"][0].update(missing=False, probability=0.99)
+        content["answers"][1].update(missing=True, probability=0.01)
+
+    path = answer(made, tmp_path / "answers.json", contradict)
+    assert run(["challenge", "grade", str(path), "--challenge", str(made)]) == 0
+    said = "contradict each other in w01 (missing: false, 0.99), w02 (missing: true, 0.01): alarms count by the one"
+    assert said in capsys.readouterr().out
+
+
 def test_a_changed_key_is_refused(made: Path, tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     keys.mkdir()
@@ -180,7 +197,12 @@ def test_foretold_forces_are_graded_and_faults_in_them_named(made: Path, tmp_pat
         for name, of_grasp in forces.items()
         for lift_mm, force_n in zip(LIFT_MM.tolist(), of_grasp.tolist(), strict=True)
     ]
-    for kept, sentence in ((rows[len(LIFT_MM) :], "is not foretold"), ([(*rows[0][:2], 3.0, "x"), *rows], "row 2: ")):
+    for kept, sentence in (
+        (rows[len(LIFT_MM) :], "is not foretold"),
+        ([(*rows[0][:2], 3.0, "x"), *rows], "row 2: "),
+        ([*rows, *rows], "the lift goes back from 39.75 to 0.25 mm; give one curve of each grasp"),
+        ([(*row[:2], row[2] / 1000.0, row[3]) for row in rows], "has forces from .* to 0.03975 mm of lift; give .* mm"),
+    ):
         _write_forces(tmp_path / "forces.csv", kept)
         with pytest.raises(UsageError, match=sentence):
             grade_answers(path, made)

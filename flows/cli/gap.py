@@ -20,7 +20,8 @@ _MOST_CANDIDATES = 6
 _WORLDS = 120  # that are rehearsed
 _EVIDENCE = (
     "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1); another "
-    "simulator of the same physics, with nothing missing, rarely shows more than 45, so less is no alarm"
+    "simulator of the same physics, with nothing missing, rarely shows more than 45, so less is no alarm by itself, "
+    "but cells that are too far off as a whole are"
 )
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "
@@ -108,7 +109,7 @@ def gap(
         )
     if dry_run:
         with open_reporter() as reporter:
-            cost = describe_cost(found, order, reporter) if is_weighed else tell_cost(found, order, reporter)
+            cost = describe_cost(found, order, reporter, simulated) if is_weighed else tell_cost(found, order, reporter)
         show({"cost": cost}, cost, json)
         return
     if is_weighed:

@@ -30,7 +30,7 @@ from fast.tasks.calibration.mean_data import find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.campaign.simulator_versions import newest_calibrated
 from fast.tasks.gap.ask_settings import AskSettings
-from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, read_bank
+from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, plan_centre, read_bank
 from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
 from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, make_data, read_grasps, split_measurements
 from fast.tasks.gap.findings import (
@@ -128,7 +128,7 @@ def run_gap(
         if n_missing(lake, search.plans):
             reporter.announce(_write_cost(lake, search, reporter))
         simulator = Simulator(lake, order, reporter, should_stop)
-        simulator.simulate(WIDE_BANK, search.plans)
+        simulator.fill_bank(search.base, search.measured)
         return _run_rounds(lake, search, simulator, reporter)
 
 
@@ -230,6 +230,20 @@ class Simulator:
         self.lake, self.order, self.reporter, self.should_stop = lake, order, reporter, should_stop
         self.spent_s = 0.0
         self.asked: dict[str, set[str]] = defaultdict(set)  # ids of what was asked for, by what it is called
+
+    def fill_bank(self, base: SimulatorVersion, measured: MeasuredGrasps) -> None:
+        """Simulate the wide bank, its middle first: that says whether the measured forces are in N.
+
+        Raises:
+            UsageError: they are of another unit, or sign.
+            UnfinishedError: the time was up, or somebody asked to stop.
+        """
+        grasps = measured.grasps
+        plans = plan_bank(base, grasps.cells)
+        if n_missing(self.lake, plans):
+            self.simulate(f"the middle of {WIDE_BANK}", plan_centre(base, grasps.cells))
+            check_units(GapData.of_all(grasps, read_bank(self.lake, base, grasps.cells)))
+        self.simulate(WIDE_BANK, plans)
 
     def simulate(self, what: str, plans: Sequence[SimulationPlan]) -> None:
         """Simulate what the lake lacks of plans, which are called `what`.

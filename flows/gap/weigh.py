@@ -12,6 +12,7 @@ import numpy as np
 
 from fast.flows.gap.search import GapOrder, Simulator, describe_cpu, probe_costs
 from fast.flows.progress import ProgressReporter
+from fast.flows.report.gap.answer import describe_probability
 from fast.flows.simulation.progress import n_missing
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
@@ -28,7 +29,7 @@ from fast.models.units import spell_name, spell_number, unit_of
 from fast.tasks.calibration.mean_data import TooLittleDataError, find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.gap.ask import ask
-from fast.tasks.gap.bank import WIDE_BANK, plan_bank, read_bank
+from fast.tasks.gap.bank import plan_bank, read_bank
 from fast.tasks.gap.calibrate import SearchInputs
 from fast.tasks.gap.cost import estimate_cost
 from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, read_grasps
@@ -69,6 +70,7 @@ class Weighed:
         n_tools, n_objects = len(grasps.tools), len(grasps.objects)
         made = f"{len(grasps.grasp_ids)} grasps of {_count(n_tools, 'tool')} on {_count(n_objects, 'object')}"
         said = [f"{made}; nothing is held out, so no name is checked on grasps that it never saw.", named.sentence]
+        said.append(f"Right with probability {describe_probability(named.probability)}.")
         if len(self.alike) > 1:
             titles = "; ".join(CATALOGUE[one.effect].title for one in self.alike)
             words = "Of the catalogue, these explain equally little" if named.kind == "unknown" else _ALIKE
@@ -115,19 +117,18 @@ def is_small(lake: Lake, order: GapOrder) -> bool:
     return n_designs < MIN_DESIGNS or len({row.object_id for row in rows}) < MIN_OBJECTS
 
 
-def describe_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
-    """What weighing a panel would simulate and how long that takes, in a sentence.
+def describe_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter, simulated: Path | None = None) -> str:
+    """What weighing a panel would simulate and how long that takes, in a sentence. simulated: as in `weigh_panel`.
 
     A lake that has never simulated such grasps makes a few of the bank's, which tell how long one takes.
 
     Raises:
         TooLittleDataError: a single object was gripped.
-        UsageError: measurements are missing or not of one kind.
+        UsageError: measurements are missing or not of one kind; the file of forces is of another form.
         FastError: another process searches in this lake.
     """
     with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
-        measured = read_grasps(lake, order.campaign_id, order.panel)
-        _check_size(measured)
+        measured, _ = _read(lake, order, simulated)
         plans = plan_bank(_find_base(lake, measured), measured.grasps.cells)
         return _write_cost(lake, order, plans, reporter)
 
@@ -141,10 +142,14 @@ def weigh_panel(lake: Lake, order: GapOrder, reporter: ProgressReporter, simulat
         FastError: the budget ended before the bank was complete, or another process searches in this lake.
     """
     with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
-        measured = read_grasps(lake, order.campaign_id, order.panel)
-        _check_size(measured)
-        simulated_n = None if simulated is None else read_simulated(simulated, measured.grasps)
-        return _weigh(lake, order, reporter, measured, simulated_n)
+        return _weigh(lake, order, reporter, *_read(lake, order, simulated))
+
+
+def _read(lake: Lake, order: GapOrder, simulated: Path | None) -> tuple[MeasuredGrasps, np.ndarray | None]:
+    """What was measured, and another simulator's step means of it, if there is one."""
+    measured = read_grasps(lake, order.campaign_id, order.panel)
+    _check_size(measured)
+    return measured, None if simulated is None else read_simulated(simulated, measured.grasps)
 
 
 def _weigh(
@@ -159,7 +164,7 @@ def _weigh(
     plans = plan_bank(base, cells)
     if n_missing(lake, plans):
         reporter.announce(_write_cost(lake, order, plans, reporter))
-    simulator.simulate(WIDE_BANK, plans)
+    simulator.fill_bank(base, measured)
     data = GapData.of_all(measured.grasps, read_bank(lake, base, cells), measured.facts)
     warnings = [*measured.warnings, *check_units(data), *check_repeats(data.grasps)]
     beside = None if simulated_n is None else stand_beside(data, simulated_n)

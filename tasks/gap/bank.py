@@ -59,6 +59,11 @@ def plan_bank(base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE) 
     return tuple(plans)
 
 
+def plan_centre(base: SimulatorVersion, cells: Cells) -> tuple[SimulationPlan, ...]:
+    """Simulations of the wide bank at its centre alone, a fortieth of it."""
+    return plan_cells([base.model_copy(update={"theta": WIDE.centre})], cells)
+
+
 def plan_cells(versions: Sequence[SimulatorVersion], cells: Cells) -> tuple[SimulationPlan, ...]:
     """Simulations of cells by versions."""
     return tuple(block.plan(versions) for block in _list_blocks(cells))

@@ -3,18 +3,19 @@
 import csv
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fast.flows.gap import search
+from fast.flows.gap import search, weigh
 from fast.flows.gap.search import GapOrder, describe_cpu
 from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
 from fast.flows.progress import ProgressReporter
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import DesignRow, GraspRow, TraceRow
+from fast.lake.tables.campaign import DesignRow, GraspRow, SimulationRow, TraceRow
 from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
 from fast.models.records import EffectValue, Trace
@@ -74,6 +75,7 @@ def test_one_finger_on_two_objects_is_a_panel(tmp_path: Path) -> None:
     assert describe_cost(lake, ORDER, silent()).startswith("To simulate: 0 of ")
     assert found.sentence.startswith("4 grasps of 1 tool on 2 objects; nothing is held out")
     assert "held-out" not in found.sentence
+    assert f"Right with probability {found.naming.named.probability:.2f}." in found.sentence
     effects = [row["may be missing"] for row in found.list_rows()]
     assert "load_cell_lag" in effects
     if found.naming.named.kind != "none":
@@ -140,7 +142,7 @@ def test_curves_that_are_missing_or_no_forces_are_named(tmp_path: Path) -> None:
         weigh_panel(lake, ORDER, silent(), file)
     file.write_text("tool_id,object_id,lift_mm,force_n\nT,1,-3,2\n")
     with pytest.raises(UsageError, match="row 2: lift_mm is -3"):
-        weigh_panel(lake, ORDER, silent(), file)
+        describe_cost(lake, ORDER, silent(), file)
     file.write_text("tool_id,object_id,lift_mm\nT,1,3\n")
     with pytest.raises(UsageError, match="the column `force_n` is missing"):
         weigh_panel(lake, ORDER, silent(), file)
@@ -152,8 +154,8 @@ def test_curves_that_are_missing_or_no_forces_are_named(tmp_path: Path) -> None:
         (1.0, 0.001, 60.0, "forces are .* times the measured ones; give them in N"),
         (1.0, 0.0, 60.0, "forces are 0 times the measured ones"),
         (1.0, -1.0, 60.0, "other sign than the measured ones; a force is positive where the object pulls"),
-        (0.001, 1.0, 60.0, "ends at 0.0[0-9]* mm of lift; give it in mm"),
-        (1.0, 1.0, 5.0, "with .* N on the fingers, and what comes after is not known"),
+        (0.001, 1.0, 60.0, "ends at 0.0[0-9]* mm of lift; give it in mm, from 0"),
+        (1.0, 1.0, 5.0, "with .* N on the fingers, and what comes next is not known"),
     ],
 )
 def test_curves_of_another_unit_or_sign_or_cut_short_are_refused(
@@ -171,6 +173,34 @@ def test_curves_of_another_unit_or_sign_or_cut_short_are_refused(
     file.write_text("\n".join([header, *rows]))
     with pytest.raises(UsageError, match=message):
         read_simulated(file, grasps)
+
+
+def test_a_curve_that_is_doubled_or_has_a_hole_is_refused(tmp_path: Path) -> None:
+    lake = small_lake(tmp_path / "lake", 2)
+    file, grasps = write_simulated(tmp_path / "own.csv", lake, BASE, 2), read_grasps(lake, "demo").grasps
+    header, *lines = file.read_text().splitlines()
+    file.write_text("\n".join([header, *lines, *lines]))
+    with pytest.raises(UsageError, match="the lift goes back from .* to 0 mm; give one curve of each grasp"):
+        read_simulated(file, grasps)
+    kept = [line for line in lines if not 2.0 < float(line.split(",")[2]) < 15.0]
+    file.write_text("\n".join([header, *kept]))
+    with pytest.raises(
+        UsageError, match="stops at [12].* mm of lift with .* comes next is not known; give it without a hole"
+    ):
+        read_simulated(file, grasps)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1000.0, "factor of about 1000 is suspected"), (-1.0, "the other sign")])
+def test_measured_forces_that_are_not_in_n_are_refused_by_the_middle_of_the_bank(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, said: str
+) -> None:
+    lake = small_lake(tmp_path / "lake", 2)
+    measured = read_grasps(lake, "demo")
+    wrong = replace(measured, grasps=replace(measured.grasps, steps_n=factor * measured.grasps.steps_n))
+    monkeypatch.setattr(weigh, "read_grasps", lambda *_: wrong)
+    with pytest.raises(UsageError, match=said):
+        weigh_panel(lake, ORDER, silent())
+    assert len(lake.rows(SimulationRow)) <= 10  # of 96: two in the middle, and what tells how long one takes
 
 
 def test_curves_that_a_spreadsheet_wrote_are_the_same(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ from scipy.special import betaincinv
 
 from fast.flows.challenge.answers import Answers, WorldAnswer, read_forces
 from fast.flows.challenge.keys import SealedKey, find_keys, open_keys
-from fast.flows.challenge.manifest import NOT_LISTED, read_families
+from fast.flows.challenge.manifest import NOT_LISTED, Manifest, read_families
+from fast.flows.challenge.public import PUBLIC
 from fast.models.units import spell_share
 
 Rows = list[dict[str, Any]]
@@ -73,7 +74,8 @@ def grade_answers(path: Path, challenge: Path, keys: Path | None = None) -> tupl
     answers = Answers.read(path)
     answers.check(challenge, str(path))
     foretold = read_forces(path.parent / answers.forces, challenge) if answers.forces else {}
-    sealed, withheld = open_keys(keys or find_keys(challenge), challenge)
+    is_public = Manifest.read(challenge) == Manifest.read(PUBLIC)  # a copy of these has no keys beside it
+    sealed, withheld = open_keys(keys or find_keys(PUBLIC if is_public else challenge), challenge)
     families, by_world = read_families(challenge), {one.world: one for one in answers.answers}
     graded = []
     for key in sealed:

@@ -260,6 +260,7 @@ def test_start_gives_the_worlds_without_their_keys_and_answers_that_can_be_grade
     assert Manifest.read(tmp_path / "mine") == Manifest.read(PUBLIC)
     assert not find_keys(tmp_path / "mine").exists()
     assert run(["challenge", "grade", str(answers)]) == 0
+    assert run(["challenge", "grade", str(answers), "--challenge", str(tmp_path / "mine")]) == 0
     for there in (tmp_path / "mine", Path("."), Path("/")):
         with pytest.raises(UsageError, match="is there already"):
             start(there)

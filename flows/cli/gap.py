@@ -130,8 +130,14 @@ def plan_(
     config: Annotated[Path, Parameter(help="TOML file of the campaign, e.g. campaigns/quick.toml.")],
     *,
     lake: LakePath = DEFAULT_LAKE,
-    tools: Annotated[int, Parameter(help="How many of the campaign's first tools.", validator=_AT_LEAST_ONE)] = 8,
-    objects: Annotated[int, Parameter(help="On how many objects, of different classes.", validator=_AT_LEAST_ONE)] = 6,
+    tools: Annotated[
+        int | None,
+        Parameter(help="How many of the campaign's first tools; default: 8, or all.", validator=_AT_LEAST_ONE),
+    ] = None,
+    objects: Annotated[
+        int | None,
+        Parameter(help="On how many objects, of different classes; default: 6, or all.", validator=_AT_LEAST_ONE),
+    ] = None,
     rehearse: Annotated[int, Parameter(help="Made-up worlds.", validator=Number(gte=8, lte=10_000))] = _WORLDS,
     workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=_AT_LEAST_ONE)] = 2,
     json: AsJson = False,
@@ -145,7 +151,9 @@ def plan_(
     from fast.flows.cli.live import open_reporter
     from fast.flows.gap.plan import look_ahead
     from fast.lake.store import Lake
+    from fast.tasks.campaign.config import load_config
 
+    load_config(config)  # a wrong one is named before a lake is made
     found = Lake.open(lake, create=True)
     with open_reporter() as reporter:
         outlook = look_ahead(found, config, tools, objects, rehearse, workers, reporter)

@@ -25,6 +25,7 @@ from fast.tasks.gap.panel import spread_objects
 from fast.tasks.gap.rehearse import rehearse_panel
 from fast.tasks.scientist.propose import draw_first_designs
 
+MOST_TOOLS, MOST_OBJECTS = 8, 6  # of a panel that nobody gave a size
 LEAST_TOOLS, LEAST_OBJECTS = 2, 2  # of a panel: one fewer of either is compared with it
 _GRASP_S = 30.0  # between grasps on the gantry, about: for effects that go by the clock
 _NOISE = SensorNoise(sd_n=0.1, correlation_s=0.05, rate_hz=80.0)  # of a usual load cell: a bench's own is not known
@@ -55,14 +56,15 @@ class PanelOutlook:
 def look_ahead(
     lake: Lake,
     config_path: Path,
-    n_tools: int,
-    n_objects: int,
+    n_tools: int | None,
+    n_objects: int | None,
     n_worlds: int,
     n_workers: int,
     reporter: ProgressReporter,
 ) -> PanelOutlook:
     """Rehearse the first tools of a campaign on objects of as many classes as there are; nothing is measured.
 
+    n_tools, n_objects: None takes 8 and 6, or as many as the campaign begins with.
     The bank of simulations around them goes into the lake, where the search of the campaign will find it.
 
     Raises:
@@ -75,6 +77,8 @@ def look_ahead(
     campaign = Campaign(lake, config, config_path=config_path, own_designs=own_designs)
     designs = draw_first_designs(campaign)
     objects = spread_objects(set(campaign.config.objects.object_ids))
+    n_tools = min(MOST_TOOLS, len(designs)) if n_tools is None else n_tools
+    n_objects = min(MOST_OBJECTS, len(objects)) if n_objects is None else n_objects
     for what, n, least, most in (
         ("tools", n_tools, LEAST_TOOLS, len(designs)),
         ("objects", n_objects, LEAST_OBJECTS, len(objects)),

@@ -19,6 +19,7 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config
 from fast.tasks.scientist.propose import draw_first_designs, propose_initial_tools
 from fast.tasks.simulation.plan import SimulationPlan
+from tests.flows.cli.cli_lakes import Fast
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import plan_rows
 
@@ -67,6 +68,20 @@ def test_a_panel_says_what_it_will_tell_and_what_one_less_would_cost(config: Pat
     assert offset is not None
     assert with_less is not None
     assert abs(offset.parameters["offset_n"]) < abs(with_less.parameters["offset_n"])
+
+
+def test_a_panel_that_nobody_gave_a_size_is_no_larger_than_the_campaign(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = Rehearsal.of([Rehearsed("listed", 10.0 * n, 1.0, size=0.01 * n) for n in range(1, 21)])
+    monkeypatch.setattr(plan, "rehearse_panel", lambda *_: seen)
+    outlook = look_ahead(Lake.open(tmp_path / "lake", create=True), config, None, None, 20, 1, SILENT)
+    assert (len(outlook.tools), len(outlook.objects)) == (4, 4)
+
+
+def test_a_config_that_is_not_there_makes_no_lake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Fast(capsys).refused("gap", "plan", tmp_path / "none.toml", "--lake", tmp_path / "lake")
+    assert not (tmp_path / "lake").exists()
 
 
 def test_the_bank_is_that_of_the_tools_that_the_campaign_will_print(config: Path, tmp_path: Path) -> None:

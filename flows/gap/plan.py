@@ -96,18 +96,21 @@ def look_ahead(
     data = GapData.of_all(grasps, read_bank(lake, version, grasps.cells))
     rehearsal = rehearse_panel(data, (), n_worlds, n_workers, reporter.progress)
     last_object, last_tool = len(grasps.objects) - 1, len(grasps.tools) - 1
+    visible = _find_visible(data, rehearsal, np.ones(len(grasps.tool), dtype=bool))
     return PanelOutlook(
         tools=grasps.tools,
         objects=grasps.objects,
         repeats=campaign.config.objects.repeats,
         rehearsal=rehearsal,
-        visible=_find_visible(data, rehearsal, np.ones(len(grasps.tool), dtype=bool)),
-        fewer_objects=_find_visible(data, rehearsal, grasps.obj != last_object),
-        fewer_tools=_find_visible(data, rehearsal, grasps.tool != last_tool),
+        visible=visible,
+        fewer_objects=_find_visible(data, rehearsal, grasps.obj != last_object, visible),
+        fewer_tools=_find_visible(data, rehearsal, grasps.tool != last_tool, visible),
     )
 
 
-def _find_visible(data: GapData, rehearsal: Rehearsal, is_taken: np.ndarray) -> tuple[VisibleSize, ...]:
+def _find_visible(
+    data: GapData, rehearsal: Rehearsal, is_taken: np.ndarray, like: Sequence[VisibleSize] = ()
+) -> tuple[VisibleSize, ...]:
     """Sizes of effects that the grasps that are taken (n) show, at the middle of the bank and without noise."""
     usable = data.usable
     taken = usable.select(np.flatnonzero(is_taken[: len(usable.grasps.tool)]))
@@ -115,7 +118,7 @@ def _find_visible(data: GapData, rehearsal: Rehearsal, is_taken: np.ndarray) -> 
     centre = taken.centre
     theta = np.array([centre.young_modulus_mpa, centre.friction, centre.poisson_ratio])
     fit = fit_evidence(problem.measured(problem.predict_steps(theta, ())))
-    return find_visible_sizes(fit, taken.names, rehearsal.nats_line)
+    return find_visible_sizes(fit, taken.names, rehearsal.nats_line, like)
 
 
 def _plan_grasps(campaign: Campaign, designs: Sequence[Design], objects: tuple[int, ...]) -> Grasps:

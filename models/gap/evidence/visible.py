@@ -26,25 +26,30 @@ class VisibleSize:
 
     @property
     def words(self) -> str:
-        """The size as people write it: its first parameter that is not neutral."""
+        """The size as people write it, with all that it holds for: a second amplitude, and what shapes the effect."""
         if self.value is None:
             return "not at any plausible size"
-        spec = CATALOGUE[self.effect]
-        chosen = [p for p in spec.parameters if self.value.parameters.get(p.name, p.neutral) != p.neutral]
-        name = (chosen or spec.parameters)[0].name
-        return f"{spell_name(name)} {self.value.parameters[name]:.2g} {unit_of(name) or ''}".strip()
+        known, shapes = self.value.parameters, _find_shapes(self.effect)
+        specs = [p for p in CATALOGUE[self.effect].parameters if p.name in shapes or known[p.name] != p.neutral]
+        return ", ".join(
+            f"{spell_name(name)} {known[name]:.2g} {unit_of(name) or ''}".strip() for name in (p.name for p in specs)
+        )
 
 
-def find_visible_sizes(fit: EvidenceFit, names: Sequence[str], nats_line: float) -> tuple[VisibleSize, ...]:
+def find_visible_sizes(
+    fit: EvidenceFit, names: Sequence[str], nats_line: float, like: Sequence[VisibleSize] = ()
+) -> tuple[VisibleSize, ...]:
     """The size of each effect from which on nine in ten would pass a line of evidence, in the order of the names.
 
     A change of d standard deviations, free of what theta, prints and variants can make of it, has an evidence of about
-    (d + z)^2 / 2 with z standard normal. It is taken to be in proportion to the size.
+    (d + z)^2 / 2 with z standard normal. It is taken to be in proportion to the size. like: sizes of other data with
+    which these are compared; signs and shapes are theirs.
     """
     wanted = np.sqrt(2.0 * nats_line) + _Z90
+    known = {one.effect: one.value for one in like if one.value is not None}
     found = []
     for name in names:
-        values = list_secants(name)
+        values = [value for value in list_secants(name) if name not in known or _is_alike(value, known[name])]
         products, _ = fit.multiply(fit.whiten(*predict_changes(fit, values)))
         scales = wanted / np.sqrt(np.maximum(np.diag(products), 1e-12))
         # The secant whose own size is nearest to what is wanted has to be stretched least.
@@ -52,3 +57,21 @@ def find_visible_sizes(fit: EvidenceFit, names: Sequence[str], nats_line: float)
         is_plausible = scales[place] <= _FURTHEST
         found.append(VisibleSize(name, scale_value(values[place], float(scales[place])) if is_plausible else None))
     return tuple(found)
+
+
+def _find_shapes(effect: str) -> set[str]:
+    """Parameters that only shape an effect: all but the first that have a usual value where there is no effect."""
+    return {spec.name for spec in CATALOGUE[effect].parameters[1:] if spec.neutral == spec.prior_median}
+
+
+def _is_alike(one: EffectValue, other: EffectValue) -> bool:
+    """Whether two values of an effect have the same signs and shapes, whatever their size."""
+    shapes = _find_shapes(one.effect)
+    for spec in CATALOGUE[one.effect].parameters:
+        first, second = (value.parameters.get(spec.name, spec.neutral) for value in (one, other))
+        apart = (
+            first - second if spec.name in shapes else np.sign(first - spec.neutral) - np.sign(second - spec.neutral)
+        )
+        if apart:
+            return False
+    return True

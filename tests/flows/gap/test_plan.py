@@ -15,6 +15,8 @@ from fast.lake.store import Lake
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
 from fast.models.gap.evidence.rehearsal import Rehearsal, Rehearsed
+from fast.models.gap.evidence.visible import VisibleSize, _is_alike
+from fast.models.records import EffectValue
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config
 from fast.tasks.scientist.propose import draw_first_designs, propose_initial_tools
@@ -68,6 +70,15 @@ def test_a_panel_says_what_it_will_tell_and_what_one_less_would_cost(config: Pat
     assert offset is not None
     assert with_less is not None
     assert abs(offset.parameters["offset_n"]) < abs(with_less.parameters["offset_n"])
+    for size in (*outlook.fewer_objects, *outlook.fewer_tools):  # of the same sign and shape, or they say nothing
+        known = by_name[size.effect].value
+        assert known is None or size.value is None or _is_alike(size.value, known)
+
+
+def test_a_size_says_all_that_it_holds_for() -> None:
+    parameters = {"backlash_mm": 0.05, "ramp_s": 0.2, "ramp_power": 1.0}
+    both = VisibleSize("lift_start_error", EffectValue(effect="lift_start_error", parameters=parameters))
+    assert both.words == "backlash 0.05 mm, ramp 0.2 s, ramp power 1"
 
 
 def test_a_panel_that_nobody_gave_a_size_is_no_larger_than_the_campaign(

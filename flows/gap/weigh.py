@@ -25,7 +25,7 @@ from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.simulated import Beside, stand_beside
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
-from fast.models.units import spell_name, spell_number, unit_of
+from fast.models.units import STANDARD_GRAVITY_M_PER_S2, spell_name, spell_number, unit_of
 from fast.tasks.calibration.mean_data import TooLittleDataError, find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.gap.ask import ask
@@ -41,6 +41,7 @@ from fast.tasks.gap.trace_rows import designs_of, measured_grasps
 from fast.tasks.simulation.plan import SimulationPlan
 
 _MOST_ROWS = 8
+_UNIT_TOLERANCE = 0.1  # of a logarithm
 _ALIKE = "These cannot be told apart here"
 
 
@@ -96,11 +97,14 @@ class Weighed:
 
     def _tell_beside(self, beside: Beside) -> str:
         """How far the other simulator is from this one, and where its constants would go."""
-        modulus, friction, ratio = self.naming.trials.fit.theta - beside.theta
+        theta = self.naming.trials.fit.theta
+        modulus, friction, ratio = theta - beside.theta
+        is_in_kg = abs(np.log(theta[0] / beside.theta[0] / STANDARD_GRAVITY_M_PER_S2)) < _UNIT_TOLERANCE
         return (
             f"Your simulator is {spell_number(100.0 * beside.apart)} % of the force from ours at its likeliest "
             f"constants; the measured grasps move it by {modulus:+.2g} MPa, {friction:+.2g} of friction and "
             f"{ratio:+.2g} of Poisson's ratio."
+            + (" The factor is about 9.81: check that its forces are in N, not in kg." if is_in_kg else "")
         )
 
 

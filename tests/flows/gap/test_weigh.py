@@ -132,6 +132,9 @@ def test_a_simulator_of_the_labs_own_stands_beside_ours(tmp_path: Path) -> None:
     assert found.beside.theta[0] == pytest.approx(7.0, rel=0.1)
     assert found.beside.theta[1] == pytest.approx(0.6, abs=0.06)
     assert "Your simulator is " in found.sentence
+    in_kg = replace(found.beside, theta=found.naming.trials.fit.theta / np.array([9.81, 1.0, 1.0]))
+    said = "The factor is about 9.81: check that its forces are in N, not in kg."
+    assert [said in one.sentence for one in (found, replace(found, beside=in_kg))] == [False, True]
     assert np.isfinite(found.grasps.steps_n).all()
 
 

@@ -12,6 +12,7 @@ from fast.models.units import spell_share
 
 if TYPE_CHECKING:
     from fast.flows.gap.search import GapOutcome
+    from fast.lake.store import Lake
     from fast.models.gap.findings import Findings
 
 app = App(name="gap", help="Find where simulation and measurement disagree, name what is missing, add it.")
@@ -254,7 +255,7 @@ def answer(
     run = find_newest_run(found, campaign_id)
     asked = run.findings.next_experiment if run is not None else None
     if run is None or asked is None or asked.person is None:
-        raise UsageError("the newest search asks nothing of a person; nothing was changed.")
+        raise UsageError(f"{_explain_no_question(found)}; nothing was changed.")
     if asked.person.kind != kind:
         raise UsageError(f"search {run.gap_id} asks for `{asked.person.kind}`, not `{kind}`; nothing was changed.")
     data = {"search": run.gap_id, "kind": kind, "value": value}
@@ -267,6 +268,20 @@ def answer(
     form = make_reading_form(found, campaign_id or "", run.gap_id, asked.person)
     close_forms(found, form, f"said by {operator} on the command line")
     show(data, f"{kind} {value:g} is kept; `fast gap` goes on with it.", json)
+
+
+def _explain_no_question(lake: "Lake") -> str:
+    """Why a search, of the lake or of a campaign as a person named it, asks nothing of a person."""
+    from fast.tasks.gap.findings import find_last_run
+
+    run = find_last_run(lake)
+    if run is None:
+        return "no search of this lake has ended; `fast gap` says what a person should measure"
+    asked = run.findings.next_experiment
+    if asked is None or asked.person is None:
+        return "the newest search asks nothing of a person"
+    words = f"add --campaign {run.campaign_id}" if run.campaign_id else "leave out --campaign"
+    return f"it is search {run.gap_id} that asks for `{asked.person.kind}`: {words}"
 
 
 def _data(outcome: "GapOutcome") -> dict[str, Any]:

@@ -10,6 +10,7 @@ from fast.hardware.cell.cycle_time import plan_time
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
 from fast.lake.store import Lake
+from fast.models.errors import UsageError
 from fast.models.gap.findings import NextExperiment
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspRequest, GraspSetup, Placement
@@ -17,6 +18,7 @@ from fast.models.units import spell_minutes, spell_name, unit_of
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.campaign.state import load_designs
 from fast.tasks.gap.findings import find_last_run, find_run
+from fast.tasks.gap.readings import is_answered
 from fast.tasks.templates import render
 
 
@@ -52,8 +54,18 @@ def plan_next(lake: Lake, search_id: str | None = None) -> BenchPlan:
 
 
 def explain_silence(lake: Lake, search_id: str | None = None) -> str:
-    """Why no grasp is asked for: what a search, or the last one of the lake, says of the ranking of designs."""
+    """Why no grasp is asked for: what a search, or the last one of the lake, asks of a person or says of the ranking.
+
+    Raises:
+        UsageError: no such search has ended.
+    """
     run = find_run(lake, search_id) if search_id is not None else find_last_run(lake)
+    if run is None and search_id is not None:
+        raise UsageError(f"no search `{search_id}` has ended in this lake; leave out --search for all that ask.")
+    asked = run.findings.next_experiment if run is not None else None
+    if run is not None and asked is not None and asked.person is not None:
+        if not is_answered(lake, run.gap_id, asked.person.kind):
+            return asked.sentence
     if run is not None and run.findings.ranking is not None:
         return run.findings.ranking.sentence
     return "No grasp is asked for; `fast gap` asks where it cannot tell what is missing."

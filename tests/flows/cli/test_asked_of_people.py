@@ -140,14 +140,29 @@ def test_a_number_that_cannot_be_is_refused(fast: Fast, lake: Lake, words: list[
 
 
 def test_where_no_question_is_open_no_number_is_kept(fast: Fast, lake: Lake) -> None:
+    none = "fast: no search of this lake has ended; `fast gap` says what a person should measure; nothing was changed."
+    assert refuse(fast, lake, *answer_words("walls", "0.1")) == none
+    assert "no search `P9` has ended in this lake; leave out --search" in refuse(
+        fast, lake, "gap", "next", "--search", "P9"
+    )
+    search(lake)  # it asks the bench
     nobody = "fast: the newest search asks nothing of a person; nothing was changed."
     assert refuse(fast, lake, *answer_words("walls", "0.1")) == nobody
-    search(lake)  # it asks the bench
-    assert refuse(fast, lake, *answer_words("walls", "0.1")) == nobody
     ask_person(lake, None)  # of the whole lake, not of this campaign
-    assert refuse(fast, lake, *answer_words("walls", "0.1")) == nobody
+    assert "it is search P0 that asks for `walls`: leave out --campaign" in refuse(
+        fast, lake, *answer_words("walls", "0.1")
+    )
     assert fast("gap", "answer", "walls", "0.1", "--operator", "ada", "--lake", lake.root).status == 0
     assert read_readings(Lake.open(lake.root), None) == (Reading(kind="walls", value=0.1),)
+
+
+def test_what_a_campaign_asks_of_a_person_is_found_without_its_name(fast: Fast, lake: Lake) -> None:
+    ask_person(lake, "quick")
+    said = refuse(fast, lake, "gap", "answer", "walls", "0.1", "--operator", "ada")
+    assert "it is search P0 that asks for `walls`: add --campaign quick; nothing was changed." in said
+    assert fast("gap", "next", "--lake", lake.root).out == "Please measure the walls.\n"
+    assert fast(*answer_words("walls", "0.1"), "--lake", lake.root).status == 0
+    assert fast("gap", "next", "--lake", lake.root).out.startswith("No grasp is asked for")
 
 
 def test_an_answer_on_the_command_line_ends_the_form(fast: Fast, lake: Lake, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,7 +75,7 @@ def gap(
 
     Designs and objects are held out first. What the lake lacks of the bank of simulations around the measured tools is
     simulated, which may take hours: `--dry-run` says how long, `--tools` and `--objects` take fewer of the measured
-    ones. A killed command continues when it is given again. `--example` has its simulations with it: under a minute.
+    ones. A killed command continues when it is given again. `--example` has its simulations with it: a minute or two.
     A panel too small to hold any out, and forces of your own simulator, are weighed with all grasps, and added nowhere.
     """
     from fast.flows.cli.campaign import open_lake, resolve_campaign

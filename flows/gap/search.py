@@ -427,13 +427,19 @@ def _spent(simulator: Simulator, seconds: float) -> dict[str, float]:
 def write_answer(findings: Findings) -> str:
     """What was found, in a sentence."""
     named = [found.named for found in findings.rounds]
-    found_effects = [one for one in findings.rounds if one.named.kind == "effect"]
-    added, refused = (
-        [name for one in found_effects if bool(one.refused) == is_refused for name in one.named.effects]
-        for is_refused in (False, True)
+    effects = [(place, one) for place, one in enumerate(findings.rounds) if one.named.kind == "effect"]
+    added, refused, left = (
+        [
+            name
+            for place, one in effects
+            if (bool(one.refused), findings.is_leftover(place)) == how
+            for name in one.named.effects
+        ]
+        for how in ((False, False), (True, False), (False, True))
     )
     parts = [f"found {', '.join(added)}"] if added else []
     parts += [f"{', '.join(refused)} would explain it, but was not added" for _ in refused[:1]]
+    parts += [f"{', '.join(left)} added for what that leaves over" for _ in left[:1]]
     parts += [
         f"one of {', '.join(found.effects)}, not told apart"
         for place, found in enumerate(named)

@@ -257,6 +257,14 @@ def _round(named: Decision, *candidates: Candidate, **more: Any) -> RoundFinding
     return RoundFindings(where=(), candidates=candidates or (_candidate("none", 0.1),), named=named, **more)
 
 
+def test_what_a_name_leaves_over_is_not_called_found() -> None:
+    names = ("force_limited_closing", "base_compliance", "load_cell_lag")
+    named = [Decision(kind="effect", effects=(name,), probability=0.9, family="closing") for name in names]
+    findings = _told(*map(_round, named[:2]), _round(named[2], refused="it does not help."))
+    said = "found force_limited_closing; base_compliance added for what that leaves over; held-out error"
+    assert write_answer(findings).startswith(said)
+
+
 def test_a_set_and_a_name_behind_it_are_both_said() -> None:
     either = Decision(kind="set", effects=("load_cell_lag", "lift_misalignment"), probability=0.9)
     wear = Decision(kind="effect", effects=("friction_wear",), probability=0.95)

@@ -5,14 +5,17 @@ search keeps what it had.
 """
 
 from collections.abc import Sequence
+from statistics import median
 
 from fast.lake.handoff.files import HandoffGrasp
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import ToolRow
+from fast.lake.tables.campaign import GraspRow, ToolRow
 from fast.lake.tables.requests import PLACEMENT, GraspRequestRow
 from fast.models.errors import UsageError
 from fast.models.records import GraspSetup, Placement, find_setup_id
+from fast.models.traces import peak_force_n
 
+_MOST_FACTOR = 5.0  # between a tool and itself: wear and settings do less, units more
 _REMEDY = "nothing was imported, the search keeps what it had"
 
 
@@ -30,7 +33,8 @@ def check_answers(lake: Lake, grasps: Sequence[HandoffGrasp], usual: GraspSetup)
 
     Raises:
         UsageError: a request is not in the lake, or the grasp is another than the one that was asked for, or made in
-            another order, or grasps that nobody asked for are among them, or the tools are of several campaigns.
+            another order, or in another unit, or grasps that nobody asked for are among them, or the tools are of
+            several campaigns.
     """
     answers = [grasp for grasp in grasps if grasp.request_id]
     rows = {row.request_id: row for row in lake.records(GraspRequestRow, request_id=[g.request_id for g in answers])}
@@ -46,10 +50,30 @@ def check_answers(lake: Lake, grasps: Sequence[HandoffGrasp], usual: GraspSetup)
     for grasp in answers:
         _compare(grasp, rows.get(grasp.request_id), usual)
     _check_order(answers, rows)
+    _check_unit(lake, answers)
     campaigns = {row.campaign_id for row in lake.records(ToolRow, tool_id=[grasp.tool_id for grasp in answers])}
     if len(campaigns) != 1:
         raise UsageError(f"the tools of these answers are of {len(campaigns)} campaigns, not of one; {_REMEDY}.")
     return campaigns.pop()
+
+
+def _check_unit(lake: Lake, answers: Sequence[HandoffGrasp]) -> None:
+    """Compare peaks with those of the same tools on the same objects before: half of what is asked for is as usual."""
+    before: dict[tuple[str, int], list[float]] = {}
+    for row in lake.records(GraspRow, tool_id=[grasp.tool_id for grasp in answers], status="ok"):
+        if row.peak_force_n is not None and row.fidelity == "real":
+            before.setdefault((row.tool_id, row.object_id), []).append(row.peak_force_n)
+    factors = []
+    for grasp in answers:
+        known_n = before.get((grasp.tool_id, grasp.object_id), [])
+        peak_n = grasp.peak_force_n if grasp.trace is None else peak_force_n(grasp.trace)
+        if grasp.status == "ok" and peak_n is not None and known_n and median(known_n) > 0.0:
+            factors.append(peak_n / median(known_n))
+    if factors and not 1.0 / _MOST_FACTOR < median(factors) < _MOST_FACTOR:
+        raise UsageError(
+            f"the peaks of these answers are {median(factors):.3g} times those of the same tools on the same objects "
+            f"before; {_REMEDY}: give forces in N."
+        )
 
 
 def _compare(grasp: HandoffGrasp, asked: GraspRequestRow | None, usual: GraspSetup) -> None:

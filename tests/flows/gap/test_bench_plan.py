@@ -118,6 +118,20 @@ def test_an_answer_to_something_else_is_refused_and_nothing_is_lost(
     assert states(lake) == ["open"] * 4
 
 
+@pytest.mark.parametrize("factor", [100.0, 1.0 / 9.81])
+def test_an_answer_in_another_unit_is_refused(lake: Lake, answer: Callable[..., Path], factor: float) -> None:
+    folder = answer()
+    header, *lines = (folder / "traces.csv").read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    rows = [",".join([*row[:3], str(factor * float(row[3]))]) for row in cells]
+    (folder / "traces.csv").write_text("\n".join([header, *rows]))
+    with pytest.raises(
+        UsageError, match="times those of the same tools on the same objects before; .* give forces in N"
+    ):
+        import_handoff(lake, folder, current_provenance())
+    assert "ok" not in states(lake)
+
+
 def test_a_tool_that_is_gone_is_named(lake: Lake, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (row,) = lake.records(ToolRow, tool_id=TOOLS[1])
     lake.append([row.model_copy(update={"status": "rejected", "reason": "broke"})], current_provenance())

@@ -132,11 +132,22 @@ def simulate_many(
 def _read_given(
     version: "SimulatorVersion | None", setup: "GraspSetup | None"
 ) -> "tuple[SimulatorVersion, GraspSetup]":
-    """Version and setup that were given, their values checked; else the usual ones."""
-    from fast.models.records import GraspSetup
-    from fast.models.simulation.version import SimulatorVersion
+    """Version and setup that were given, their values checked; else the usual ones.
 
-    checked = SimulatorVersion() if version is None else _check(version, SimulatorVersion, "version")
+    Raises:
+        UsageError: a value is out of its range, or the version is of code that this program does not have.
+    """
+    from fast.models.errors import UsageError
+    from fast.models.records import GraspSetup
+    from fast.models.simulation.version import IN_ROWS, SimulatorVersion
+
+    usual = SimulatorVersion()
+    checked = usual if version is None else _check(version, SimulatorVersion, "version")
+    if checked.fem_version not in (usual.fem_version, IN_ROWS):
+        raise UsageError(
+            f"version: `fem_version` is {checked.fem_version!r}, this program simulates by the code "
+            f"{usual.fem_version!r} or {IN_ROWS!r}; leave it out."
+        )
     closing = GraspSetup() if setup is None else _check(setup, GraspSetup, "setup")
     closing.check_stroke()
     return checked, closing

@@ -148,6 +148,10 @@ def test_a_bad_number_is_one_sentence(make, sentence: str) -> None:
             (fast.BEST_PUBLISHED, None, fast.GraspSetup(closed_gap_mm=100)),
             "closed_gap_mm 100 is not below open_gap_mm 70 mm, so the jaws would not close",
         ),
+        (
+            (fast.BEST_PUBLISHED, fast.SimulatorVersion(fem_version="99")),
+            "version: `fem_version` is '99', this program simulates by the code '4' or '3'; leave it out",
+        ),
         ((fast.BEST_PUBLISHED, None, {"closed_gap_mm": 20}), "setup is of type dict, it must be a fast.GraspSetup"),
         (
             (fast.BEST_PUBLISHED, fast.SimulatorVersion(theta=fast.Theta().model_copy(update={"friction": 9}))),

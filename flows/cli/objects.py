@@ -46,13 +46,19 @@ def add(files: Files, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) ->
     from fast.lake.tables.campaign import ObjectRow
     from fast.tasks.objects import check_names, own_objects, read_objects
 
-    found = read_objects(files)
-    check_names(found, own_objects(lake))
+    found, known = read_objects(files), own_objects(lake)
+    check_names(found, known)
+    earlier = {obj.object_id: obj.name for obj in known}
     opened = Lake.open(lake, create=True)
     opened.append([ObjectRow.of(obj) for obj in found], current_provenance())
     opened.close()
     rows = [_row(obj) for obj in found]
-    show(rows, "\n".join(f"{obj.name} is object {obj.object_id} of {lake}" for obj in found), json)
+    lines = []
+    for obj in found:
+        old = earlier.get(obj.object_id, obj.name)
+        told = "" if old == obj.name else f", and no longer called {old}"
+        lines.append(f"{obj.name} is object {obj.object_id} of {lake}{told}")
+    show(rows, "\n".join(lines), json)
 
 
 @app.command
@@ -114,6 +120,7 @@ def _row(obj: "RigidObject") -> dict[str, Any]:
 def _remarks(obj: "RigidObject") -> list[str]:
     """What a person should know before it is grasped with the default setup."""
     from fast.models.records import GraspSetup
+    from fast.tasks.objects import SHARP_EDGES, has_sharp_edges
 
     setup, size_x_mm = GraspSetup(), obj.size_mm[0]
     remarks = []
@@ -126,6 +133,8 @@ def _remarks(obj: "RigidObject") -> list[str]:
         remarks.append(
             "it is not its own mirror image in y = 0: a simulated grasp takes several times as long as a symmetric one"
         )
+    if has_sharp_edges(obj):
+        remarks.append(SHARP_EDGES)
     return remarks or ["the fingers reach it"]
 
 

@@ -33,7 +33,8 @@ def test_the_commands_of_the_page(fast: Fast) -> None:
     lines = "".join(block.text for block in blocks_of(PAGE, "sh")).splitlines()
     answers = {line: fast(*shlex.split(line)[1:]) for line in lines}
     assert {line: answer.err for line, answer in answers.items() if answer.status} == {}
-    assert "the fingers reach it" in answers["fast objects check mug.stl dumbbell.toml"].out
+    assert "dumbbell: the fingers reach it" in answers["fast objects check mug.stl dumbbell.toml"].out
+    assert "mug: it has sharp edges" in answers["fast objects check mug.stl dumbbell.toml"].out
     assert trimesh.load("mug-on-mount.stl").is_volume
     assert Path("objects.png").stat().st_size > 5000
     assert "dumbbell" in answers["fast objects list"].out
@@ -46,6 +47,13 @@ def test_a_turned_and_scaled_mesh(fast: Fast) -> None:
     (row,) = fast("objects", "check", "bottle.toml", "--json").json
     assert row["height_mm"] == pytest.approx(0.8 * 40, abs=0.01)
     assert row["name"] == "bottle"
+
+
+def test_an_object_added_by_another_name_is_said_to_lose_the_first(fast: Fast) -> None:
+    Path("cup.stl").write_bytes(Path("mug.stl").read_bytes())
+    assert "no longer" not in fast("objects", "add", "mug.stl").out + fast("objects", "add", "mug.stl").out
+    assert "of lake-data, and no longer called mug" in fast("objects", "add", "cup.stl").out
+    assert "no object is called `mug`" in fast.refused("simulate", "--object", "mug")
 
 
 def test_the_config_of_the_page_is_one(fast: Fast) -> None:

@@ -3,6 +3,7 @@
 from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -98,7 +99,8 @@ def test_objects_are_found_by_name_number_and_file(folder: Path) -> None:
     ("name", "content", "words"),
     [
         ("x.blend", b"", "of no known kind; give one that ends in .stl"),
-        ("x.stl", b"", "x.stl"),
+        ("x.stl", b"", "has no triangles that can be read as STL; export it again"),
+        ("x.stl", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "has no triangles that can be read as STL"),
         ("x.stl", b"\x00" * 100, "x.stl"),
         ("x.obj", b"v 1 2\nf 1 2 3\n", "x.obj"),
         ("x.3mf", b"PK\x03\x04nonsense", "cannot be read as 3MF"),
@@ -134,6 +136,19 @@ def test_a_wrong_file_is_one_sentence(folder: Path, name: str, content: bytes, w
     with pytest.raises(ConfigError, match=words) as refused:
         read_object(folder / name)
     assert "\n" not in str(refused.value)
+
+
+def test_a_mesh_with_sharp_edges_is_told_of(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    cube = trimesh.creation.box((40.0, 40.0, 40.0))
+    cube.export(folder / "sharp.stl")
+    corners = cube.vertices[:, None] - 0.5 * np.sign(cube.vertices)[:, None] * (1.0 - np.eye(3))
+    trimesh.convex.convex_hull(corners.reshape(-1, 3)).export(folder / "chamfered.stl")
+    for name in ("ball.stl", "chamfered.stl", "dumbbell.toml"):
+        find_object(str(folder / name), folder / "lake")
+    assert not caplog.messages
+    find_object(str(folder / "sharp.stl"), folder / "lake")
+    assert "sharp: it has sharp edges" in caplog.text
+    assert "simulated forces may be up to 30 % too low" in caplog.text
 
 
 def test_two_files_with_one_object_or_one_name_are_refused(folder: Path) -> None:

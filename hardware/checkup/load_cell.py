@@ -1,4 +1,4 @@
-"""Check-up of the load cell: identity, faults, zero, noise, filter. Only reads; nothing is tared.
+"""Check-up of the load cell: identity, faults, zero, noise, rate, filter. Only reads; nothing is tared.
 
 The filter cannot be read over Modbus, but it shows: with a slow one the instrument repeats its readings.
 """
@@ -11,6 +11,7 @@ from fast.hardware.laumas.codec import Reading
 from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.laumas.source import WeightSource
 from fast.hardware.parts.force_sensor import FULL_SCALE_N
+from fast.models.errors import DeviceError
 from fast.models.units import spell_share
 
 WEIGH_S = 2.0
@@ -20,6 +21,8 @@ MOST_GROSS_SHARE = 0.4  # of full scale, with head and tool hanging free
 LEAST_GROSS_N = -1.0
 MOST_DRIFT_N = 0.3  # between the halves of the readings
 FRESH_SHARE = 0.4  # of the readings; fewer that differ mean a slow refresh
+LEAST_RATE_SHARE = 0.5  # of the readings that the bench file expects in a second
+FEWEST_READINGS = 2
 JUDGED_COUNTS = 1.0  # noise in counts below which equal readings prove nothing
 
 
@@ -34,7 +37,7 @@ def check_load_cell(
     """Look at a transmitter; the caller closes it.
 
     Raises:
-        DeviceError: it does not answer, or its scale cannot be used.
+        DeviceError: it does not answer, falls silent, or its scale cannot be used.
     """
     transmitter.connect()
     readings = _readings(transmitter, clock, rate_hz)
@@ -51,14 +54,24 @@ def check_load_cell(
     gross_n = [reading.gross * transmitter.newton_per_unit for reading in readings]
     _check_zero(findings, gross_n, is_tool_on_head)
     _check_noise(findings, gross_n, transmitter.resolution_n)
-    _check_filter(findings, gross_n, transmitter.resolution_n, rate_hz, filter_setting)
+    _check_rate(findings, len(readings) / WEIGH_S, rate_hz)
+    _check_filter(findings, gross_n, transmitter.resolution_n, filter_setting)
 
 
 def _readings(transmitter: WeightSource, clock: Clock, rate_hz: float) -> list[Reading]:
+    """Readings of `WEIGH_S` at the rate of the bench file, or as fast as they come."""
     readings: list[Reading] = []
-    for _ in range(max(int(WEIGH_S * rate_hz), 10)):
-        clock.sleep(1.0 / rate_hz)
+    next_s = clock.now_s()
+    until_s = next_s + WEIGH_S
+    while next_s < until_s:
+        next_s = max(next_s + 1.0 / rate_hz, clock.now_s())
+        clock.sleep(next_s - clock.now_s())
         readings += transmitter.read_new()
+    if len(readings) < FEWEST_READINGS:
+        raise DeviceError(
+            f"The weight transmitter gave {len(readings)} readings in {WEIGH_S:g} s, at least {FEWEST_READINGS} are "
+            "needed; check its cable and restart it."
+        )
     return readings
 
 
@@ -88,12 +101,19 @@ def _check_noise(findings: Findings, gross_n: list[float], resolution_n: float) 
     findings.add("load-cell noise", f"{sd_n:.3f} N, {sd_n / resolution_n:.1f} divisions", fix)
 
 
-def _check_filter(
-    findings: Findings, gross_n: list[float], resolution_n: float, rate_hz: float, filter_setting: int
-) -> None:
+def _check_rate(findings: Findings, found_hz: float, rate_hz: float) -> None:
+    findings.judge(
+        "load-cell rate",
+        found_hz >= LEAST_RATE_SHARE * rate_hz,
+        f"{found_hz:.0f} readings a second, the bench file says {rate_hz:g}",
+        "raise baud rate or rate on the keypad, or lower `force_rate_hz` to what comes",
+    )
+
+
+def _check_filter(findings: Findings, gross_n: list[float], resolution_n: float, filter_setting: int) -> None:
     n_fresh = sum(now != before for before, now in zip(gross_n, gross_n[1:], strict=False))
     share = n_fresh / (len(gross_n) - 1)
-    seen = f"the bench file says {filter_setting}; {spell_share(share)} of the readings at {rate_hz:g} Hz are fresh"
+    seen = f"the bench file says {filter_setting}; {spell_share(share)} of the readings are fresh"
     is_judged = statistics.pstdev(gross_n) >= JUDGED_COUNTS * resolution_n
     fix = None
     if filter_setting > SLOWEST_FILTER:

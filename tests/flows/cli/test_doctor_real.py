@@ -32,7 +32,7 @@ def test_doctor_finds_a_sound_bench_whose_transmitter_is_on_a_serial_line(fast, 
     bench = write_bench(tmp_path / "rehearsal.toml", addresses)
     answer = fast("doctor", "--real", bench)
     assert answer.status == 0, answer.out
-    assert answer.out.count("\n") == 19
+    assert answer.out.count("\n") == 20
     assert "FAIL" not in answer.out
     rows = fast("gantry", "log", "--json").json
     assert sorted(row["device"] for row in rows) == ["gantry", "load-cell", "plc"]

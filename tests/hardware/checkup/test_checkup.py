@@ -9,14 +9,17 @@ import pytest
 from fast.hardware.bench import BenchSettings, open_virtual_servers
 from fast.hardware.checkup.bench import check_bench, check_tool_masses
 from fast.hardware.checkup.findings import Findings
+from fast.hardware.checkup.load_cell import check_load_cell
 from fast.hardware.checkup.ports import check_address, check_serial_port, holders
 from fast.hardware.click import tags
 from fast.hardware.clock import VirtualClock
+from fast.hardware.laumas.codec import Reading, Scale, Status
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import Sensor, World
 from fast.hardware.wire.log_files import list_logs
 from fast.hardware.wire.serial import LinkLostError
 from fast.models.design.space import BEST_PUBLISHED
+from fast.models.units import force_n_from_kg
 
 TOOLS = {slot: MountedTool(f"B00T{slot}", BEST_PUBLISHED) for slot in (0, 3)}
 MASSES = {slot: round(tool.expected_mass_kg, 3) for slot, tool in TOOLS.items()}
@@ -25,7 +28,7 @@ NOISY = World(seed=7, sensor=Sensor(noise_sd_n=0.1))
 NAMES = [
     "gantry port", "gantry", "limit switches", "gantry settings", "PLC address", "PLC scan", "emergency stop",
     "air pressure", "air main", "tool lock", "dock", "heartbeat", "host watchdog", "load-cell address", "load cell",
-    "load-cell zero", "load-cell noise", "load-cell filter", "tool masses",
+    "load-cell zero", "load-cell noise", "load-cell rate", "load-cell filter", "tool masses",
 ]  # fmt: skip
 
 
@@ -94,7 +97,7 @@ FAULTS = {
     "unplugged cell": (
         lambda virtual: virtual.state.faults.add("cell_unplugged"),
         fault("load cell", "load cell error (cable or cell); check the cell's cable",
-              ok_but=("load-cell zero", "load-cell noise", "load-cell filter")),
+              ok_but=("load-cell zero", "load-cell noise", "load-cell rate", "load-cell filter")),
     ),
     "frozen transmitter": (
         lambda virtual: virtual.state.faults.add("transmitter_frozen"),
@@ -129,6 +132,30 @@ def test_a_wrong_filter_in_the_bench_file_is_named():
     found = look(changes={"transmitter_filter": 4})
     assert [finding.name for finding in found.values() if not finding.ok] == ["load-cell filter"]
     assert "set filter 0 or 1 on the keypad" in found["load-cell filter"].note
+
+
+@pytest.mark.parametrize(
+    ("answer_s", "is_ok", "seen"), [(0.0, True, "80 rea"), (0.03, False, "34 rea"), (0.3, False, "4 rea")]
+)
+def test_readings_that_come_slower_than_the_bench_file_says_are_named(answer_s, is_ok, seen):
+    class Slow:
+        mode, newton_per_unit, resolution_n = "slow", force_n_from_kg(1.0), force_n_from_kg(0.001)
+
+        def connect(self):
+            self.n = 0
+
+        def read_new(self):
+            clock.sleep(answer_s)
+            self.n += 1
+            kg = 0.85 + 0.002 * (self.n % 3)
+            return [Reading(clock.now_s(), Status(0), kg, kg, None, Scale(0.001, "kg"))]
+
+    clock, findings = VirtualClock(), Findings()
+    check_load_cell(findings, Slow(), clock, 80.0, 0, is_tool_on_head=False)
+    rate = next(finding for finding in findings.found if finding.name == "load-cell rate")
+    assert rate.ok == is_ok
+    assert rate.note.startswith(seen)
+    assert clock.now_s() < 3.0
 
 
 def test_another_host_is_left_alone():

@@ -171,7 +171,7 @@ class GraspCell:
         if self._pneumatics.is_gripping():
             raise InterlockError(
                 "The gripper is closed from an earlier grasp; an object may hang in it. Look, then run "
-                "`fast gantry park --vent` to vent, raise and park."
+                "`fast gantry park --real BENCH.toml --vent` to vent, raise and park."
             )
 
     def _begin(self, item: Item, setup: GraspSetup) -> "_GraspInProgress":

@@ -110,7 +110,7 @@ def _check_lock(findings: Findings, is_closed: bool, is_open: bool, is_present: 
 def _check_heartbeat(findings: Findings, plc: ClickPlc, link: ModbusLink, clock: Clock, is_estop_ok: bool) -> None:
     """One beat: it must be echoed, and two seconds later the ladder must let go of the motors."""
     if plc.read_bit(tags.SUPPLY_REQUEST):
-        fix = "`fast gantry park --real` closes it"
+        fix = "`fast gantry park --real BENCH.toml` closes it"
         findings.add("heartbeat", f"not tried: {tags.SUPPLY_REQUEST} still asks for air", fix)
         return
     beat = max((plc.read_int(tags.HEARTBEAT_REGISTER) + 1) % HIGHEST_COUNT, 1)

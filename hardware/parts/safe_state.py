@@ -54,7 +54,9 @@ class FreezeError(InterlockError):
 class StopAskedError(InterlockError):
     """A person asked to stop or abort: the bench is in its safe state, data measured so far is kept."""
 
-    def __init__(self, verb: Verb, remedy: str = "open and park with `fast gantry park --vent`") -> None:
+    def __init__(
+        self, verb: Verb, remedy: str = "open and park with `fast gantry park --real BENCH.toml --vent`"
+    ) -> None:
         super().__init__(
             f"A person asked to {verb}: the bench is in its safe state and the data is kept. Look, then {remedy}."
         )

@@ -214,7 +214,8 @@ class Supervisor:
             self._latch = self._latch.step(is_fault=True)
             self.cause = "The gripper is closed and cannot be lowered, since the position is unknown."
             raise InterlockError(
-                f"{self.cause} Take what hangs in it, then open it with `fast gantry park --vent`; nothing was moved."
+                f"{self.cause} Take what hangs in it, then open it with "
+                "`fast gantry park --real BENCH.toml --vent`; nothing was moved."
             )
         with self.guard():
             for action in actions:
@@ -239,7 +240,7 @@ class Supervisor:
             "hold the object, then let the gripper open"
         )
         if not (may_vent(f"{fault}.") if callable(may_vent) else may_vent):
-            raise InterlockError(f"{fault} with `fast gantry home --vent`.")
+            raise InterlockError(f"{fault} with `fast gantry home --real BENCH.toml --vent`.")
         self.end_safe_state("the person who has looked", is_load_taken=True)
 
     def _told_tool(self) -> str:

@@ -93,9 +93,7 @@ class ToolChanger:
         self._leave_dock()
         status = self.status()
         if status.way is WayOn.ASK_PERSON:
-            raise InterlockError(
-                f"{status.sentence} Nothing was moved; look, then say where it is: `fast gantry tool`."
-            )
+            raise InterlockError(f"{status.sentence} Nothing was moved; way on: {status.way.value}.")
         if status.way is not WayOn.NONE:
             logger.warning("%s Now: %s.", status.sentence, status.way.value)
         if status.way is WayOn.UNDO_PICK:
@@ -246,7 +244,9 @@ class ToolChanger:
         transaction = self.journal.open
         free_n = transaction.values.get("free_n") if transaction is not None else None
         if free_n is None or transaction is None:
-            raise InterlockError("A tool was locked before the head was weighed; dock it with `fast gantry park`.")
+            raise InterlockError(
+                "A tool was locked before the head was weighed; dock it with `fast gantry park --real BENCH.toml`."
+            )
         gained_n = self._weigh() - free_n
         self._check_mass(tool, gained_n, MASS_TOLERANCE * force_n_from_kg(tool.expected_mass_kg))
         self.journal.step("weighed", gained_n=gained_n)
@@ -285,7 +285,9 @@ class ToolChanger:
             if self.ask(asked).choice == IS_IT:
                 self._told_n[tool.tool_id] = gained_n
                 return
-        raise InterlockError(f"{fault}; put it back with `fast gantry park`, then fix the tool table or the tool.")
+        raise InterlockError(
+            f"{fault}; put it back with `fast gantry park --real BENCH.toml`, then fix the tool table or the tool."
+        )
 
     def _who_weighs(self, gained_n: float) -> str:
         """Which other tool of the table it could be."""

@@ -138,5 +138,5 @@ def _read(path: Path) -> list[dict[str, Any]]:
     except (OSError, ValueError) as error:
         raise DeviceError(
             f"The journal `{path}` cannot be read ({error}): where the tool is must come from a person. Look at the "
-            "head, move the file away, then say what you saw with `fast gantry tool --real ...`."
+            "head, move the file away, then say what you saw with `fast gantry tool --real BENCH.toml`."
         ) from error

@@ -20,7 +20,10 @@ class WayOn(Enum):
     UNDO_PICK = "undo the pick: the tool is in its slot, the head is empty"
     FINISH_DOCK = "finish the dock: lower the tool into its slot again"
     CLOSE_DOCK = "finish the dock: the tool is in its slot, the head is empty"
-    ASK_PERSON = "a person looks and says where the tool is: `fast gantry tool`"
+    ASK_PERSON = (
+        "a person looks and says where the tool is: "
+        "`fast gantry tool --real BENCH.toml --person NAME` with `--on-head SLOT` or `--head-empty`"
+    )
 
 
 @dataclass(frozen=True)

@@ -132,3 +132,11 @@ def test_unverified_facts_point_to_what_exists():
                 assert (ROOT / word).is_file(), word
             elif word.isidentifier() or "." in word:
                 assert word.rpartition(".")[2] in sources, word
+
+
+def test_what_drivers_tell_people_to_run_drives_the_real_bench():
+    """Without --real the command moves a virtual bench, and says that it did."""
+    sources = [path.read_text() for path in (ROOT / "hardware").rglob("*.py")]
+    commands = [told for text in sources for told in re.findall(r"`(fast gantry (?:home|park|tool)[^`]*)`", text)]
+    assert len(commands) >= 8
+    assert [told for told in commands if "--real BENCH.toml" not in told] == []

@@ -83,7 +83,7 @@ def test_a_campaign_goes_on_with_a_heavy_tool_if_a_person_says_so(campaign, choi
 
     person = threading.Thread(target=say)
     person.start()
-    refused = pytest.raises(InterlockError, match="put it back with `fast gantry park`")
+    refused = pytest.raises(InterlockError, match="put it back with `fast gantry park --real BENCH.toml`")
     with nullcontext() if choice == IS_IT else refused:
         measure_missing(campaign, World(seed=7), lambda *_: None, open_bench=open_heavy)
     person.join()

@@ -13,7 +13,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, RedirectRespons
 from starlette.staticfiles import StaticFiles
 
 from fast.flows.page.interface import VERSION, add_interface, refuse_program
-from fast.flows.page.lab import LabPage
+from fast.flows.page.lab import ERROR_PAGE, LabPage
 from fast.flows.page.shown import add_bench, add_results, add_start
 from fast.flows.page.todo import list_campaigns
 from fast.flows.page.web import HEADERS, refuse, visitor_of
@@ -41,7 +41,7 @@ def make_app(lake: Lake, login: str) -> App:
         is_page = request.method == "GET" and "text/html" in request.headers.get("accept", "")
         if not is_page or "hx-request" in request.headers:
             return refuse(error)
-        answer = await page.show(request, "error.html", "results", sentence=str(error))
+        answer = await page.show(request, ERROR_PAGE, "results", sentence=str(error))
         answer.status_code = 409
         return answer
 

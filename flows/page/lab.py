@@ -19,11 +19,12 @@ from fast.flows.page.web import HEADERS, Pages, make_token, read_form, require_w
 from fast.flows.server.access import Role
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
-from fast.models.errors import FastError
+from fast.models.errors import FastError, UsageError
 from fast.tasks.bench.lend import LEASE, LentBench, read_lent
 from fast.tasks.campaign.requests import lease_name
 from fast.tasks.simulation.pool import Worker
 
+ERROR_PAGE = "error.html"
 MOST_CPU = 0.02  # of a core: a lake of a million grasps is not read anew for each page that opens
 _STALE_S = 30.0  # at most
 
@@ -152,10 +153,14 @@ class LabPage:
         return frame
 
     async def show(self, request: Request, template: str, tab: str, **values: Any) -> Response:
-        """A tab, or a part of it."""
+        """A tab, or a part of it; of a campaign that the lake lacks an error says so."""
+        asked = request.query_params.get("campaign", "")
 
         def work() -> Response:
-            return self.pages.show(request, template, **self.frame(request, tab), **values)
+            frame = self.frame(request, tab)
+            if asked and asked not in frame["campaigns"] and template != ERROR_PAGE:
+                raise UsageError(f"This lake has no campaign `{asked}` of its own; choose one above.")
+            return self.pages.show(request, template, **frame, **values)
 
         return await run_in_threadpool(work)
 

@@ -54,6 +54,14 @@ def test_a_campaign_that_cannot_be_read_is_said_and_the_page_stands(tmp_path):
     assert "demo/B01T0" in Browser(lake).see("/results")
 
 
+@pytest.mark.parametrize("path", ["/", "/todo", "/results", "/gap", "/start"])
+def test_a_campaign_that_the_lake_lacks_is_not_shown_as_another(lake, path):
+    answer = Browser(lake).client.get(path, params={"campaign": "no<such"}, headers={"Accept": "text/html"})
+    assert answer.status_code == 409
+    assert "This lake has no campaign `no&lt;such` of its own; choose one above." in answer.text
+    assert "Print and mount" not in answer.text
+
+
 def test_a_person_is_asked_for_prints_and_the_same_rows_are_written_as_by_the_command(lake):
     browser, name = Browser(lake), campaign_of(lake)
     assert "You are needed now: 1 to do" in browser.see("/")

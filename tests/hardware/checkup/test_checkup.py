@@ -113,7 +113,8 @@ FAULTS = {
     ),
     "supply asked for": (
         lambda virtual: virtual.plc._set(tags.SUPPLY_REQUEST, True),
-        fault("heartbeat", "C5 still asks for air; `fast gantry park --real BENCH.toml` closes it", ok_but=("host watchdog",)),
+        fault("heartbeat", "C5 still asks for air; `fast gantry park --real BENCH.toml` closes it",
+              ok_but=("host watchdog",)),
     ),
 }  # fmt: skip
 

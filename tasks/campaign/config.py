@@ -11,7 +11,7 @@ from fast.models.design.printability import PrintingRules
 from fast.models.design.recipe import Recipe
 from fast.models.design.reference import make_reference, reference_within
 from fast.models.errors import ConfigError, UsageError
-from fast.models.ids import canonical_json, content_id, id_in_lab
+from fast.models.ids import canonical_json, content_id, id_in_lab, tool_label
 from fast.models.material import TABLE_3, MaterialLot
 from fast.models.records import GraspSetup, Record
 from fast.models.scientist.objectives import MEAN_PEAK, OUTCOMES
@@ -343,6 +343,7 @@ def _check_science(config: CampaignConfig, source: str) -> None:
         _check_design(config)
         _check_recipe(config)
         _check_simpler(config)
+        _check_references(config)
         _check_objectives(config)
         build_effects(config.simulator.effects)
         for name in config.scientist.own_functions:
@@ -394,6 +395,28 @@ def _check_simpler(config: CampaignConfig) -> None:
                 f"no finger of `{config.design.family}` within the ranges of [design] is simpler by `{name}`; "
                 f"schedule.simpler may name {' or '.join(f'`{one}`' for one in known)}."
             )
+
+
+def _check_references(config: CampaignConfig) -> None:
+    """Refuse names of reference tools that no batch of the schedule has.
+
+    Raises:
+        UsageError: with the first of them.
+    """
+    schedule = config.schedule
+    if isinstance(schedule.reference_tools, int):
+        return
+    batches = [batch for stage in range(schedule.n_stages) for batch in schedule.batches_of(stage)]
+    known = {tool_label(batch, slot) for batch in batches for slot in range(schedule.tools_of(batch))}
+    for name in schedule.reference_tools:
+        campaign_id, _, label = name.rpartition("/")
+        if campaign_id not in ("", config.campaign_id) or label not in known:
+            raise UsageError(
+                f"schedule.reference_tools names `{name}`, which this campaign never prints; name a tool by batch (1 "
+                f"to {batches[-1]}) and slot (0 to {schedule.tools_of(1) - 1} in the first), e.g. {tool_label(1, 0)}."
+            )
+    if len(set(schedule.reference_tools)) < schedule.n_references:
+        raise UsageError("schedule.reference_tools names a tool twice; give each once.")
 
 
 def _check_objectives(config: CampaignConfig) -> None:

@@ -87,6 +87,16 @@ def test_own_designs_hang_beside_proposed_ones_and_the_best_tool_comes_back(tmp_
     assert {row["n_grasps"] for row in quality} == {1}  # a reference grasp says nothing of quality
 
 
+@pytest.mark.parametrize("name", ["B01T3", "B03T0", "B1T0", "other/B01T0", "fin-ray"])
+def test_a_reference_tool_that_no_batch_has_is_refused_at_the_start(tmp_path: Path, name: str) -> None:
+    config = CONFIG.replace("reference_tools = 1", f'reference_tools = ["B02T2", "mine/B01T2", "{name}"]')
+    with pytest.raises(ConfigError, match=f"names `{name}`, which this campaign never prints; .*1 to 2.*0 to 2 in"):
+        begin(tmp_path, config=config)
+    with pytest.raises(ConfigError, match="names a tool twice"):
+        begin(tmp_path, config=config.replace(name, "B02T2"))
+    begin(tmp_path, config=config.replace(f', "{name}"', ""))
+
+
 def test_a_reference_tool_that_is_gone_owes_nothing(tmp_path: Path) -> None:
     campaign = begin(tmp_path)
     propose_initial(campaign)

@@ -74,6 +74,7 @@ class GrblLink:
         self._alarm: int | None = None
         self._alarms: dict[int, int] = {}  # by the epoch that ended in it
         self._lost: str | None = None
+        self._version = ""
         self._report: StatusReport | None = None
         self._offset_mm: Vector | None = None
         self._overrides: tuple[int, int, int] | None = None
@@ -84,6 +85,11 @@ class GrblLink:
     def epoch(self) -> int:
         """Number of banners heard; positions are only comparable within one epoch or across asked resets."""
         return self._epoch
+
+    @property
+    def version(self) -> str:
+        """What the last banner said, such as `1.1g`; empty before any."""
+        return self._version
 
     @property
     def was_reset_asked(self) -> bool:
@@ -254,7 +260,8 @@ class GrblLink:
                 self._alarm = code
                 for ticket in self._pending:
                     ticket.alarm = code
-            case Banner():
+            case Banner(version):
+                self._version = version
                 self._start_epoch()
             case Unknown(raw):
                 logger.warning("%s said something that is not GRBL: %r", self.transport.name, raw)

@@ -97,7 +97,7 @@ class GrblSession:
         Raises:
             LinkLostError: the port does not open.
             SilentControllerError: nothing answers as a GRBL would.
-            ProfileMismatchError: the settings differ from the profile.
+            ProfileMismatchError: a GRBL before 1.1, or settings that differ from the profile.
         """
         self.link.close()
         self.distrust()
@@ -130,8 +130,17 @@ class GrblSession:
         """Ping, then compare all settings with the profile and force the overrides to 100 %.
 
         Limits that are off and should be on are switched on: a host has died in a search for the switches.
+
+        Raises:
+            ProfileMismatchError: a GRBL before 1.1, or other settings than the profile's.
+            SilentControllerError: it does not answer, or its overrides do not come to 100 %.
         """
         self._known_epoch = self.link.epoch
+        if self.link.version.startswith("0."):
+            raise ProfileMismatchError(
+                f"The controller on {self.link.transport.name} is GRBL {self.link.version}, whose reports and commands "
+                "are others than those of 1.1. Nothing moves; load grbl-Mega 1.1g or grblHAL."
+            )
         doing = "reading the settings"
         self.command("", doing)
         self.build = tuple(f"{m.kind}:{m.text}" for m in self.query("$I", doing) if isinstance(m, Feedback))

@@ -39,6 +39,8 @@ _EXCEPTION_WORDS = {
     6: "device busy",
     11: "no answer behind the gateway",
 }
+_PASSING = (6, 11)  # the same request may be answered a moment later
+_PASSES_S = 0.1
 
 
 class ModbusAnswerError(LinkLostError):
@@ -163,6 +165,13 @@ class ModbusLink:
         if answer.isError():
             code = int(answer.exception_code)
             words = _EXCEPTION_WORDS.get(code, "unknown")
+            if code in _PASSING:
+                self.close()
+                time.sleep(_PASSES_S)
+                raise ModbusAnswerError(
+                    f"{self.name} answered Modbus exception {code} ({words}) and the connection was reset. Check what "
+                    "else asks it, and the line behind a gateway."
+                )
             raise DeviceError(
                 f"{self.name} refused a request with Modbus exception {code} ({words}); "
                 "check that its model and register map are those of docs/how-to/set-up-a-bench.md."

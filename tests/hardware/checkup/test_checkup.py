@@ -84,7 +84,8 @@ FAULTS = {
     "limit": (lambda virtual: virtual.grbl.inject("limit", axis="y"), fault("limit switches", "Y closed; free the")),
     "silent": (
         lambda virtual: virtual.grbl.inject("silent"),
-        fault("gantry", "nothing on", "check its power", ok_but=("limit switches", "gantry settings")),
+        fault("gantry", "nothing on", "check its power, the port and its version",
+              ok_but=("limit switches", "gantry settings")),
     ),
     "estop": (
         lambda virtual: virtual.state.faults.add("estop_pressed"),

@@ -19,6 +19,7 @@ from fast.hardware.grbl.errors import (
 )
 from fast.hardware.grbl.messages import RealTime
 from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.virtual.grbl import machine
 from fast.hardware.virtual.grbl.planner import HOLD_LATENCY_S
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.wire.serial import LinkLostError, SerialTransport
@@ -126,6 +127,12 @@ def test_moving_needs_homing(pair):
 def test_settings_that_differ_refuse_to_move(pair):
     pair.controller.inject("settings")
     with pytest.raises(ProfileMismatchError, match=r"\$0 is 255, profile 10; \$132 is"):
+        pair.driver.connect()
+
+
+def test_an_older_grbl_is_refused_by_its_name(pair, monkeypatch):
+    monkeypatch.setattr(machine, "VERSION", "0.9j")
+    with pytest.raises(ProfileMismatchError, match=r"is GRBL 0.9j, .* than those of 1.1. .*load grbl-Mega 1.1g"):
         pair.driver.connect()
 
 

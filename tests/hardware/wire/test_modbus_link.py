@@ -12,6 +12,7 @@ from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import RealClock, VirtualClock
 from fast.hardware.laumas.driver import LaumasTransmitter
+from fast.hardware.virtual import modbus_pdu
 from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS
 from fast.hardware.virtual.modbus_server import ModbusServerThread
 from fast.hardware.wire.modbus import ModbusAnswerError, tcp_link
@@ -79,6 +80,25 @@ def test_exceptions_become_sentences_and_are_not_repeated(link):
     with pytest.raises(DeviceError, match="exception 2 .illegal address."):
         link.read_registers(3, 61000, 2)
     assert link.n_reconnects == 0
+
+
+@pytest.mark.parametrize("code", [6, 11])
+def test_a_busy_device_is_asked_again(link, memory, monkeypatch, code):
+    memory.words = {0: 7}
+    refusals = [code]
+    answer = memory.read_registers
+
+    def refuse_or_answer(space, address, count):
+        if refusals:
+            raise modbus_pdu._RefusedError(refusals.pop())
+        return answer(space, address, count)
+
+    monkeypatch.setattr(memory, "read_registers", refuse_or_answer)
+    assert link.read_registers(3, 0, 1) == [7]
+    refusals += [code] * 3
+    with pytest.raises(LinkLostError, match=f"answered Modbus exception {code} .*Check what else asks it"):
+        link.read_registers(3, 0, 1)
+    assert link.read_registers(3, 0, 1) == [7]
 
 
 def test_reads_are_repeated_on_fresh_sockets_and_writes_are_not(link, server, memory):

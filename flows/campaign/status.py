@@ -1,5 +1,6 @@
 """Where a campaign stands, in a dictionary for machines and a few lines for people; from the lake alone."""
 
+import shlex
 from typing import Any
 
 from fast.flows.campaign.progress import count_work
@@ -121,8 +122,9 @@ def _imported_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
     }
 
 
-def format_status(status: dict[str, Any]) -> str:
-    """The status as lines for a person; the last line says what to do."""
+def format_status(status: dict[str, Any], lake: str | None = None) -> str:
+    """The status as lines for a person; the last line says what to do. `lake`: address that its commands name."""
+    there = f" --lake {shlex.quote(lake)}" if lake else ""
     lines = [
         f"campaign   {status['campaign']} ({status['state']})",
         f"grasps     {status['grasps']}",
@@ -132,16 +134,16 @@ def format_status(status: dict[str, Any]) -> str:
         lines.append(f"           {n_before} of them by an older simulator version: forces are not quite the same")
     if status["fault"]:
         lines.append(f"fault      {status['fault']}")
-        lines += [f"way on     {way['command']}: {way['moves']}" for way in status["ways_on"]]
+        lines += [f"way on     {way['command']}{there}: {way['moves']}" for way in status["ways_on"]]
     if status["best_tool"]:
         lines.append(f"best tool  {status['best_tool']}  {status['best_n']:.2f} N")
     if status["advice"]:
         lines.append(f"next batch after B{status['advice']['after_batch']:02d}: {status['advice']['sentence']}")
         lines.append(f"health     {status['advice']['tone']}: {status['advice']['health']}")
     for batch in status["waiting_for_print"]:
-        lines.append(f"waiting    for batch {batch}: fast print confirm {batch} --operator NAME")
+        lines.append(f"waiting    for batch {batch}: fast print confirm {batch} --operator NAME{there}")
     for batch in status["waiting_for_grasps"]:
-        lines.append(f"waiting    for grasps of batch {batch}: fast tell CONFIG results.csv --operator NAME")
+        lines.append(f"waiting    for grasps of batch {batch}: fast tell CONFIG results.csv --operator NAME{there}")
     return "\n".join(lines)
 
 

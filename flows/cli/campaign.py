@@ -74,7 +74,7 @@ def status(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: 
 
     found = open_lake(lake)
     state = read_status(found, resolve_campaign(found, campaign))
-    show(state, format_status(state), json)
+    show(state, format_status(state, found.address), json)
 
 
 @app.command(name="list")

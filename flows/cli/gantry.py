@@ -156,7 +156,7 @@ def tool_place(
     from fast.models.errors import UsageError
 
     says = on_head is not None or head_empty
-    if says and (not person or (on_head is not None and head_empty)):
+    if says != bool(person) or (on_head is not None and head_empty):
         raise UsageError("say either --on-head SLOT or --head-empty, and who looked with --person NAME.")
     with open_bench(bench, tools=rack(design)) as opened:
         changer = opened.changer

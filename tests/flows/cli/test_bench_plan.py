@@ -47,3 +47,5 @@ def test_tool_says_where_the_tool_is(fast):
     }  # fmt: skip
     assert "who looked with --person NAME" in fast.refused("gantry", "tool", "--head-empty")
     assert "contradicts what was said" in fast.refused("gantry", "tool", "--on-head", "3", "--person", "ada", status=1)
+    for words in (["--person", "ada"], ["--head-empty"], ["--on-head", "3", "--head-empty", "--person", "ada"]):
+        assert "either --on-head SLOT or --head-empty, and who looked" in fast.refused("gantry", "tool", *words)

@@ -32,8 +32,9 @@ def measured(tmp_path_factory):
 
 
 def test_status_and_list_say_what_is_waited_for(fast, tmp_path, monkeypatch):
-    monkeypatch.setenv("FAST_LAKE", str(proposed_lake(tmp_path)))
-    assert "fast print confirm quick/B01 --operator NAME" in fast("campaign", "status").out
+    lake = proposed_lake(tmp_path)
+    monkeypatch.setenv("FAST_LAKE", str(lake))
+    assert f"fast print confirm quick/B01 --operator NAME --lake {lake}\n" in fast("campaign", "status").out
     status = fast("campaign", "status", "--json").json
     assert (status["campaign"], status["waiting_for_print"]) == ("quick", ["quick/B01"])
     assert [row["campaign"] for row in fast("campaign", "list", "--json").json] == ["quick"]

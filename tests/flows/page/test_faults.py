@@ -74,7 +74,8 @@ def test_a_fault_is_a_choice_on_every_tab_and_in_the_terminal(stopped, monkeypat
         assert f"Leave {name} out" in text
         assert f"no tool goes to {name} until somebody puts it back" in text
     said = Fast(capsys)("campaign", "status", "--lake", lake.root).out
-    assert f"fast campaign leave-out quick --object {cut['object_id']}: The bench homes and goes on" in said
+    command = f"fast campaign leave-out quick --object {cut['object_id']} --lake {lake.root}"
+    assert f"{command}: The bench homes and goes on" in said
     form = {"campaign": "quick", "run": "r1", "way": "object", "reason": "mount broke"}
     status, words = browser.say("/start/way", form)
     assert (status, "No worker stands, so nothing was started" in words) == (409, True)

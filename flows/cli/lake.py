@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
 
 if TYPE_CHECKING:
-    from fast.lake.handoff.import_folder import HandoffCounts
+    from fast.lake.handoff.import_folder import HandoffCounts, Origin
     from fast.lake.store import Lake
     from fast.models.records import GraspSetup
     from fast.tasks.bench.told import Taken
@@ -62,11 +62,11 @@ def import_(
                 show_import(count_all(handoff), is_dry=True, as_json=json)
                 return
         found = Lake.open(lake, create=True)
-        if (taken := _take_answers(found, folder, campaign, source, is_dry=dry_run)) is not None:
+        origin = Origin(campaign, setup, source, lab)
+        if (taken := _take_answers(found, folder, origin, is_dry=dry_run)) is not None:
             words = f"nothing was written (--dry-run); it would be: {taken.sentence}" if dry_run else taken.sentence
             show(asdict(taken) | {"is_dry": dry_run}, f"{words}.", json)
             return
-        origin = Origin(campaign, setup, source, lab)
         counts = import_handoff(found, folder, current_provenance(), origin, is_dry=dry_run)
     show_import(counts, is_dry=dry_run, as_json=json)
 
@@ -127,8 +127,8 @@ def show_import(counts: "HandoffCounts", *, is_dry: bool, as_json: bool) -> None
     show(counts._asdict() | {"is_dry": is_dry}, words, as_json)
 
 
-def _take_answers(lake: "Lake", folder: Path, campaign_id: str | None, source: str, *, is_dry: bool) -> "Taken | None":
-    """What became of grasps that a campaign on a bench of its own asked for; None where none did.
+def _take_answers(lake: "Lake", folder: Path, origin: "Origin", *, is_dry: bool) -> "Taken | None":
+    """What became of grasps that a campaign on a bench of its own asked for; None where none did, or another lab made.
 
     Raises:
         UsageError: they are not what was asked for; nothing was written.
@@ -136,16 +136,23 @@ def _take_answers(lake: "Lake", folder: Path, campaign_id: str | None, source: s
     from fast.flows.campaign.ask_tell import find_told_campaign
     from fast.lake.handoff.files import read_handoff
     from fast.lake.tables.campaign import CampaignRow, DesignRow
+    from fast.models.errors import UsageError
     from fast.tasks.bench.told import take_told
     from fast.tasks.bench.told_files import read_folder
 
     if not lake.ids(CampaignRow):
         return None
     handoff = read_handoff(folder, lake.ids(DesignRow))
-    campaign = find_told_campaign(lake, [grasp.tool_id for grasp in handoff.grasps if grasp.fidelity == "real"])
-    if campaign is None or campaign_id not in (None, campaign.campaign_id):
+    real = [grasp for grasp in handoff.grasps if grasp.fidelity == "real"]
+    campaign = find_told_campaign(lake, [grasp.tool_id for grasp in real])
+    if campaign is None or origin.campaign_id not in (None, campaign.campaign_id):
         return None
-    return take_told(campaign, read_folder(campaign, folder), f"import of {source}", is_dry=is_dry)
+    if {grasp.lab or origin.lab for grasp in real} - {None, campaign.config.lab}:
+        return None
+    try:
+        return take_told(campaign, read_folder(campaign, folder), f"import of {origin.source}", is_dry=is_dry)
+    except UsageError as error:
+        raise UsageError(f"{error} Grasps that another lab made are imported with --lab NAME.") from error
 
 
 @app.command

@@ -9,7 +9,7 @@ another format in `lake.handoff.readers`.
 
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -196,7 +196,7 @@ def _new_grasps(lake: Lake, directory: Path, handoff: Handoff, campaign_id: str)
             faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
         elif owner != campaign_id:
             others.append(grasp)
-    faults += _changed_samples(lake, others)
+    faults += _changed_grasps(lake, others)
     if faults:
         raise HandoffError(directory, faults)
     left_alone = {grasp.grasp_id for grasp in others}
@@ -222,9 +222,16 @@ def _used_ids(lake: Lake, grasp_ids: list[str]) -> dict[str, tuple[tuple[str, st
     }
 
 
-def _changed_samples(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
-    """A fault for each grasp that the lake has with other samples."""
-    faults = []
+def _changed_grasps(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
+    """A fault for each grasp that the lake has with other samples or, where it brings none, with another peak."""
+    remedy = "and not from this import; give it another id"
+    by_lab = f"{remedy}, or say with --lab who measured it."
+    alone = {grasp.grasp_id: grasp for grasp in grasps if grasp.fidelity == "real" and grasp.trace is None}
+    faults = [
+        Fault("grasps.csv", None, "grasp_id", row["grasp_id"], f"is in the lake with {_say_end(row)}, {by_lab}")
+        for row in lake.rows(GraspRow, grasp_id=list(alone))
+        if _say_end(row) != _say_end(vars(alone[row["grasp_id"]]))
+    ]
     tables: tuple[tuple[str, type[TraceRow] | type[SimTraceRow]], ...] = (("real", TraceRow), ("sim", SimTraceRow))
     for fidelity, table in tables:
         wanted = [grasp for grasp in grasps if grasp.fidelity == fidelity]
@@ -234,9 +241,14 @@ def _changed_samples(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
             there = {row[table.id_column()]: row for row in rows}
             for grasp in some:
                 if grasp.trace is not None and not _same_samples(there.get(grasp.grasp_id), grasp.trace):
-                    limit = "is in the lake with other samples, and not from this import; give it another id."
+                    limit = f"is in the lake with other samples, {by_lab if fidelity == 'real' else f'{remedy}.'}"
                     faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
     return faults
+
+
+def _say_end(grasp: Mapping[str, Any]) -> str:
+    """How a grasp without samples ended, in words."""
+    return "no force" if grasp["peak_force_n"] is None else f"a peak of {grasp['peak_force_n']!r} N"
 
 
 def _same_samples(row: dict[str, Any] | None, trace: Trace) -> bool:

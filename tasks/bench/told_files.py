@@ -119,7 +119,7 @@ def read_rows_of(grasps: Iterable[Mapping[str, Any]]) -> list[ToldGrasp]:
 
 
 def read_folder(campaign: Campaign, folder: Path) -> list[ToldGrasp]:
-    """Grasps of a hand-off folder: the plan with traces beside it.
+    """Grasps of a hand-off folder: the plan with traces beside it, or with peaks and reasons in its rows.
 
     Raises:
         UsageError: it is no such folder, or something in it is wrong; all faults are named.
@@ -134,7 +134,9 @@ def read_folder(campaign: Campaign, folder: Path) -> list[ToldGrasp]:
             tool_id=grasp.tool_id,
             object_id=grasp.object_id,
             repeat=grasp.repeat,
-            trace=grasp.trace,
+            peak_force_n=grasp.peak_force_n if grasp.status == "ok" else None,
+            trace=grasp.trace if grasp.status == "ok" else None,
+            reason=grasp.reason,
             started_at=grasp.started_at,
             setup_id=find_setup_id(*find_settings(grasp, usual)),
         )

@@ -50,6 +50,24 @@ def test_slips_are_questions_and_good_numbers_are_told(fast: Fast, tmp_path: Pat
     assert "1 grasps were taken back" in done(fast, *undo)
 
 
+def test_grasps_of_another_lab_on_the_same_tools_stay_its_own(fast: Fast, tmp_path: Path) -> None:
+    lake, handoff = tmp_path / "lake", tmp_path / "handoff"
+    fast("ask", PEOPLE / "pull.toml", "--lake", lake)
+    done(fast, "tell", PEOPLE / "pull.toml", PEOPLE / "good.csv", "--lake", lake)
+    done(fast, "lake", "export", handoff, "--lake", lake)
+    assert "48 were there already" in done(fast, "lake", "import", handoff, "--lake", lake)
+    assert "imported 0 designs, 48 measured grasps" in done(
+        fast, "lake", "import", handoff, "--lab", "delft", "--lake", lake
+    )
+    labs = [row["lab"] for row in Lake.open(lake).rows(GraspRow)]
+    assert (labs.count(None), labs.count("delft")) == (48, 48)
+    table = handoff / "grasps.csv"
+    table.write_text(table.read_text().replace(",4.98,", ",4.9,"))
+    said = asked(fast, "lake", "import", handoff, "--lake", lake)
+    assert "the lake has this grasp with 4.98 N, now it is 4.9 N" in said
+    assert "Grasps that another lab made are imported with --lab NAME." in said
+
+
 def test_a_format_that_is_not_there_is_guessed_shown_and_written_first(fast: Fast, tmp_path: Path) -> None:
     lake, config = tmp_path / "lake", tmp_path / "pull.toml"
     config.write_text((PEOPLE / "pull.toml").read_text())

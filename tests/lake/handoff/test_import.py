@@ -100,6 +100,17 @@ def test_samples_of_another_campaign_cannot_be_changed(lake, tmp_path, provenanc
     assert everything(lake) == before
 
 
+def test_a_peak_of_another_campaign_cannot_be_changed(lake, tmp_path, provenance, small_rows, make_grasp):
+    (grasp_row, _) = make_grasp(peak_force_n=13.5, work_j=None)
+    lake.append([*small_rows, grasp_row], provenance)
+    export_handoff(lake, tmp_path / "out")
+    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 1)
+    (row,) = read_csv(tmp_path / "out" / "grasps.csv")
+    write_csv(tmp_path / "out" / "grasps.csv", [row | {"peak_force_n": "13.6"}])
+    with pytest.raises(HandoffError, match=r"is in the lake with a peak of 13.5 N.*or say with --lab who measured it"):
+        import_handoff(lake, tmp_path / "out", PROVENANCE)
+
+
 def test_nothing_is_imported_into_a_campaign_of_the_bench(lake, folder, provenance, small_rows):
     lake.append(small_rows, provenance)
     before = everything(lake)

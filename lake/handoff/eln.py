@@ -6,11 +6,11 @@ data sets that the root lists, so the files of a deposit are in one of their own
 """
 
 import json
+import os
 import zipfile
 from pathlib import Path
 from typing import Any
 
-from fast.lake.storage.files import writing_failed
 from fast.models.errors import UsageError
 
 METADATA = "ro-crate-metadata.json"
@@ -26,7 +26,7 @@ _ENCODINGS = {
 
 
 def check_eln_path(path: Path) -> None:
-    """Refuse a name that notebooks do not know, and a file that is there.
+    """Refuse a name that notebooks do not know, a file that is there, and a folder that cannot take it.
 
     Raises:
         UsageError: says which.
@@ -35,10 +35,16 @@ def check_eln_path(path: Path) -> None:
         raise UsageError(f"{path} is no name of a notebook's file, which ends with .eln; give another.")
     if path.exists():
         raise UsageError(f"{path} is there already; nothing was written: give another name.")
+    if not os.access(path.parent, os.W_OK):
+        raise UsageError(f"{path.parent} is no folder that can be written; nothing was written: give another --eln.")
 
 
 def write_eln(deposit: Path, path: Path) -> None:
-    """Pack a deposit that `publish` wrote into `path`, visible whole or not at all."""
+    """Pack a deposit that `publish` wrote into `path`, visible whole or not at all.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
     crate = json.loads((deposit / METADATA).read_text(encoding="utf-8"))
     crate["@graph"] = _rearrange(crate["@graph"])
     temporary = path.with_name(f".{path.name}.part")
@@ -50,7 +56,7 @@ def write_eln(deposit: Path, path: Path) -> None:
         temporary.replace(path)
     except OSError as error:
         temporary.unlink(missing_ok=True)
-        raise writing_failed(path.parent, error) from error
+        raise UsageError(f"{path} cannot be written ({error.strerror}); give another --eln.") from error
 
 
 def _rearrange(graph: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -29,7 +29,7 @@ from fast.lake.handoff.format import (
 from fast.lake.handoff.import_folder import HandoffCounts
 from fast.lake.provenance import PACKAGE
 from fast.lake.query.lots import read_lot_rows
-from fast.lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish, writing_failed
+from fast.lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (
     DesignRow,
@@ -222,7 +222,10 @@ def write_files(directory: Path, files: Sequence[tuple[str, Callable[[Path], Non
             publish(temporary, final)
     except (OSError, LakeError) as error:
         discard([path for pair in staged for path in pair])
-        raise error if isinstance(error, LakeError) else writing_failed(directory, error) from error
+        if isinstance(error, LakeError):
+            raise
+        why = f"{directory} cannot be written ({error.strerror}); nothing was written: give another folder"
+        raise UsageError(f"{why}, or free disk space.") from error
 
 
 def _sync_file(path: Path) -> None:

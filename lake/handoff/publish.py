@@ -194,6 +194,8 @@ def _describe(path: Path) -> dict[str, Any]:
     if path.suffix == ".parquet":
         columns = ", ".join(f"{name} ({unit_of(name) or 'text'})" for name in pq.read_schema(path).names)
         return described | {
+            # As `parquet` the library reads it as a table without a schema, and finds types and checksum wrong.
+            "format": "apache-parquet",
             "mediatype": "application/vnd.apache.parquet",
             "description": f"{described['description']}; columns: {columns}",
         }

@@ -180,7 +180,7 @@ def test_wrong_words_get_a_sentence(fast, words, said):
         (["sql", "SELECT 1", "--format", "csv", "--json"], "contradict each other"),
         (["sql", "SELECT 1", "--out", "/proc/x"], "--out `/proc/x` cannot be written"),
         (["lake", "export", "exported", "--campaign", "quack"], "did you mean `quick`?"),
-        (["lake", "export", "/proc/x"], "/proc/x cannot be written"),
+        (["lake", "export", "/proc/x"], "nothing was written: give another folder, or free disk space"),
     ],
 )
 def test_wrong_questions_to_a_lake_change_nothing(fast, lake, tmp_path, monkeypatch, words, said):

@@ -33,10 +33,8 @@ def deposit(lake: Lake, tmp_path: Path, small_rows, make_grasp, make_simulation)
 @pytest.mark.filterwarnings("ignore")
 def test_the_data_package_is_valid_and_its_tables_have_the_stated_types(deposit: Path) -> None:
     package = frictionless.Package(str(deposit / "datapackage.json"))
-    for resource in package.resources:
-        if resource.format == "csv":
-            report = frictionless.validate(resource)
-            assert report.valid, report.flatten(["rowNumber", "fieldName", "message"])
+    report = frictionless.validate(str(deposit / "datapackage.json"))
+    assert report.valid, report.flatten(["name", "rowNumber", "fieldName", "message"])
     columns = {field.name: field.type for field in package.get_resource("grasps-csv").schema.fields}
     assert (columns["object_id"], columns["tool_id"], columns["grasp_id"]) == ("integer", "string", "string")
     designs = {field.name: field for field in package.get_resource("designs-csv").schema.fields}
@@ -136,6 +134,8 @@ def test_a_notebook_file_has_its_ending_and_overwrites_nothing(tmp_path: Path) -
     (tmp_path / "fingers.eln").touch()
     with pytest.raises(UsageError, match="is there already"):
         check_eln_path(tmp_path / "fingers.eln")
+    with pytest.raises(UsageError, match="is no folder that can be written; nothing was written: give another --eln"):
+        check_eln_path(tmp_path / "nowhere" / "fingers.eln")
 
 
 class Archive:

@@ -147,7 +147,11 @@ class Lease:
             if self._storage.overwrite(self._file, _text(holder, self._beat)):
                 return True
             if self._check():
-                self._lose("is gone from the lake")
+                self._lost = (
+                    f"The lease of {_words(self.name)} is gone from {self._storage.address}: the lake was moved, "
+                    "renamed or deleted. Nothing more is written or moved here, all rows are kept. Give the lake's new "
+                    "place with --lake and run the same command again."
+                )
         except FastError as error:
             _LOG.warning("the lease of %s was not renewed: %s", self.name, error)
         return False

@@ -66,7 +66,16 @@ class FolderStorage:
         publish(staged, self.root / MARKER)
 
     def refresh(self, tables: Iterable[str], *, anew: bool = False) -> None:
-        """See `Storage`; what is read here is the store itself."""
+        """See `Storage`; what is read here is the store itself.
+
+        Raises:
+            LakeError: it is no longer here.
+        """
+        if self.marker() is None:
+            raise LakeError(
+                f"{self.root} is no lake any more: it was moved, renamed or deleted while this command ran; what was "
+                "written is where the lake is now: give that place with --lake and run the same command again."
+            )
 
     def file_name(self, rows: pa.Table) -> str:
         """Ends alike for the same rows whenever they are appended, so that a repeated append replaces its file."""
@@ -74,6 +83,7 @@ class FolderStorage:
 
     def names(self, table: str) -> list[str]:
         """See `Storage`."""
+        self.refresh([table])
         folder = self.root / table
         try:
             found, before = set(os.listdir(folder)), None

@@ -146,6 +146,14 @@ def test_an_owner_on_another_machine_that_is_silent_is_followed(lake, time_, end
     assert not is_held(lake.storage, "gantry"), "who lost it does not give it back for the other"
 
 
+def test_an_owner_whose_lake_was_moved_is_told_so(lake, time_):
+    with exclusive(lake.storage, "campaign-quick", "busy") as mine:
+        lake.root.rename(lake.root.with_name("moved"))
+        time_.now_s += leases.RENEWED_S + 0.1
+        with pytest.raises(LostLeaseError, match="the lake was moved, renamed or deleted.*new place with --lake"):
+            mine.require()
+
+
 def test_an_owner_that_lost_it_writes_nothing_and_says_what_to_do(lake, time_):
     with exclusive(lake.storage, "campaign-quick", "busy"):
         lake.append([event()], PROVENANCE)

@@ -204,6 +204,16 @@ def test_a_removed_file_is_forgotten(lake, provenance, make_grasp):
     assert lake.rows(TraceRow) == []
 
 
+def test_a_lake_that_was_moved_meanwhile_is_neither_empty_nor_made_again(lake, provenance, make_grasp):
+    lake.append(make_grasp(), provenance)
+    there = lake.root.rename(lake.root.with_name("moved"))
+    for use in (lambda: lake.rows(GraspRow), lambda: lake.append(make_grasp(), provenance)):
+        with pytest.raises(LakeError, match="is no lake any more: it was moved.*give that place with --lake"):
+            use()
+    assert not lake.root.exists()
+    assert len(Lake.open(there).rows(GraspRow)) == 1
+
+
 def test_a_file_without_a_newer_nullable_column_still_reads(lake, provenance, make_grasp):
     import pyarrow.parquet as pq
 

@@ -17,6 +17,7 @@ from fast.flows.page.web import HEADERS, TOKEN_HEADER, NotAllowedError, require_
 from fast.flows.server.access import Role
 from fast.flows.server.server import address_for_others
 from fast.models.errors import FastError, UsageError
+from fast.models.units import spell_count
 
 VERSION = "/api/v1"
 _KEY = Security(HTTPBasic(auto_error=False, description="user `fast`, and the key of a link as password"))
@@ -203,7 +204,7 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
     @router.post("/sql")
     def ask(question: SqlQuestion) -> SqlAnswer:
         """The answer to a question; reads only, within the limits of the page."""
-        found = results.answer_sql(page.lake, question.sql)
+        found = results.answer_sql(page.lake, question.sql, results.exact)
         return SqlAnswer(columns=list(found.columns), rows=[list(row) for row in found.rows], n_rows=found.n_rows)
 
     @router.get("/me")
@@ -252,13 +253,12 @@ def describe_todo(todo: Todo) -> AskedOfPerson:
         return AskedOfPerson(
             campaign_id=todo.campaign_id,
             kind="print",
-            sentence=f"print and mount {len(todo.slots)} tools of batch {todo.name}",
+            sentence=f"print and mount {spell_count(len(todo.slots), 'tool')} of batch {todo.name}",
         )
     if isinstance(todo, MountTodo):
         names = ", ".join(tool.rpartition("/")[2] for tool in todo.slots)
         return AskedOfPerson(campaign_id=todo.campaign_id, kind="mount", sentence=f"mount kept tools again: {names}")
     if isinstance(todo, ReadingTodo):
         return AskedOfPerson(campaign_id=todo.campaign_id, kind="reading", sentence=todo.question.sentence)
-    return AskedOfPerson(
-        campaign_id=todo.campaign_id, kind="grasps", sentence=f"make and tell {todo.n_left} grasps of {todo.name}"
-    )
+    sentence = f"make and tell {spell_count(todo.n_left, 'grasp')} of {todo.name}"
+    return AskedOfPerson(campaign_id=todo.campaign_id, kind="grasps", sentence=sentence)

@@ -1,7 +1,7 @@
 """What the tab Results shows: campaigns, calibrations, searches, tools with their traces, and answers to SQL."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -206,15 +206,15 @@ def find_tool_of(lake: Lake, grasp_id: str) -> str:
     return rows[-1].tool_id
 
 
-def answer_sql(lake: Lake, sql: str) -> Answer:
-    """The answer to a question, as far as a page shows it.
+def answer_sql(lake: Lake, sql: str, cell: Callable[[object], object] | None = None) -> Answer:
+    """The answer to a question, as far as a page shows it; `cell` makes a value of it, by default for a person.
 
     Raises:
         FastError: it is not one reading statement, or over the limits.
     """
     table = run_sql(lake, sql, LIMITS)
     shown = table.slice(0, MOST_ROWS)
-    rows = tuple(zip(*(map(_plain, column.to_pylist()) for column in shown.columns), strict=True))
+    rows = tuple(zip(*(map(cell or _plain, column.to_pylist()) for column in shown.columns), strict=True))
     return Answer(tuple(table.column_names), rows, table.num_rows, _find_points(shown))
 
 
@@ -259,6 +259,13 @@ def _plain(value: object) -> object:
     if isinstance(value, float):
         return f"{value:.5g}" if math.isfinite(value) else ""
     return "" if value is None else value if isinstance(value, int) else str(value)[:300]
+
+
+def exact(value: object) -> object:
+    """A value as a program takes it: a number with all of its digits, None where there is none."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return None if value is None else _plain(value)
 
 
 def _find_points(table: pa.Table) -> dict[str, Any] | None:

@@ -246,7 +246,7 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     from fast.flows.report.campaign.grasp import draw_instants
     from fast.flows.report.grasp_frames import five_instants
     from fast.flows.report.style import figure_style
-    from fast.lake.tables.campaign import GraspRow
+    from fast.lake.tables.campaign import CampaignRow, GraspRow
     from fast.models.design.space import BEST_PUBLISHED
     from fast.models.objects.catalogue import get_object
     from fast.models.records import Design, GraspSetup, Placement
@@ -263,7 +263,10 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
     design: Design = BEST_PUBLISHED
     setup, tolerances = GraspSetup(), Tolerances()
     if tool_id:
-        campaign = at_present(read_campaign(lake, tool_id.rpartition("/")[0]))
+        campaign_id = tool_id.rpartition("/")[0]
+        if not lake.rows(CampaignRow, campaign_id=campaign_id):
+            raise UsageError(f"tool `{tool_id}` is of no campaign that this lake ran; name one like quick/B01T0.")
+        campaign = at_present(read_campaign(lake, campaign_id))
         found = next((tool for tool in campaign.state().tools if tool.tool_id == tool_id), None)
         if found is None:
             raise UsageError(f"campaign {campaign.campaign_id} has no tool {tool_id}.")

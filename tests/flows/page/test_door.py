@@ -30,6 +30,8 @@ def test_the_interface_has_a_schema_and_says_where_a_campaign_stands(lake):
     assert (state["grasps_done"], state["state"]) == (0, "interrupted")
     assert browser.client.get("/api/v1/campaigns/other").status_code == 404
     assert browser.client.post("/api/v1/sql", json={"sql": "DROP TABLE grasps"}).status_code == 400
+    answer = browser.client.post("/api/v1/sql", json={"sql": "SELECT 15.979936175::DOUBLE AS force_n, NULL AS none"})
+    assert answer.json()["rows"] == [[15.979936175, None]]
 
 
 def test_what_is_refused_is_in_the_schema_as_the_key_and_the_token_are(lake):

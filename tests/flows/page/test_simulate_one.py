@@ -6,6 +6,7 @@ import pytest
 
 from fast.flows.page.start import simulate_one
 from fast.lake.store import Lake
+from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.simulation.grasp import simulate_grasp
 from fast.tasks.campaign.campaign import Campaign
@@ -23,6 +24,13 @@ wall_offset_mm = 0.05
 offset_z_mm = 0
 closed_gap_mm = 0
 """
+
+
+@pytest.mark.parametrize("tool_id", ["nope", "other/B01T0"])
+def test_a_tool_of_no_campaign_is_a_sentence(tmp_path: Path, tool_id: str) -> None:
+    lake = Lake.open(tmp_path / "lake", create=True)
+    with pytest.raises(UsageError, match=f"tool `{tool_id}` is of no campaign that this lake ran; name one like"):
+        simulate_one(str(lake.root), tool_id, 2)
 
 
 def test_it_is_the_grasp_of_the_campaign_and_says_how_prints_scatter(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import resource
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -89,6 +90,11 @@ def test_a_pool_lends_each_worker_to_one_user():
     with pool.lend(), pool.lend():
         pass
     pool.close()
+
+
+def test_a_service_that_is_stopped_leaves_its_workers_what_they_are_at(workers):
+    workers[0].call(signal.raise_signal, signal.SIGTERM)  # as systemd sends it to all processes of a service
+    assert workers[0].call(abs, -1) == 1
 
 
 def test_memory_stays_flat():

@@ -65,6 +65,11 @@ def spell_chance(chance: float) -> str:
     return "less than 1 %" if chance < 0.5 else "more than 99 %"
 
 
+def spell_count(n: int, noun: str) -> str:
+    """A number of things: `1 tool`, `3 tools`."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
 def spell_number(value: float, digits: int = 2) -> str:
     """A number of so many digits, large ones without an exponent (127.4 -> `130`, 0.0312 -> `0.031`)."""
     rounded = float(f"{value:.{digits}g}")

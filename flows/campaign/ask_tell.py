@@ -21,6 +21,7 @@ from fast.lake.tables.campaign import BatchRow, CampaignRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.records import Design, GraspRequest
 from fast.models.show import html_table
+from fast.models.units import spell_count
 from fast.tasks.bench.folder import is_told, plan_batch
 from fast.tasks.bench.machine_files.format import MachineFormat, read_format
 from fast.tasks.bench.machine_files.guess import guess_format, parse_format
@@ -54,7 +55,7 @@ class AskedBatch:
         tools = {tool_id: design.model_dump() for tool_id, design in self.designs.items()}
         names = list(next(iter(tools.values()), {}))
         rows = [(tool_id, *(str(values[name]) for name in names)) for tool_id, values in tools.items()]
-        return html_table((f"{self.batch_id}, {len(self.grasps)} grasps", *names), rows)
+        return html_table((f"{self.batch_id}, {spell_count(len(self.grasps), 'grasp')}", *names), rows)
 
 
 def ask(

@@ -17,6 +17,7 @@ from fast.lake.store import Lake
 from fast.models.errors import FastError, UsageError
 from fast.models.gap.ask.answers import Reading
 from fast.models.gap.ask.person import find_measurement
+from fast.models.units import spell_count
 from fast.models.validation import load_record
 from fast.tasks.bench.mount import plan_rack
 from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
@@ -40,7 +41,7 @@ def mount_tools(campaign: str, search: str, lake: str = "lake-data") -> State[An
         except FastError as error:
             complaint = str(error)
             continue
-        return Completed(message=f"{len(word.slots)} kept tools mounted, {len(word.gone)} gone.")
+        return Completed(message=f"{spell_count(len(word.slots), 'kept tool')} mounted, {len(word.gone)} gone.")
     return Completed(message="the tools were confirmed elsewhere meanwhile.")
 
 

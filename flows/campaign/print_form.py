@@ -19,6 +19,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow
 from fast.models.errors import FastError, UsageError
 from fast.models.ids import tool_label
+from fast.models.units import spell_count
 from fast.models.validation import load_record
 from fast.tasks.bench.measured_tools import MeasuredTool
 from fast.tasks.bench.print import PrintConfirmation, confirm_print, open_slots
@@ -85,7 +86,7 @@ def confirm_batch(campaign: str, batch: int, slots: list[int], lake: str = "lake
         except (FastError, ValidationError) as error:
             complaint = str(error)
             continue
-        sentence = f"{done.n_mounted} tools mounted, {done.n_rejected} rejected"
+        sentence = f"{spell_count(done.n_mounted, 'tool')} mounted, {done.n_rejected} rejected"
         if done.again:
             sentence += f"; printed again: slot {', '.join(map(str, done.again))}, files in {done.sheet}"
         return Completed(message=f"{sentence}.")

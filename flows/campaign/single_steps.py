@@ -8,6 +8,7 @@ from fast.flows.campaign.process import keep_physics, open_campaign_bench
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.errors import FastError
+from fast.models.units import spell_count
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config, world_path
@@ -44,7 +45,7 @@ def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:
             steps.measure_batch(f"B{batch:02d}", unmapped(campaign), unmapped(tools), unmapped(use))
         finally:
             physics.close()
-        return f"{len(tools)} tools of {name} measured"
+        return f"{spell_count(len(tools), 'tool')} of {name} measured"
 
 
 def simulate_missing(config_path: Path, lake: str) -> str:
@@ -73,7 +74,8 @@ def simulate_missing(config_path: Path, lake: str) -> str:
             n_failed = sum(job.result() for job in jobs)
         finally:
             pool.close()
-        return f"{len(owed)} designs of {campaign.campaign_id} simulated, {n_failed} grasps failed"
+        simulated = f"{spell_count(len(owed), 'design')} of {campaign.campaign_id} simulated"
+        return f"{simulated}, {spell_count(n_failed, 'grasp')} failed"
 
 
 @contextmanager

@@ -119,11 +119,13 @@ def _read_setup(settings: list[str]) -> "GraspSetup":
 
 def show_import(counts: "HandoffCounts", *, is_dry: bool, as_json: bool) -> None:
     """Say what an import wrote, or with `is_dry` what it would have."""
+    from fast.models.units import spell_count
+
     numbers = counts._asdict()
     n_known = numbers.pop("n_known")
     words = _counts_text("nothing was written (--dry-run); it would be:" if is_dry else "imported", numbers)
     if n_known:
-        words += f"; {n_known} grasps were there already"
+        words += f"; {spell_count(n_known, 'grasp')} {'was' if n_known == 1 else 'were'} there already"
     show(counts._asdict() | {"is_dry": is_dry}, words, as_json)
 
 
@@ -344,5 +346,7 @@ def _check_campaign(lake: "Lake", campaign: str) -> None:
 
 
 def _counts_text(verb: str, counts: dict[str, int]) -> str:
-    words = {"n_designs": "designs", "n_real": "measured grasps", "n_sim": "simulated grasps", "n_samples": "samples"}
-    return f"{verb} " + ", ".join(f"{counts[name]} {word}" for name, word in words.items())
+    from fast.models.units import spell_count
+
+    nouns = {"n_designs": "design", "n_real": "measured grasp", "n_sim": "simulated grasp", "n_samples": "sample"}
+    return f"{verb} " + ", ".join(spell_count(counts[name], noun) for name, noun in nouns.items())

@@ -85,6 +85,7 @@ def confirm(
     from fast.flows.campaign.forms import close_forms
     from fast.flows.campaign.operator_prompts import make_print_form
     from fast.lake.store import Lake
+    from fast.models.units import spell_count
     from fast.models.validation import load_record
     from fast.tasks.bench.print import PrintConfirmation, confirm_print
     from fast.tasks.bench.reference_tools import note_gone
@@ -111,7 +112,7 @@ def confirm(
     name = f"{campaign_id}/B{number:02d}"
     data = {"batch": name, "n_mounted": done.n_mounted, "n_rejected": done.n_rejected, "operator": operator}
     data |= {"again": list(done.again), "sheet": str(done.sheet) if done.sheet else None}
-    text = f"batch {name}: {done.n_mounted} tools mounted, {done.n_rejected} rejected"
+    text = f"batch {name}: {spell_count(done.n_mounted, 'tool')} mounted, {done.n_rejected} rejected"
     if done.again:
         slots = ", ".join(map(str, done.again))
         text += f"; to be printed again: slot {slots} ({done.sheet}), then confirm the batch once more"
@@ -180,6 +181,7 @@ def mounted(
     from fast.flows.campaign.status import read_campaign
     from fast.flows.cli.campaign import open_lake, resolve_campaign
     from fast.models.errors import UsageError
+    from fast.models.units import spell_count
     from fast.models.validation import load_record
     from fast.tasks.bench.mount import plan_rack
     from fast.tasks.bench.mounting import Mounting, confirm_mounting
@@ -200,7 +202,7 @@ def mounted(
     close_forms(found, make_mount_form(found, campaign_id, run.gap_id), f"said by {operator} on the command line")
     data = {"search": run.gap_id, "mounted": kept, "gone": sorted(lost)}
     next_step = "the campaign makes their grasps" if kept else "the campaign goes on without these grasps"
-    show(data, f"{len(kept)} kept tools mounted, {len(lost)} gone; {next_step}.", json)
+    show(data, f"{spell_count(len(kept), 'kept tool')} mounted, {len(lost)} gone; {next_step}.", json)
 
 
 def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:

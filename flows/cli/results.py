@@ -63,6 +63,7 @@ def view(
     from fast.flows.cli.campaign import open_lake
     from fast.flows.cli.virtual import wait_for
     from fast.flows.dependencies import require
+    from fast.models.units import spell_count
 
     found = open_lake(lake)
     folder, write = _choose_recording(found, what)
@@ -76,7 +77,7 @@ def view(
         show_page = None if save else _prepare_page(stack, found, path, is_whole)
         if live:
             n_grasps = _follow(found, what, path, show_page)
-            data["grasps"], text = n_grasps, f"{n_grasps} grasps written to {path}"
+            data["grasps"], text = n_grasps, f"{spell_count(n_grasps, 'grasp')} written to {path}"
         else:
             write(path)
         is_whole.set()

@@ -53,6 +53,7 @@ def sql(
     from fast.lake.query.sql import run_sql
     from fast.lake.store import Lake
     from fast.models.errors import UsageError
+    from fast.models.units import spell_count
 
     if query is None:
         if format or out:
@@ -74,7 +75,7 @@ def sql(
         out.write_bytes(content)
     except OSError as error:
         raise UsageError(f"--out `{out}` cannot be written: {error.strerror}; give another file.") from error
-    tell(f"{table.num_rows} rows written to {out}")
+    tell(f"{spell_count(table.num_rows, 'row')} written to {out}")
 
 
 def _end_at_once(sentence: str) -> None:

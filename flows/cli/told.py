@@ -30,6 +30,7 @@ def ask(
     """
     from fast.flows.campaign.ask_tell import ask as ask_next
     from fast.lake.store import Lake
+    from fast.models.units import spell_count
     from fast.tasks.campaign.config import load_config
     from fast.tasks.campaign.state import rank_tools
 
@@ -44,7 +45,8 @@ def ask(
         {"tool": tool_id, "grasps": sum(grasp.tool_id == tool_id for grasp in asked.grasps), **design.model_dump()}
         for tool_id, design in sorted(asked.designs.items())
     ]
-    lines = [f"batch {asked.batch_id}: {len(rows)} tools, {len(asked.grasps)} grasps", "", table_text(rows, width=110)]
+    counted = f"{spell_count(len(rows), 'tool')}, {spell_count(len(asked.grasps), 'grasp')}"
+    lines = [f"batch {asked.batch_id}: {counted}", "", table_text(rows, width=110)]
     if asked.folder is not None:
         lines += ["", f"wrote {asked.folder}; fill in results.csv, then:"]
         lines += [shlex.join(["fast", "tell", str(config), str(asked.folder / "results.csv"), "--lake", str(lake)])]
@@ -82,12 +84,13 @@ def tell(
     from fast.flows.campaign.ask_tell import Telling, untell
     from fast.flows.campaign.ask_tell import tell as tell_all
     from fast.models.errors import UsageError
+    from fast.models.units import spell_count
 
     if undo == bool(results):
         raise UsageError("give files to tell, or --undo and no files; nothing was written.")
     if undo:
         n = untell(config, lake, operator)
-        show({"n_taken_back": n}, f"{n} grasps were taken back; tell them again when they are right.", json)
+        show({"n_taken_back": n}, f"{spell_count(n, 'grasp')} taken back; tell again what is right.", json)
         return
     results = results or []
 

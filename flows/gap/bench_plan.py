@@ -14,7 +14,7 @@ from fast.models.errors import UsageError
 from fast.models.gap.findings import NextExperiment
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspRequest, GraspSetup, Placement
-from fast.models.units import spell_minutes, spell_name, unit_of
+from fast.models.units import spell_count, spell_minutes, spell_name, unit_of
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.campaign.state import load_designs
 from fast.tasks.gap.findings import find_last_run, find_run
@@ -33,7 +33,7 @@ class BenchPlan:
     def sentence(self) -> str:
         """How much there is to do."""
         tools = len({request.tool_id for request in self.requests})
-        words = f"{len(self.requests)} grasps are asked for, of {tools} tool{'s' if tools > 1 else ''}"
+        words = f"asked for: {spell_count(len(self.requests), 'grasp')} of {spell_count(tools, 'tool')}"
         return f"{words}; about {spell_minutes(self.minutes)} with the gantry" if self.minutes else words
 
 

@@ -25,7 +25,7 @@ from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.simulated import Beside, stand_beside
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
-from fast.models.units import STANDARD_GRAVITY_M_PER_S2, spell_name, spell_number, unit_of
+from fast.models.units import STANDARD_GRAVITY_M_PER_S2, spell_count, spell_name, spell_number, unit_of
 from fast.tasks.calibration.mean_data import TooLittleDataError, find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.gap.ask import ask
@@ -69,7 +69,7 @@ class Weighed:
         """What is said of the panel."""
         grasps, named = self.grasps, self.naming.named
         n_tools, n_objects = len(grasps.tools), len(grasps.objects)
-        made = f"{len(grasps.grasp_ids)} grasps of {_count(n_tools, 'tool')} on {_count(n_objects, 'object')}"
+        made = f"{len(grasps.grasp_ids)} grasps of {spell_count(n_tools, 'tool')} on {spell_count(n_objects, 'object')}"
         said = [f"{made}; nothing is held out, so no name is checked on grasps that it never saw.", named.sentence]
         said.append(f"Right with probability {describe_probability(named.probability)}.")
         if len(self.alike) > 1:
@@ -212,15 +212,11 @@ def _check_size(measured: MeasuredGrasps) -> None:
     n = len(np.unique(grasps.obj))
     if n < LEAST_OBJECTS or len(np.unique(grasps.tool)) < LEAST_DESIGNS:
         raise TooLittleDataError(
-            f"{_count(n, 'object')} was gripped: whatever is missing there is as well friction or a modulus, so "
+            f"{spell_count(n, 'object')} was gripped: whatever is missing there is as well friction or a modulus, so "
             f"nothing can be told. {LEAST_OBJECTS} objects are the least, which mostly leaves open what it is; "
             f"{MIN_DESIGNS} designs on {MIN_OBJECTS} objects let a name be checked. `fast gap plan` says what a panel "
             f"would tell. {' '.join(measured.trace_warnings)}".rstrip()
         )
-
-
-def _count(n: int, what: str) -> str:
-    return f"{n} {what}{'' if n == 1 else 's'}"
 
 
 def _round(nats: float) -> float:

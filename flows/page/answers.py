@@ -15,6 +15,7 @@ from fast.lake.store import Lake
 from fast.models.errors import FastError, UsageError
 from fast.models.gap.ask.answers import Reading
 from fast.models.ids import tool_label
+from fast.models.units import spell_count
 from fast.models.validation import load_record
 from fast.tasks.bench.machine_files.format import MachineFormat
 from fast.tasks.bench.machine_files.guess import parse_format
@@ -73,7 +74,7 @@ def answer_print(lake: Lake, campaign_id: str, batch: int, form: Mapping[str, st
 
 
 def _say_printed(done: Printed) -> str:
-    sentence = f"{done.n_mounted} tools mounted, {done.n_rejected} rejected"
+    sentence = f"{spell_count(done.n_mounted, 'tool')} mounted, {done.n_rejected} rejected"
     if done.again:
         sentence += f"; slot {', '.join(map(str, done.again))} is to be printed again, its files are ready"
     return f"{sentence}."
@@ -91,7 +92,7 @@ def answer_mount(lake: Lake, campaign_id: str, search_id: str, form: Mapping[str
     said = {"search_id": search_id, "slots": kept, "gone": gone, "operator": operator}
     confirm_mounting(lake, campaign_id, load_record(Mounting, said, "kept tools"))
     close_forms(lake, make_mount_form(lake, campaign_id, search_id), f"said by {operator} on the lab's page")
-    return f"{len(kept)} kept tools mounted, {len(gone)} gone."
+    return f"{spell_count(len(kept), 'kept tool')} mounted, {len(gone)} gone."
 
 
 def answer_reading(lake: Lake, campaign_id: str, search_id: str, form: Mapping[str, str], operator: str) -> str:
@@ -219,7 +220,7 @@ def undo_told(lake: Lake, campaign_id: str, operator: str) -> str:
         UsageError: there is none.
     """
     n = take_back(read_campaign(lake, campaign_id), operator)
-    return f"{n} grasps were taken back; tell them again when they are right."
+    return f"{spell_count(n, 'grasp')} taken back; tell again what is right."
 
 
 def find_upload(lake: Lake, upload: str) -> Path:

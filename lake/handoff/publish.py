@@ -19,7 +19,7 @@ from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, GraspRow
 from fast.models.errors import MissingDependencyError, UsageError
-from fast.models.units import spell_name, unit_of
+from fast.models.units import spell_count, spell_name, unit_of
 
 LICENCES = {
     "CC-BY-4.0": ("Creative Commons Attribution 4.0", "https://creativecommons.org/licenses/by/4.0/"),
@@ -95,7 +95,8 @@ def publish(
     if there:
         raise UsageError(f"{directory} already holds {', '.join(there)}; nothing was written: give a new folder.")
     counts = export_handoff(lake, directory, campaign_id=campaign_id)
-    n = f"{counts.n_real} measured and {counts.n_sim} simulated grasps of {counts.n_designs} soft fingers"
+    n = f"{counts.n_real} measured and {spell_count(counts.n_sim, 'simulated grasp')}"
+    n += f" of {spell_count(counts.n_designs, 'soft finger')}"
     about = {
         "title": title.strip(),
         "description": f"Pull-off forces of soft gripper fingers: {n}.",

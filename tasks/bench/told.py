@@ -20,7 +20,7 @@ from fast.models.ids import canonical_json
 from fast.models.question import Question, settle
 from fast.models.records import BENCH_FAULT, GraspRequest, Trace, find_setup_id
 from fast.models.traces import find_counted_down, initial_force_n, peak_force_n, work_j
-from fast.models.units import spell_number
+from fast.models.units import spell_count, spell_number
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.measure import find_first_order
 from fast.tasks.bench.plan import order_cells
@@ -87,14 +87,14 @@ class Taken:
     @property
     def sentence(self) -> str:
         """In words."""
-        words = f"{self.n_written} grasps written"
+        words = f"{spell_count(self.n_written, 'grasp')} written"
         if self.n_written:
             words += f" ({self.n_traces} with a trace, {self.n_failed} failed)"
-        words += f", {self.n_known} were there already" if self.n_known else ""
+        words += f", {self.n_known} {'was' if self.n_known == 1 else 'were'} there already" if self.n_known else ""
         n_peaks = self.n_written - self.n_traces - self.n_failed
         if n_peaks:
-            words += f"; {n_peaks} are peaks alone: the scientist and the report use them, calibration on traces and "
-            words += "`fast gap` cannot"
+            words += f"; {spell_count(n_peaks, 'peak')} without a trace: the scientist and the report take that, "
+            words += "calibration on traces and `fast gap` cannot"
         return words
 
 
@@ -169,7 +169,7 @@ def take_back(campaign: Campaign, operator: str) -> int:
     rows = [row for row in told if json.loads(row.details_json).get("telling") == moment]
     taken = [_take_back_row(row, operator) for row in rows]
     campaign.lake.append(taken, campaign.provenance(parents=sorted({row.tool_id for row in rows})))
-    text = f"{operator} took back {len(rows)} grasps"
+    text = f"{operator} took back {spell_count(len(rows), 'grasp')}"
     append_event(campaign.lake, campaign.campaign_id, TAKEN_BACK, text, n=len(rows))
     return len(rows)
 
@@ -289,7 +289,9 @@ def _find_force_fault(campaign: Campaign, one: ToldGrasp, force_n: float) -> str
 def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp, trace: Trace) -> str | None:
     time_s, lift_mm = trace.time_s, trace.lift_mm
     if len(time_s) < _LEAST_SAMPLES:
-        return f"{one.place}: the trace has {len(time_s)} samples, it must have at least {_LEAST_SAMPLES}"
+        return (
+            f"{one.place}: the trace has {spell_count(len(time_s), 'sample')}, it must have at least {_LEAST_SAMPLES}"
+        )
     if not all(np.isfinite(channel).all() for channel in (time_s, lift_mm, trace.force_n)):
         return f"{one.place}: the trace has values that are not finite numbers; correct it"
     if (np.diff(time_s) < 0).any():
@@ -430,7 +432,9 @@ def _write(
     rows += [_take_back_row(old, operator) for one, old in earlier if _drops_trace(one, old)]
     parents = sorted({tools[one.tool_id].design.design_id for one in told} | {one.tool_id for one in told})
     campaign.lake.append(rows, campaign.provenance(parents=parents))
-    append_event(campaign.lake, campaign.campaign_id, TOLD, f"{operator} told {len(told)} grasps", n=len(told))
+    append_event(
+        campaign.lake, campaign.campaign_id, TOLD, f"{operator} told {spell_count(len(told), 'grasp')}", n=len(told)
+    )
 
 
 def _grasp_row(

@@ -105,7 +105,7 @@ def test_kept_tools_are_asked_for_until_the_answer_can_be_used(lake: Lake, suspe
     found = Lake.open(lake.root)
     word = Mounting(search_id=search_id, slots={"quick/B01T0": 0}, gone=("quick/B01T1",), operator="ada")
     assert read_mounting(found, search_id) == word
-    assert done.message == "1 kept tools mounted, 1 gone."
+    assert done.message == "1 kept tool mounted, 1 gone."
     again = mount_tools.fn("quick", search_id, str(lake.root))  # a restart of the run
     assert again.message == "the tools were confirmed elsewhere meanwhile."
     assert len(found.records(EventRow, kind=MOUNTED)) == 1

@@ -43,11 +43,11 @@ def test_slips_are_questions_and_good_numbers_are_told(fast: Fast, tmp_path: Pat
     assert "say with --sure that it is so" in asked(fast, *tell("copied"))
     assert Lake.open(lake).rows(GraspRow) == []
     assert "48 grasps written" in done(fast, *tell("good"))
-    assert "1 grasps written" in done(fast, *tell("tenfold", "--replace", "--sure"))
+    assert "1 grasp written" in done(fast, *tell("tenfold", "--replace", "--sure"))
     assert "give files to tell, or --undo" in asked(fast, "tell", PEOPLE / "pull.toml", "--lake", lake)
     assert sum("decimal point" in row["details_json"] for row in Lake.open(lake).rows(GraspRow)) == 1
     undo = ("tell", PEOPLE / "pull.toml", "--undo", "--operator", "ada", "--lake", lake)
-    assert "1 grasps were taken back" in done(fast, *undo)
+    assert "1 grasp taken back; tell again what is right." in done(fast, *undo)
 
 
 def test_grasps_of_another_lab_on_the_same_tools_stay_its_own(fast: Fast, tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_format_that_is_not_there_is_guessed_shown_and_written_first(fast: Fas
     assert "give the same command again" in done(fast, *words)
     assert 'name = "Load"\nunit = "N"' in (tmp_path / "utm.toml").read_text()
     assert Lake.open(lake).rows(GraspRow) == []
-    assert "1 grasps written (1 with a trace" in done(fast, *words)
+    assert "1 grasp written (1 with a trace" in done(fast, *words)
     (row,) = Lake.open(lake).rows(GraspRow)
     assert row["peak_force_n"] == pytest.approx(6.0, abs=0.01)
 

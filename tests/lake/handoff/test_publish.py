@@ -72,7 +72,7 @@ def test_the_crate_says_who_what_and_under_which_licence(deposit: Path) -> None:
     files = {entity.id for entity in crate.data_entities}
     assert files >= {"designs.csv", "grasps.csv", "traces.parquet", "README.md", "datapackage.json"}
     readme = (deposit / "README.md").read_text()
-    assert "2 measured and 1 simulated grasps of 1 soft fingers" in readme
+    assert "2 measured and 1 simulated grasp of 1 soft finger." in readme
     assert "Ada Example, Bo Example. Licence: Creative Commons Attribution 4.0" in readme
 
 
@@ -100,7 +100,7 @@ def test_from_the_command_line_and_never_over_another(deposit: Path, lake: Lake,
     words = ("lake", "publish", deposit, "--title", "T", "--author", "A", "--lake", lake.address)
     assert "already holds README.md" in Fast(capsys).refused(*words)
     done = Fast(capsys)(*words[:2], deposit.parent / "two", *words[3:], "--licence", "CC0-1.0")
-    assert done.out.startswith("wrote 1 designs, 2 measured grasps, 1 simulated grasps")
+    assert done.out.startswith("wrote 1 design, 2 measured grasps, 1 simulated grasp,")
     assert "publicdomain/zero" in (deposit.parent / "two" / "ro-crate-metadata.json").read_text()
 
 

@@ -11,7 +11,7 @@ from fast.lake.handoff.cells import MOST_FORCE_N, number_or_nan
 from fast.lake.handoff.format import CHANNELS, TRACE_COLUMNS
 from fast.lake.handoff.tables import Reader, Table, has_columns, read_csv
 from fast.models.records import Trace
-from fast.models.traces import find_counted_down, work_j
+from fast.models.traces import find_counted_down
 from fast.models.units import spell_number, unit_of
 
 MOST_LIFT_MM = 1000.0
@@ -100,7 +100,7 @@ def _find_implausible(trace: Trace) -> tuple[str, int, str] | None:
         if sizes.max() > most:
             unit = unit_of(name)
             return name, int(sizes.argmax()), f"must be at most {most:g} {unit} in size; look at unit and column"
-    if work_j(trace) < 0.0 and (lowest := find_counted_down(trace)) is not None:  # not where a pull ends in a kick
+    if (lowest := find_counted_down(trace)) is not None:
         limit = "the pull is counted downwards; force is positive when the object pulls the gripper down"
         return "force_n", lowest, limit
     top = int(trace.lift_mm.argmax())

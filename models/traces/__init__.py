@@ -22,10 +22,11 @@ def peak_force_n(trace: Trace) -> float:
 def find_counted_down(trace: Trace) -> int | None:
     """Sample with the lowest force, where the pull was counted downwards: it is negative, and grows while lifting.
 
-    Fingers may push an object down too, but such a push only fades while they rise. None: the pull is positive.
+    Fingers may push an object down too, but such a push only fades while they rise; and a pull may end in a kick, but
+    its work is positive. None: the pull is positive.
     """
     lifted = np.flatnonzero(trace.is_lift)
-    if not lifted.size:
+    if not lifted.size or work_j(trace) >= 0.0:
         return None
     force_n = trace.force_n[lifted]
     lowest = int(force_n.argmin())

@@ -319,7 +319,7 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
             f"{one.place}: the lift has {spell_number(speed, 3)} mm/s, {wanted:g} mm/s were asked for; look at the "
             "units of time and lift, or set grasp.lift_speed_mm_per_s"
         )
-    if work_j(trace) < 0.0 and (lowest := find_counted_down(trace)) is not None:  # not where a pull ends in a kick
+    if (lowest := find_counted_down(trace)) is not None:
         return (
             f"{one.place}: the pull is counted downwards, to {trace.force_n[lowest]:g} N at sample {lowest + 1}; force "
             "is positive when the object pulls the gripper down: change the sign"

@@ -12,21 +12,59 @@ import pyarrow.parquet as pq
 from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.challenge.hidden.panels import Panels
 from fast.flows.challenge.hidden.true_sets import TrueSet
-from fast.flows.challenge.hidden.worlds import Group, Worlds
+from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.models.gap.bank.bank import Bank
+from fast.models.gap.data import GapData
+from fast.models.gap.evidence.candidates import weigh_candidates
+from fast.models.gap.evidence.likelihood import Problem, fit_evidence
+from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS
 from fast.models.records import Trace
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.gap.development import PUBLIC_SEED, measure_worlds
 
 DATA = Path(__file__).parents[2] / "data"
 N_WORLDS: dict[Group, int] = {"null": 60, "single": 48, "unlisted": 12, "pair": 24}
+SMALL_PANELS = ((1, 2), (1, 3), (2, 2), (2, 3), (3, 3), (4, 4), (5, 4))  # designs and objects
+N_SMALL: dict[Group, int] = {"null": 60, "single": 48, "unlisted": 12}
+_VISIBLE = 0.04  # of the force
 _THETA = (0.52, 0.45)  # friction and Poisson's ratio
 
 
 def measure_gap_independent(options: Options) -> Tables:
     """False alarms, names and closed gaps of gap discovery where another solver's grasps are the truth."""
-    worlds = Worlds(*read_independent(), PUBLIC_SEED)
-    return measure_worlds(worlds, "independent", N_WORLDS, options)
+    panels, bank = read_independent()
+    tables = measure_worlds(Worlds(panels, bank, PUBLIC_SEED), "independent", N_WORLDS, options)
+    small = [
+        _measure_small(Worlds(panels, bank, PUBLIC_SEED, n_designs=n_designs, n_objects=n_objects), options)
+        for n_designs, n_objects in SMALL_PANELS
+    ]
+    return {**tables, "small panels": small}
+
+
+def _measure_small(worlds: Worlds, options: Options) -> dict[str, object]:
+    """Alarms on panels too small to hold anything out, by the least lines that a rehearsal draws."""
+    keys = [worlds.draw(group, number) for group, n in N_SMALL.items() for number in range(min(n, options.worlds or n))]
+    hidden = [sum(one.spread_strength for one in key.effects) for key in keys]
+    alarms = [is_alarm(worlds, key) for key in keys]
+    nothing = [alarm for key, alarm in zip(keys, alarms, strict=True) if not key.effects]
+    visible = [alarm for strength, alarm in zip(hidden, alarms, strict=True) if strength >= _VISIBLE]
+    row = {
+        "panel": f"{worlds.n_designs} x {worlds.n_objects}",
+        "nothing hidden": len(nothing),
+        "false alarms": sum(nothing),
+        "visible 4 % or more": len(visible),
+        "noticed": sum(visible),
+    }
+    options.tell(str(row))
+    return row
+
+
+def is_alarm(worlds: Worlds, key: WorldKey) -> bool:
+    """Whether a world is an alarm by the least lines, all its grasps taken together."""
+    problem = worlds.problem(key)
+    data = GapData.of_all(problem.grasps, problem.bank).usable
+    fit = fit_evidence(Problem.of(data))
+    return fit.omnibus > LEAST_OMNIBUS or weigh_candidates(fit, data.names)[0].nats > LEAST_NATS
 
 
 def read_independent() -> tuple[Panels, Bank]:

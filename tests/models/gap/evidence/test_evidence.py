@@ -56,6 +56,14 @@ def _hide(worlds: Worlds, name: str) -> Problem:
     return Problem.of(worlds.problem(key).usable)
 
 
+def test_errors_of_two_cells_leave_room_in_every_direction(worlds: Worlds, problem: Problem) -> None:
+    few = replace(worlds, n_designs=1, n_objects=2)
+    of_few = Problem.of(few.problem(few.draw("null", 0)).usable).errors.solver
+    np.testing.assert_allclose(np.sqrt(np.diagonal(of_few))[10:], 0.02, rtol=0.15)
+    assert np.linalg.eigvalsh(of_few)[0] > 5e-5
+    assert np.linalg.eigvalsh(problem.errors.solver)[0] == pytest.approx(1e-6)  # 48 cells have their own
+
+
 def test_bins_average_every_step_once() -> None:
     assert (OF_BINS > 0).sum(axis=0).tolist() == [1] * OF_BINS.shape[1]
     assert np.allclose(OF_BINS.sum(axis=1), 1.0)

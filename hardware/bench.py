@@ -42,7 +42,7 @@ from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, simulate_request
 from fast.hardware.wire.log_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
 from fast.hardware.wire.modbus import ModbusLink, rtu_link, tcp_link
-from fast.hardware.wire.serial import SerialTransport, Transport
+from fast.hardware.wire.serial import PortBusyError, SerialTransport, Transport
 from fast.models.errors import DeviceError, FastError
 from fast.models.records import GraspSetup, Record
 
@@ -337,7 +337,7 @@ def _open(
         devices = CellDevices(gantry, pneumatics, changer, force)
         cell = GraspCell(devices, supervisor, watch, clock, settings.layout, recorded)
         stack.callback(_close, force, plc, gantry)
-        _connect({"PLC": plc.connect, "load cell": force.connect, "gantry": gantry.connect})
+        _connect({"gantry": gantry.connect, "PLC": plc.connect, "load cell": force.connect})
         _start_heartbeat(stack, clock, inner, plc)
         supervisor.acknowledge("the person who opened the bench")
         changer.check_may_rise()
@@ -435,12 +435,18 @@ def _start_heartbeat(stack: ExitStack, clock: BeatingClock, inner: Clock, plc: C
 
 
 def _connect(connects: Mapping[str, Callable[[], object]]) -> None:
-    """Connect every device; report all that failed in one message."""
+    """Connect every device; report all that failed in one message.
+
+    The gantry's port, which one program can have, comes first: where another has it, the PLC would believe that this
+    one has taken its bench over, and stop it.
+    """
     failures: list[str] = []
     first: FastError | None = None
     for name, connect in connects.items():
         try:
             connect()
+        except PortBusyError as error:
+            raise DeviceError(f"{name}: {error}") from error
         except FastError as error:
             failures.append(f"{name}: {error}")
             first = first or error

@@ -18,16 +18,20 @@ from fast.models.errors import DeviceError
 
 logger = logging.getLogger(__name__)
 
+_BUSY = (errno.EAGAIN, errno.EBUSY)
 _WHY_NOT_OPEN = {
     errno.ENOENT: "it does not exist; plug it in, or correct the port",
     errno.EACCES: "this user may not open it; `fast doctor --real BENCH.toml` says how to allow it",
-    errno.EAGAIN: "another program has it; end that program first",
-    errno.EBUSY: "another program has it; end that program first",
+    **dict.fromkeys(_BUSY, "another program has it; end that program first"),
 }
 
 
 class LinkLostError(DeviceError):
     """The line to a device is gone: unplugged, powered off, or closed at the other end."""
+
+
+class PortBusyError(LinkLostError):
+    """Another program has the port, and so perhaps the bench."""
 
 
 class Transport(Protocol):
@@ -112,7 +116,8 @@ class SerialTransport:
         """Open the port without raising DTR (an Arduino would reset) and start the reader thread.
 
         Raises:
-            LinkLostError: the port is missing, busy or not permitted, or is open already.
+            PortBusyError: another program has the port.
+            LinkLostError: the port is missing or not permitted, or is open already.
         """
         if self._serial is not None:
             raise LinkLostError(f"Port {self._port} is open already; close it before opening it again.")
@@ -124,7 +129,8 @@ class SerialTransport:
             port.open()
         except (OSError, ValueError) as error:
             port.close()
-            raise LinkLostError(f"Port {self._port} did not open: {_say_why_not_open(error)}.") from error
+            kind = PortBusyError if getattr(error, "errno", None) in _BUSY else LinkLostError
+            raise kind(f"Port {self._port} did not open: {_say_why_not_open(error)}.") from error
         self._is_closing.clear()
         self._log.note(OPENED)
         self._serial = port

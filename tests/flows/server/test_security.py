@@ -150,7 +150,8 @@ def test_a_second_client_of_a_bench_is_refused_and_the_first_goes_on(tmp_path):
             ):
                 pass
             assert first.gantry.position_mm() == before
-            first.pneumatics.is_estop_pressed()
+            first.clock.sleep(2.0)  # some heartbeats: the PLC still knows the first one as its own
+            first.supervisor.require_ok()
     finally:
         bench.stop()
 

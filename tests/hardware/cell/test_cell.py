@@ -279,7 +279,7 @@ def test_every_device_that_does_not_connect_is_named():
     settings = BenchSettings(
         serial_port="/dev/null/none", plc_host="127.0.0.1", plc_port=1, transmitter_host="127.0.0.1", transmitter_port=1
     )
-    with pytest.raises(DeviceError, match="PLC: .*load cell: .*gantry: ") as caught, open_real_bench(settings, TOOLS):
+    with pytest.raises(DeviceError, match="gantry: .*PLC: .*load cell: ") as caught, open_real_bench(settings, TOOLS):
         pass
     assert "cannot be reached" in str(caught.value)
 

@@ -15,7 +15,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, SimulatorVersionRow
 from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.inference.settings import CalibrationSettings, read_settings
-from fast.models.calibration.means.checks import Score, emulate, is_held_out, score
+from fast.models.calibration.means.checks import Score, is_held_out, score
+from fast.models.calibration.means.predict import predict_simulated
 from fast.models.calibration.means.problem import CalibrationProblem
 from fast.models.errors import UsageError
 from fast.models.ids import content_id
@@ -156,14 +157,12 @@ def regather(lake: Lake, calibration_id: str) -> MeanData | None:
 
 
 def _held_out_columns(data: MeanData, result: CalibrationResult, version: SimulatorVersion | None) -> dict[str, Any]:
-    """How well the simulator predicts the held-out designs, by the emulator."""
+    """How well the simulator predicts the held-out designs, by the emulator: means over draws, as on the page."""
     if version is None or not data.held_out.any():
         return {"n_held_out": int(data.held_out.sum())}
     x, y = data.problem.x_real[data.held_out], data.problem.y_real[data.held_out]
-    before, after = (
-        score(emulate(data.fitted, result, x, np.array(list(v.theta.model_dump().values()))), y)
-        for v in (data.base, version)
-    )
+    theta_before = np.array(list(data.base.theta.model_dump().values()))
+    before, after = (score(predict_simulated(data.fitted, result, x, at).mean, y) for at in (theta_before, None))
     return _make_held_out_columns(before, after, len(y), "emulator")
 
 

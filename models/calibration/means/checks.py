@@ -20,10 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.models.calibration.inference.result import CalibrationResult
-from fast.models.calibration.means.emulator import Emulator
-from fast.models.calibration.means.parameters import Phi
 from fast.models.calibration.means.predict import N_DRAWS, DrawnModel, Mixture, condition_models
-from fast.models.calibration.means.problem import CalibrationProblem, Standardised
+from fast.models.calibration.means.problem import CalibrationProblem
 from fast.models.calibration.means.reweight import smooth_weights
 from fast.models.ids import seed_from
 
@@ -148,16 +146,3 @@ def score(predicted_n: np.ndarray, measured_n: np.ndarray) -> Score:
     rmse_n = float(np.sqrt(np.mean((predicted_n - measured_n) ** 2)))
     can_correlate = len(measured_n) >= MIN_CORRELATED and min(np.ptp(predicted_n), np.ptp(measured_n)) > 0
     return Score(float(np.corrcoef(predicted_n, measured_n)[0, 1]) if can_correlate else None, rmse_n)
-
-
-def emulate(problem: CalibrationProblem, result: CalibrationResult, x: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Mean peak force that the simulator would give, by the calibration's emulator with median hyperparameters.
-
-    x: m x 9 designs in the unit cube. theta: 3, in physical units. Returns m, N, without discrepancy and rho: what
-    `SimulatorVersion` with this theta predicts.
-    """
-    lengthscale_names = [name for name in result.names if name.startswith("lengthscale_h.")]
-    lengthscales = np.median(result.flat(*lengthscale_names), axis=0)
-    sd, nugget = np.median(result.flat("sd_h", "nugget"), axis=0)
-    emulator = Emulator.condition(Standardised.of(problem), Phi(lengthscales, float(sd), float(nugget)))
-    return emulator.simulated(x, theta)[0]

@@ -18,9 +18,14 @@ def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -
     """Watertight mesh of an object on its mount, mm; z = 0 is the sheet.
 
     Raises:
-        UsageError: there is no material over the post to stand on.
+        UsageError: there is no material over the post to stand on, or the object would be printed in pieces.
     """
     body = unmounted_mesh(obj)
+    if (n_pieces := _count_pieces(body)) > 1:
+        raise UsageError(
+            f"{obj.name} would be printed in {n_pieces} pieces, which do not quite touch; let them overlap by "
+            f"{_SPACING_MM:g} mm in the file of the object."
+        )
     body.apply_translation([0.0, 0.0, mount_height_mm])
     length = mount_height_mm + _OVERLAP_MM
     post = trimesh.creation.cylinder(POST_DIAMETER_MM / 2, length, sections=64)
@@ -28,7 +33,7 @@ def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -
     foot = trimesh.creation.box(FOOT_MM)
     foot.apply_translation([0.0, 0.0, FOOT_MM[2] / 2])
     whole = trimesh.boolean.union([body, post, foot], engine="manifold")
-    if whole.body_count != 1:
+    if _count_pieces(whole) != 1:
         raise UsageError(
             f"{obj.name} has no material over the middle of its footprint, where the post of {POST_DIAMETER_MM:g} mm "
             "would hold it; give it a floor, or print the object alone."
@@ -37,10 +42,23 @@ def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -
 
 
 def unmounted_mesh(obj: RigidObject) -> trimesh.Trimesh:
-    """Watertight mesh of an object alone, mm; z = 0 is its bottom."""
+    """Watertight mesh of an object alone, mm; z = 0 is its bottom. Bodies that overlap are one, cavities stay."""
     own = _own_mesh(obj)
-    # What is no clean solid (bodies that overlap, say) is printed as the simulator sees it.
-    return own if own is not None and own.is_volume else object_mesh(obj, _SPACING_MM)
+    if own is None or not own.is_volume:  # what is no clean solid is printed as the simulator sees it
+        return object_mesh(obj, _SPACING_MM)
+    bodies = own.split(only_watertight=False)
+    if len(bodies) == 1:
+        return own
+    solid = trimesh.boolean.union([body for body in bodies if body.volume > 0.0], engine="manifold")
+    cavities = [body for body in bodies if body.volume <= 0.0]
+    for cavity in cavities:
+        cavity.invert()
+    return trimesh.boolean.difference([solid, *cavities], engine="manifold") if cavities else solid
+
+
+def _count_pieces(mesh: trimesh.Trimesh) -> int:
+    """Bodies of a mesh that hang together; a closed cavity is none."""
+    return sum(body.volume > 0.0 for body in mesh.split(only_watertight=False))
 
 
 def _own_mesh(obj: RigidObject) -> trimesh.Trimesh | None:

@@ -8,10 +8,10 @@ import pytest
 import trimesh
 
 from fast.models.design.space import BEST_PUBLISHED
-from fast.models.errors import ConfigError
+from fast.models.errors import ConfigError, UsageError
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object
 from fast.models.objects.distance import distance
-from fast.models.objects.mount import printable_mesh
+from fast.models.objects.mount import printable_mesh, unmounted_mesh
 from fast.models.objects.own import object_of_mesh, object_of_parts
 from fast.models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
 from fast.models.objects.rigid import RigidObject
@@ -105,6 +105,26 @@ def test_an_object_is_printed_on_its_mount() -> None:
     assert mesh.is_volume
     assert mesh.body_count == 1
     assert mesh.bounds[:, 2] == pytest.approx([0.0, 33.0 + 48.0], abs=0.05)
+
+
+def cube(size_mm: float, x_mm: float = 0.0) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box((size_mm, size_mm, size_mm))
+    mesh.apply_translation((x_mm, 0.0, 0.0))
+    return mesh
+
+
+def test_cavities_and_bodies_that_overlap_are_printed_as_one_piece() -> None:
+    cavity = cube(10.0)
+    cavity.invert()
+    hollow = object_of_mesh("hollow", trimesh.util.concatenate([cube(30.0), cavity]), "x")
+    assert unmounted_mesh(hollow).volume == pytest.approx(30.0**3 - 10.0**3)
+    assert printable_mesh(hollow).is_volume
+    double = object_of_mesh("double", trimesh.util.concatenate([cube(20.0), cube(20.0, 10.0)]), "x")
+    assert unmounted_mesh(double).volume == pytest.approx(1.5 * 20.0**3)
+    assert printable_mesh(double).body_count == 1
+    apart = object_of_mesh("apart", trimesh.util.concatenate([cube(20.0), cube(20.0, 20.05)]), "x")
+    with pytest.raises(UsageError, match="apart would be printed in 2 pieces, which do not quite touch; let them over"):
+        printable_mesh(apart)
 
 
 def open_mesh() -> trimesh.Trimesh:

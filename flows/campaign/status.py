@@ -11,6 +11,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionRow
 from fast.lake.tables.imported import IMPORTED, importing_campaign, is_imported
 from fast.models.ids import tool_label
+from fast.models.units import spell_count
 from fast.tasks.bench.folder import is_told
 from fast.tasks.bench.ways_on import WayOnward, list_ways, read_fault
 from fast.tasks.campaign.campaign import Campaign
@@ -62,6 +63,7 @@ def read_status(lake: Lake, campaign_id: str) -> dict[str, Any]:
         "campaign": campaign_id,
         "state": describe_state(lake, campaign_id, is_complete),
         "grasps": f"{load.grasps_done}/{load.grasps_total}",
+        "failures": sum(state.failures.values()),
         "simulated": f"{load.simulated_done}/{load.simulated_total}",
         "simulated_before": load.simulated_before,
         "waiting_for_print": [f"{campaign_id}/B{batch:02d}" for batch in waiting],
@@ -130,6 +132,9 @@ def format_status(status: dict[str, Any], lake: str | None = None) -> str:
         f"grasps     {status['grasps']}",
         f"simulated  {status['simulated']}",
     ]
+    if n_failures := status.get("failures"):
+        why = "SELECT reason, count(*) FROM grasps WHERE status = 'failed' GROUP BY reason"
+        lines.insert(2, f'           {spell_count(n_failures, "attempt")} failed: fast sql{there} "{why}"')
     if n_before := status.get("simulated_before"):
         lines.append(f"           {n_before} of them by an older simulator version: forces are not quite the same")
     if status["fault"]:

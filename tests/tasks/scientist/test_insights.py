@@ -124,7 +124,9 @@ def test_advice_is_kept_once_a_batch_and_shown_in_the_status(tmp_path: Path) -> 
     assert len(campaign.lake.records(EventRow, kind=ADVICE)) == 1
     status = read_status(campaign.lake, "small")
     assert status["advice"] == advice.model_dump()
-    lines = format_status(status).splitlines()
+    lines = format_status(status | {"failures": 1}, "L").splitlines()
+    assert lines[2].startswith("           1 attempt failed: fast sql --lake L ")
+    assert status["failures"] == 0
     assert f"next batch after B02: {advice.sentence}" in lines
     assert any(line.startswith("health     red: ") for line in lines)
 

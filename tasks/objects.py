@@ -178,9 +178,14 @@ def find_object(text: str, lake: Path | str) -> RigidObject:
         UsageError: nothing is called so, or the file cannot be used.
     """
     found = _find(text, lake)
-    if has_sharp_edges(found):
-        logger.warning("%s: %s.", found.name, SHARP_EDGES)
+    warn_of_edges(found)
     return found
+
+
+def warn_of_edges(obj: RigidObject) -> None:
+    """Log that forces on a mesh with sharp edges may be too low."""
+    if has_sharp_edges(obj):
+        logger.warning("%s: %s.", obj.name, SHARP_EDGES)
 
 
 def _find(text: str, lake: Path | str) -> RigidObject:

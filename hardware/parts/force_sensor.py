@@ -235,8 +235,8 @@ class ForceSensor:
         is_long = self._stale_after_s is not None and force.time_s - self._changed_at_s > self._stale_after_s
         if is_long and self._n_same >= FEWEST_SAME:
             raise SensorFaultError(
-                f"The weight transmitter repeats {force.net_n:.2f} N for {self._stale_after_s:g} s: it is frozen. The "
-                "grasp is abandoned; restart the transmitter."
+                f"The weight transmitter repeats {force.net_n:.2f} N for {self._stale_after_s:g} s: it is frozen, or "
+                "its division is coarser than the noise. The grasp is abandoned; restart it, or set a finer division."
             )
 
 

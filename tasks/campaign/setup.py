@@ -145,6 +145,11 @@ def register(campaign: Campaign, config_toml: str) -> None:
     if is_adopted:  # before the campaign: a crash between them leaves one that is still imported, and adopted again
         campaign.lake.append(_proposals_of_imported(campaign), provenance)
     campaign.lake.append([row, *object_rows(own)], provenance)
+    if own:
+        from fast.tasks.objects import warn_of_edges  # loads meshes; the 36 do without
+
+        for obj in own:
+            warn_of_edges(obj)
 
 
 def _with_file_ids(config_toml: str, file_ids: dict[str, int]) -> str:

@@ -13,8 +13,10 @@ from fast.lake.tables.campaign import ObjectRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.objects import catalogue
 from fast.models.objects.catalogue import get_object, name_object
+from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.settings import ObjectPlan
+from fast.tasks.campaign.setup import register
 from fast.tasks.objects import find_object, own_objects, read_object, read_objects
 
 DUMBBELL = """
@@ -149,6 +151,12 @@ def test_a_mesh_with_sharp_edges_is_told_of(folder: Path, caplog: pytest.LogCapt
     find_object(str(folder / "sharp.stl"), folder / "lake")
     assert "sharp: it has sharp edges" in caplog.text
     assert "simulated forces may be up to 30 % too low" in caplog.text
+    caplog.clear()
+    path = folder / "own.toml"
+    path.write_text(CONFIG.replace("ball.stl", "sharp.stl"))
+    for _ in range(2):
+        register(Campaign(Lake.open(folder / "lake", create=True), load_config(path)), path.read_text())
+    assert caplog.text.count("sharp: it has sharp edges") == 1  # where the campaign begins, not where it goes on
 
 
 def test_two_files_with_one_object_or_one_name_are_refused(folder: Path) -> None:

@@ -145,6 +145,8 @@ class GrblSession:
         self.command("", doing)
         self.build = tuple(f"{m.kind}:{m.text}" for m in self.query("$I", doing) if isinstance(m, Feedback))
         found = self._settings(doing)
+        if any(not line for _, line in self.profile.corrections(found, self.build)):
+            found = self._settings(doing) | found  # one is absent: its line may have been lost on the way
         for number in self.profile.limits_off(found, self.build):
             logger.warning("%s: limit setting $%d is off and is switched on", self.link.transport.name, number)
             found[number] = self.profile.settings[number]

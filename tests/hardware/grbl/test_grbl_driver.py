@@ -130,6 +130,20 @@ def test_settings_that_differ_refuse_to_move(pair):
         pair.driver.connect()
 
 
+def test_a_setting_whose_line_was_lost_is_asked_for_again(pair, monkeypatch):
+    session, answers = pair.driver.session, []
+    ask = session._settings
+
+    def lose(doing):
+        found = ask(doing)
+        answers.append({number: value for number, value in found.items() if number != 102 or answers})
+        return answers[-1]
+
+    monkeypatch.setattr(session, "_settings", lose)
+    pair.driver.connect()
+    assert [102 in answer for answer in answers] == [False, True]
+
+
 def test_an_older_grbl_is_refused_by_its_name(pair, monkeypatch):
     monkeypatch.setattr(machine, "VERSION", "0.9j")
     with pytest.raises(ProfileMismatchError, match=r"is GRBL 0.9j, .* than those of 1.1. .*load grbl-Mega 1.1g"):

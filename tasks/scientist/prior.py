@@ -9,6 +9,7 @@ from fast.models.errors import ConfigError
 from fast.models.records import Design
 from fast.models.scientist.surrogate.imputation import mean_over_objects
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS
+from fast.models.units import spell_count
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import THICKNESSES, ProposedTool, tuples
 
@@ -71,10 +72,14 @@ def check_prior(campaign: Campaign) -> None:
             )
         found = _read_tools(campaign, name)
         if len(found.mean_n) < MIN_OBSERVATIONS:
+            others = (
+                f" ({found.n_left_out} more are of another family, outside the ranges of this campaign's designs, or "
+                "were measured on none of its objects)"
+            )
             raise ConfigError(
-                f"scientist.prior_campaigns: {len(found.mean_n)} tools of `{name}` can be used, {MIN_OBSERVATIONS} are "
-                f"needed ({found.n_left_out} are of another family, outside the ranges of this campaign's designs, or "
-                "were measured on none of its objects); remove the name, or widen [design]."
+                f"scientist.prior_campaigns: {spell_count(len(found.mean_n), 'tool')} of `{name}` can be used, "
+                f"{MIN_OBSERVATIONS} are needed{others if found.n_left_out else ''}; remove the name"
+                f"{', or widen [design]' if found.n_left_out else ''}."
             )
 
 

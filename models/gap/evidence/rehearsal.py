@@ -160,7 +160,7 @@ class Rehearsal:
 
     def _tell_name(self, one: Rehearsed) -> str:
         """The family that an alarm is given; empty for *unknown*."""
-        if one.named is None or self.name.judge(np.array(one.named.description)) < EVEN:
+        if one.named is None or self.name.judge(np.array(one.named.description)) <= EVEN:
             return ""
         return CATALOGUE[one.named.name].family
 

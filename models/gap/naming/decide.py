@@ -45,7 +45,7 @@ class Decider:
             return self.answer_unknown(gap).model_copy(update={"possible": left}), 0.0
         name = self.rehearsal.name.judge(self.trials.describe())
         chosen = choose_alike(self.trials, self.rehearsal)
-        named = self.answer_unknown(gap * (1.0 - name)) if name < EVEN else self.answer_effects(chosen, gap * name)
+        named = self.answer_unknown(gap * (1.0 - name)) if name <= EVEN else self.answer_effects(chosen, gap * name)
         possible = self._list_possible(chosen, name)
         return named.model_copy(update={"possible": possible}), name
 

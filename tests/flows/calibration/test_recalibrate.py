@@ -36,7 +36,7 @@ def test_a_run_calibrates_or_says_that_nothing_is_new(lake, url):
     first, second, third = worker(url, lake.root, "run", "run", "measure", "run").splitlines()
     rows = sorted(lake.rows(CalibrationRow), key=lambda row: row["created_at"])
     older, newer = (row["calibration_id"] for row in rows)
-    assert first.startswith(f"COMPLETED: calibration {older} of 90 grasps of 12 tools")
+    assert first.startswith(f"COMPLETED: calibration {older} of 90 grasps of 15 tools")
     assert second.startswith(f"COMPLETED: nothing new since calibration {older}")
     assert third.startswith(f"COMPLETED: calibration {newer} of 120 grasps of 16 tools")
     assert all((lake.root / "outputs" / name / "report" / "index.html").is_file() for name in lake.ids(CalibrationRow))

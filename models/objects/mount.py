@@ -58,7 +58,7 @@ def unmounted_mesh(obj: RigidObject) -> trimesh.Trimesh:
 
 def _count_pieces(mesh: trimesh.Trimesh) -> int:
     """Bodies of a mesh that hang together; a closed cavity is none."""
-    return sum(body.volume > 0.0 for body in mesh.split(only_watertight=False))
+    return len([body for body in mesh.split(only_watertight=False) if body.volume > 0.0])
 
 
 def _own_mesh(obj: RigidObject) -> trimesh.Trimesh | None:

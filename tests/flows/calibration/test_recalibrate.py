@@ -38,7 +38,7 @@ def test_a_run_calibrates_or_says_that_nothing_is_new(lake, url):
     older, newer = (row["calibration_id"] for row in rows)
     assert first.startswith(f"COMPLETED: calibration {older} of 90 grasps of 15 tools")
     assert second.startswith(f"COMPLETED: nothing new since calibration {older}")
-    assert third.startswith(f"COMPLETED: calibration {newer} of 120 grasps of 16 tools")
+    assert third.startswith(f"COMPLETED: calibration {newer} of 120 grasps of 20 tools")
     assert all((lake.root / "outputs" / name / "report" / "index.html").is_file() for name in lake.ids(CalibrationRow))
     runs = lake.records(FlowRunRow, flow="recalibrate")
     assert [run.reason.split(" ")[0] for run in runs] == ["calibration", "nothing", "calibration"]

@@ -28,8 +28,8 @@ SUFFIXES = (*MESH_FORMATS, ".toml")
 _MOST_BYTES = 50_000_000
 _SHARP_DEG = 50.0  # a chamfer of 45 deg is 3 % off at most
 SHARP_EDGES = (
-    "it has sharp edges, which a mesh cannot show the simulator, so simulated forces may be up to 30 % too low; round "
-    "or chamfer them by 0.5 mm or more, or describe it by parts"
+    "it has sharp edges, which a mesh cannot show the simulator, so simulated forces may be up to 30 % off, mostly too "
+    "low; round or chamfer them by 0.5 mm or more, or describe it by parts"
 )
 logger = logging.getLogger(__name__)
 
@@ -172,7 +172,7 @@ def _read_bytes(path: Path) -> bytes:
 def find_object(text: str, lake: Path | str) -> RigidObject:
     """The object that a person named: by number, by name (of the 36 or an own one of the lake), or by its file.
 
-    A warning says of a mesh with sharp edges that its forces may be too low.
+    A warning says of a mesh with sharp edges that its forces may be off.
 
     Raises:
         UsageError: nothing is called so, or the file cannot be used.
@@ -183,7 +183,7 @@ def find_object(text: str, lake: Path | str) -> RigidObject:
 
 
 def warn_of_edges(obj: RigidObject) -> None:
-    """Log that forces on a mesh with sharp edges may be too low."""
+    """Log that forces on a mesh with sharp edges may be off."""
     if has_sharp_edges(obj):
         logger.warning("%s: %s.", obj.name, SHARP_EDGES)
 

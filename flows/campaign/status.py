@@ -133,7 +133,8 @@ def format_status(status: dict[str, Any], lake: str | None = None) -> str:
         f"simulated  {status['simulated']}",
     ]
     if n_failures := status.get("failures"):
-        why = "SELECT reason, count(*) FROM grasps WHERE status = 'failed' GROUP BY reason"
+        own = f"campaign_id = '{status['campaign']}' AND status = 'failed'"
+        why = f"SELECT reason, count(*) FROM grasps WHERE {own} GROUP BY reason"
         lines.insert(2, f'           {spell_count(n_failures, "attempt")} failed: fast sql{there} "{why}"')
     if n_before := status.get("simulated_before"):
         lines.append(f"           {n_before} of them by an older simulator version: forces are not quite the same")

@@ -92,6 +92,7 @@ class Weighed:
         known = {one.effect for one in trials.tried}
         for one in trials.weighed:
             if one.name not in known and len(rows) < _MOST_ROWS:
+                known.add(one.name)  # patterns of several widths have one name: the best of them
                 rows.append({"may be missing": one.name, "evidence": _round(one.nats), "value": ""})
         return rows
 

@@ -77,6 +77,7 @@ def test_one_finger_on_two_objects_is_a_panel(tmp_path: Path) -> None:
     assert "held-out" not in found.sentence
     assert f"Right with probability {found.naming.named.probability:.2f}." in found.sentence
     effects = [row["may be missing"] for row in found.list_rows()]
+    assert len(effects) == len(set(effects))
     assert "load_cell_lag" in effects
     if found.naming.named.kind != "none":
         assert found.asked is not None or "No grasp of this bench would tell more." in found.sentence

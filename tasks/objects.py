@@ -27,9 +27,9 @@ _SOLID_FORMATS = (".step", ".stp", ".iges", ".igs")  # of CAD programs, which ex
 SUFFIXES = (*MESH_FORMATS, ".toml")
 _MOST_BYTES = 50_000_000
 _SHARP_DEG = 50.0  # a chamfer of 45 deg is 3 % off at most
-SHARP_EDGES = (
-    "it has sharp edges, which a mesh cannot show the simulator, so simulated forces may be up to 30 % off, mostly too "
-    "low; round or chamfer them by 0.5 mm or more, or describe it by parts"
+_ROUNDED_EDGES = (
+    "it came to this lake when meshes had their sharp edges rounded, so simulated forces may be up to 30 % off, mostly "
+    "too low; use its file with a new lake"
 )
 logger = logging.getLogger(__name__)
 
@@ -139,17 +139,6 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
     return mesh
 
 
-def has_sharp_edges(obj: RigidObject) -> bool:
-    """True for an own object of a mesh whose sharp edges that stick out are together longer than the object."""
-    read = None if obj.shape is None else read_shape(obj.shape)
-    if not isinstance(read, MeshShape):
-        return False
-    mesh = mesh_of_shape(read)
-    is_sharp = mesh.face_adjacency_convex & (mesh.face_adjacency_angles > np.radians(_SHARP_DEG))
-    begin, end = np.moveaxis(mesh.vertices[mesh.face_adjacency_edges[is_sharp]], 1, 0)
-    return bool(np.linalg.norm(end - begin, axis=1).sum() > mesh.extents.max())
-
-
 def _name_of(path: Path) -> str:
     """Name of an object after its file: what a name cannot hold becomes `-`, and it begins with a letter."""
     plain = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
@@ -172,7 +161,7 @@ def _read_bytes(path: Path) -> bytes:
 def find_object(text: str, lake: Path | str) -> RigidObject:
     """The object that a person named: by number, by name (of the 36 or an own one of the lake), or by its file.
 
-    A warning says of a mesh with sharp edges that its forces may be off.
+    A warning says of a mesh of an earlier version, whose sharp edges are rounded, that its forces may be off.
 
     Raises:
         UsageError: nothing is called so, or the file cannot be used.
@@ -183,9 +172,15 @@ def find_object(text: str, lake: Path | str) -> RigidObject:
 
 
 def warn_of_edges(obj: RigidObject) -> None:
-    """Log that forces on a mesh with sharp edges may be off."""
-    if has_sharp_edges(obj):
-        logger.warning("%s: %s.", obj.name, SHARP_EDGES)
+    """Log that forces on a mesh of an earlier version may be off: one whose edges are rounded where they stick out."""
+    read = None if obj.shape is None else read_shape(obj.shape)
+    if not isinstance(read, MeshShape) or read.edges == "sharp":
+        return
+    mesh = mesh_of_shape(read)
+    is_sharp = mesh.face_adjacency_convex & (mesh.face_adjacency_angles > np.radians(_SHARP_DEG))
+    begin, end = np.moveaxis(mesh.vertices[mesh.face_adjacency_edges[is_sharp]], 1, 0)
+    if np.linalg.norm(end - begin, axis=1).sum() > mesh.extents.max():
+        logger.warning("%s: %s.", obj.name, _ROUNDED_EDGES)
 
 
 def _find(text: str, lake: Path | str) -> RigidObject:

@@ -120,7 +120,6 @@ def _row(obj: "RigidObject") -> dict[str, Any]:
 def _remarks(obj: "RigidObject") -> list[str]:
     """What a person should know before it is grasped with the default setup."""
     from fast.models.records import GraspSetup
-    from fast.tasks.objects import SHARP_EDGES, has_sharp_edges
 
     setup, size_x_mm = GraspSetup(), obj.size_mm[0]
     remarks = []
@@ -133,8 +132,6 @@ def _remarks(obj: "RigidObject") -> list[str]:
         remarks.append(
             "it is not its own mirror image in y = 0: a simulated grasp takes several times as long as a symmetric one"
         )
-    if has_sharp_edges(obj):
-        remarks.append(SHARP_EDGES)
     return remarks or ["the fingers reach it"]
 
 

@@ -13,6 +13,9 @@ from numba import njit
 from fast.models.objects.primitives import (
     BOX,
     CIRCLE,
+    EDGE_COUNT,
+    EDGE_PLANES,
+    EDGE_SIGN,
     ELLIPSOID,
     GRID,
     GRID_VALUES,
@@ -30,6 +33,7 @@ Gradient2 = tuple[float, float, float]
 Gradient3 = tuple[float, float, float, float]
 
 _ELLIPSOID_ITERATIONS = 60
+_FLAT = 1e-9  # of three normals: they lie in one plane, and two of them do
 _TINY_MM = 1e-12  # a point this near to an edge or corner has no direction from it
 
 
@@ -213,7 +217,7 @@ def _to_trapezoid(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _grid(rows: np.ndarray, row: int, x: float, y: float, z: float) -> Gradient3:
-    """Distance to a solid on a grid: a spline of degree 2 within the grid, a lower bound outside it.
+    """Distance to a solid on a grid: a spline of degree 2, or planes, within the grid, a lower bound outside it.
 
     From a point outside a box that holds the solid, the way to the solid is at least the hypotenuse of the way to the
     nearest point of the box and the distance there, since the box lies behind that point. The normal is that from
@@ -224,7 +228,12 @@ def _grid(rows: np.ndarray, row: int, x: float, y: float, z: float) -> Gradient3
     a = min(max(u, 1.0), rows[row, VALUES] - 2.0)
     b = min(max(v, 1.0), rows[row, VALUES + 1] - 2.0)
     c = min(max(w, 1.0), rows[row, VALUES + 2] - 2.0)
-    d, g_x, g_y, g_z = _spline(rows, row, a, b, c)
+    edge = _edge_at(rows, row, a, b, c)
+    if edge > 0:
+        d, g_x, g_y, g_z = wedge(rows, row, edge, a, b, c)
+        d *= h
+    else:
+        d, g_x, g_y, g_z = spline(rows, row, a, b, c)
     size = max(math.sqrt(g_x * g_x + g_y * g_y + g_z * g_z), _TINY_MM)
     g_x, g_y, g_z = g_x / size, g_y / size, g_z / size
     if u == a and v == b and w == c:
@@ -236,7 +245,90 @@ def _grid(rows: np.ndarray, row: int, x: float, y: float, z: float) -> Gradient3
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _spline(rows: np.ndarray, row: int, u: float, v: float, w: float) -> Gradient3:
+def _edge_at(rows: np.ndarray, row: int, u: float, v: float, w: float) -> int:
+    """The column where the planes of a GRID begin that hold at (u, v, w) spacings; 0 where the spline does."""
+    nx, ny, nz = int(rows[row, VALUES]), int(rows[row, VALUES + 1]), int(rows[row, VALUES + 2])
+    first = GRID_VALUES + 3 * int(rows[row, N_VERTICES]) + nx * ny * nz
+    at = first + int(u + 0.5) * ny + int(v + 0.5)
+    low, high = int(rows[row, at]), int(rows[row, at + 1])
+    first += nx * ny + 1
+    k = int(w + 0.5)
+    while low < high:
+        middle = (low + high) // 2
+        found = int(rows[row, first + 2 * middle])
+        if found == k:
+            return int(rows[row, first + 2 * middle + 1])
+        low, high = (middle + 1, high) if found < k else (low, middle)
+    return 0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def wedge(rows: np.ndarray, row: int, edge: int, u: float, v: float, w: float) -> Gradient3:
+    """Distance in spacings to what planes bound; the numbers of these begin at column `edge` of the row.
+
+    The way to what lies behind all planes is a sum of steps l_a >= 0 along the normals of some of them, at most three,
+    whose distances it brings to 0. It is the longest one of that kind, as the way to fewer planes is no longer.
+    """
+    sign, n = rows[row, edge + EDGE_SIGN], int(rows[row, edge + EDGE_COUNT])
+    best, x, y, z = -np.inf, 0.0, 0.0, 1.0
+    for a in range(n):
+        d = _to_plane(rows, row, edge, a, u, v, w)
+        if d > best:
+            at = edge + EDGE_PLANES + 4 * a
+            best, x, y, z = d, sign * rows[row, at], sign * rows[row, at + 1], sign * rows[row, at + 2]
+    if best <= 0.0:
+        return sign * best, sign * x, sign * y, sign * z
+    square = best * best
+    for a in range(n):
+        p = edge + EDGE_PLANES + 4 * a
+        d_a = _to_plane(rows, row, edge, a, u, v, w)
+        for b in range(a):
+            q = edge + EDGE_PLANES + 4 * b
+            d_b = _to_plane(rows, row, edge, b, u, v, w)
+            ab = _dot(rows, row, p, q)
+            rest = 1.0 - ab * ab
+            l_a, l_b = (d_a - ab * d_b) / rest, (d_b - ab * d_a) / rest
+            if l_a > 0.0 and l_b > 0.0 and l_a * d_a + l_b * d_b > square:
+                square = l_a * d_a + l_b * d_b
+                x = sign * (l_a * rows[row, p] + l_b * rows[row, q])
+                y = sign * (l_a * rows[row, p + 1] + l_b * rows[row, q + 1])
+                z = sign * (l_a * rows[row, p + 2] + l_b * rows[row, q + 2])
+            for c in range(b):
+                r = edge + EDGE_PLANES + 4 * c
+                d_c = _to_plane(rows, row, edge, c, u, v, w)
+                bc, ca = _dot(rows, row, q, r), _dot(rows, row, r, p)
+                rest = 1.0 + 2.0 * ab * bc * ca - ab * ab - bc * bc - ca * ca
+                if rest < _FLAT:
+                    continue
+                l_a = ((1.0 - bc * bc) * d_a + (ca * bc - ab) * d_b + (ab * bc - ca) * d_c) / rest
+                l_b = ((ca * bc - ab) * d_a + (1.0 - ca * ca) * d_b + (ab * ca - bc) * d_c) / rest
+                l_c = ((ab * bc - ca) * d_a + (ab * ca - bc) * d_b + (1.0 - ab * ab) * d_c) / rest
+                if min(l_a, l_b, l_c) > 0.0 and l_a * d_a + l_b * d_b + l_c * d_c > square:
+                    square = l_a * d_a + l_b * d_b + l_c * d_c
+                    x = sign * (l_a * rows[row, p] + l_b * rows[row, q] + l_c * rows[row, r])
+                    y = sign * (l_a * rows[row, p + 1] + l_b * rows[row, q + 1] + l_c * rows[row, r + 1])
+                    z = sign * (l_a * rows[row, p + 2] + l_b * rows[row, q + 2] + l_c * rows[row, r + 2])
+    d = math.sqrt(square)
+    size = math.sqrt(x * x + y * y + z * z)
+    return sign * d, sign * x / size, sign * y / size, sign * z / size
+
+
+@njit(inline="always")
+def _to_plane(rows: np.ndarray, row: int, edge: int, a: int, u: float, v: float, w: float) -> float:
+    """How far a point lies before plane `a`, or behind it where what lies behind any plane is solid."""
+    at = edge + EDGE_PLANES + 4 * a
+    d = rows[row, at] * u + rows[row, at + 1] * v + rows[row, at + 2] * w - rows[row, at + 3]
+    return rows[row, edge + EDGE_SIGN] * d
+
+
+@njit(inline="always")
+def _dot(rows: np.ndarray, row: int, p: int, q: int) -> float:
+    """Product of the normals at two columns."""
+    return rows[row, p] * rows[row, q] + rows[row, p + 1] * rows[row, q + 1] + rows[row, p + 2] * rows[row, q + 2]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def spline(rows: np.ndarray, row: int, u: float, v: float, w: float) -> Gradient3:
     """Value and gradient (both per spacing along the grid) of the spline at (u, v, w) spacings from the first point."""
     ny, nz = int(rows[row, VALUES + 1]), int(rows[row, VALUES + 2])
     i, j, k = int(u + 0.5), int(v + 0.5), int(w + 0.5)

@@ -3,7 +3,8 @@
 Distances at the grid points are exact: next to the surface from every triangle near, further away from the triangles
 that the neighbours are nearest to, swept over the grid (Bridson's SDFGen does the same). The sign is that of the
 winding number along x, so bodies of one file that overlap are one solid. Between the points a spline of degree 2 goes
-through the values: it has continuous normals, which a finger that slides over the object needs.
+through the values: it has continuous normals, which a finger that slides over the object needs. It rounds sharp edges;
+`models.objects.edges` puts planes there.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,9 @@ import trimesh
 from numba import njit
 from scipy.ndimage import spline_filter
 
+from fast.models.objects.edges import with_edges
 from fast.models.objects.primitives import grid, turn_about_z
+from fast.models.objects.triangles import triangle_distance
 
 SPACING_MM = 0.5
 _MARGIN = 3  # grid points beyond the box of the mesh: the spline needs one, the border smooths one
@@ -28,12 +31,15 @@ _SURFACE_POINTS = 4000
 class MeshGrid:
     """A watertight mesh measured on a grid round it.
 
-    `values` (nx, ny, nz): signed distance in spacings; `triangles` (n, 3, 3): corners in spacings from the first grid
-    point, which is at `origin_mm` (3); `corners_mm` (n, 3): vertices of the convex hull.
+    `values` (nx, ny, nz): signed distance in spacings, `closest` which triangle is nearest; `triangles` (n, 3, 3):
+    corners in spacings from the first grid point, which is at `origin_mm` (3), `beside` (n, 3) which triangles share
+    their edges, -1 for none; `corners_mm` (n, 3): vertices of the convex hull.
     """
 
     values: np.ndarray
+    closest: np.ndarray
     triangles: np.ndarray
+    beside: np.ndarray
     origin_mm: np.ndarray
     spacing_mm: float
     corners_mm: np.ndarray
@@ -54,12 +60,17 @@ class MeshGrid:
         winding = np.zeros(shape, dtype=np.int32)
         _count_crossings(triangles, winding)
         values *= np.where(np.cumsum(winding, axis=0) != 0, -1.0, 1.0)
-        return cls(values, triangles, origin_mm, spacing_mm, np.asarray(mesh.convex_hull.vertices))
+        return cls(
+            values, closest, triangles, _find_beside(mesh), origin_mm, spacing_mm, np.asarray(mesh.convex_hull.vertices)
+        )
 
-    def row(self, *, is_round: bool) -> np.ndarray:
-        """Row (1, columns) of the solid in its own frame; `is_round`: about its z axis."""
+    def row(self, *, is_round: bool, has_edges: bool) -> np.ndarray:
+        """Row (1, columns) of the solid in its own frame; `is_round`: about its z axis; `has_edges`: sharp ones."""
         coefficients = self.spacing_mm * spline_filter(self.values, order=2, output=np.float64)
-        return grid(coefficients, self.spacing_mm, self.origin_mm, self.corners_mm, is_round=is_round)
+        rows = grid(coefficients, self.spacing_mm, self.origin_mm, self.corners_mm, is_round=is_round)
+        if not has_edges:
+            return rows
+        return with_edges(rows, self.triangles, self.values, self.closest, self.beside)
 
     def has_on_surface(self, points: np.ndarray) -> bool:
         """True if all `points` (n, 3) in mm lie on the surface of the mesh, to `SAME_MM`."""
@@ -74,6 +85,17 @@ class MeshGrid:
 def looks_round(mesh_grid: MeshGrid, points: np.ndarray) -> bool:
     """True if points (n, 3) of the surface are on the surface after any turn about z."""
     return all(mesh_grid.has_on_surface(points @ turn_about_z(turn_deg).T) for turn_deg in _ROUND_TURNS_DEG)
+
+
+def _find_beside(mesh: trimesh.Trimesh) -> np.ndarray:
+    """Numbers (n, 3) of the triangles that share an edge with each; -1 where there are fewer."""
+    pairs = np.concatenate([mesh.face_adjacency, mesh.face_adjacency[:, ::-1]])
+    pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+    place = np.arange(len(pairs)) - np.searchsorted(pairs[:, 0], pairs[:, 0])
+    beside = np.full((len(mesh.faces), 3), -1, dtype=np.int64)
+    pairs, place = pairs[place < 3], place[place < 3]
+    beside[pairs[:, 0], place] = pairs[:, 1]
+    return beside
 
 
 def surface_points(mesh: trimesh.Trimesh) -> np.ndarray:
@@ -129,7 +151,7 @@ def _are_near(
         cell = (int(x) * shape[1] + int(y)) * shape[2] + int(z)
         is_near = False
         for place in range(begin[cell], begin[cell + 1]):
-            if _triangle_distance(triangles, numbers[place], x, y, z) <= within:
+            if triangle_distance(triangles, numbers[place], x, y, z) <= within:
                 is_near = True
                 break
         if not is_near:
@@ -146,7 +168,7 @@ def _measure_near(triangles: np.ndarray, values: np.ndarray, closest: np.ndarray
         for i in range(first[0], last[0] + 2):
             for j in range(first[1], last[1] + 2):
                 for k in range(first[2], last[2] + 2):
-                    d = _triangle_distance(triangles, t, i, j, k)
+                    d = triangle_distance(triangles, t, i, j, k)
                     if d < values[i, j, k]:
                         values[i, j, k], closest[i, j, k] = d, t
 
@@ -167,39 +189,9 @@ def _sweep(triangles: np.ndarray, values: np.ndarray, closest: np.ndarray, dx: i
                     t = closest[p, q, r]
                     if t < 0 or t == closest[i, j, k] or values[p, q, r] > values[i, j, k] + 1.7320508075688774:
                         continue
-                    d = _triangle_distance(triangles, t, i, j, k)
+                    d = triangle_distance(triangles, t, i, j, k)
                     if d < values[i, j, k]:
                         values[i, j, k], closest[i, j, k] = d, t
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _triangle_distance(triangles: np.ndarray, t: int, x: float, y: float, z: float) -> float:
-    """Distance of a point to a triangle (Ericson, Real-Time Collision Detection, 5.1.5)."""
-    ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
-    bx, by, bz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
-    cx, cy, cz = triangles[t, 2, 0] - ax, triangles[t, 2, 1] - ay, triangles[t, 2, 2] - az
-    px, py, pz = x - ax, y - ay, z - az
-    bb, bc, cc = bx * bx + by * by + bz * bz, bx * cx + by * cy + bz * cz, cx * cx + cy * cy + cz * cz
-    d1, d2 = bx * px + by * py + bz * pz, cx * px + cy * py + cz * pz
-    d3, d4, d5, d6 = d1 - bb, d2 - bc, d1 - bc, d2 - cc
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    if d1 <= 0.0 and d2 <= 0.0:
-        v, w = 0.0, 0.0
-    elif d3 >= 0.0 and d4 <= d3:
-        v, w = 1.0, 0.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        v, w = d1 / (d1 - d3), 0.0
-    elif d6 >= 0.0 and d5 <= d6:
-        v, w = 0.0, 1.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        v, w = 0.0, d2 / (d2 - d6)
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        v = 1.0 - w
-    else:
-        v, w = vb / (va + vb + vc), vc / (va + vb + vc)
-    x, y, z = px - v * bx - w * cx, py - v * by - w * cy, pz - v * bz - w * cz
-    return np.sqrt(x * x + y * y + z * z)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

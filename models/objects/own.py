@@ -6,6 +6,7 @@ import io
 import re
 import zlib
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import trimesh
@@ -73,12 +74,12 @@ def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
         read = read_shape(shape)
         if isinstance(read, PartsShape):
             return _of_parts(name, read, source)
-        stl = unpack_mesh(read)
+        stl, edges = unpack_mesh(read), read.edges
         mesh = trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
     except (ValueError, zlib.error, RecursionError) as error:
         raise ConfigError(f"{source}: the shape of `{name}` cannot be read; export it again.") from error
     _check_size(np.ptp(check_mesh(mesh, source).bounds, axis=0), source)
-    return _of_placed_mesh(name, mesh, stl, source)
+    return _of_placed_mesh(name, mesh, stl, source, edges)
 
 
 def own_id(content: bytes) -> int:
@@ -96,12 +97,14 @@ def _of_parts(name: str, shape: PartsShape, source: str) -> RigidObject:
     return _object(name, shape, canonical_json(shape.model_dump()).encode(), high - low, has_mirrors, source)
 
 
-def _of_placed_mesh(name: str, mesh: trimesh.Trimesh, stl: bytes, source: str) -> RigidObject:
+def _of_placed_mesh(
+    name: str, mesh: trimesh.Trimesh, stl: bytes, source: str, edges: Literal["rounded", "sharp"] = "sharp"
+) -> RigidObject:
     """The object of a mesh in the object frame, and of the same as a binary STL."""
     _check_name(name, source)  # before a grid is made for it
     mesh_grid, points = MeshGrid.of(mesh), surface_points(mesh)
     packed = base64.b64encode(zlib.compress(stl, 9)).decode()
-    shape = MeshShape(is_round=looks_round(mesh_grid, points), stl=packed)
+    shape = MeshShape(is_round=looks_round(mesh_grid, points), edges=edges, stl=packed)
     has_mirrors = [mesh_grid.has_on_surface(points * signs) for signs in _MIRRORS]
     return _object(name, shape, stl, np.ptp(mesh.bounds, axis=0), has_mirrors, source)
 

@@ -16,8 +16,12 @@ exact. A solid is the union of its rows, an array (n_rows, N_COLUMNS):
 | VALUES, 16 | semi-axes (BOX, ELLIPSOID) or profile vertices, two numbers each, mm |
 
 A GRID is a solid alone: its row has more columns. From VALUES on it holds the numbers of grid points along x, y and z,
-their spacing and the place of the first one (mm), the vertices of the convex hull, and then the coefficients of the
-spline of its distance (mm), z running fastest.
+their spacing and the place of the first one (mm), the vertices of the convex hull, then the coefficients of the spline
+of its distance (mm), z running fastest. Then come the cells in which planes hold in place of the spline, in the order
+of their grid points: how many there are before those of each pair of x and y (nx ny + 1), and of each cell the number
+of its grid point along z and the column where its planes begin. Of these EDGE_SIGN is 1 for what lies behind all, -1
+for what lies behind any, EDGE_COUNT how many there are, and from EDGE_PLANES on each has four numbers: its outward
+normal, and how far it is from the first grid point along that, in spacings.
 """
 
 from collections.abc import Sequence
@@ -30,6 +34,10 @@ KIND, RADIUS, CENTRE, ROTATION, N_VERTICES, LENGTH, REACH, VALUES = 0, 1, 2, 5, 
 MAX_VERTICES = 8
 N_COLUMNS = VALUES + 2 * MAX_VERTICES
 GRID_VALUES = VALUES + 7  # hull and coefficients of a GRID
+SPACING = VALUES + 3  # of a GRID
+MOST_PLANES = 4
+EDGE_SIGN, EDGE_COUNT, EDGE_PLANES = 0, 1, 2
+EDGE_COLUMNS = EDGE_PLANES + 4 * MOST_PLANES
 ROUND_TOLERANCE = 1e-12  # of a centre in mm and of the cosine of an axis with z
 
 Vertices = Sequence[tuple[float, float]]
@@ -94,12 +102,13 @@ def grid(
     *,
     is_round: bool,
 ) -> np.ndarray:
-    """Row (1, columns) of a solid given by its signed distance on a grid.
+    """Row (1, columns) of a solid given by its signed distance on a grid, without edges.
 
     `coefficients` (nx, ny, nz): of the spline of degree 2 of the distance, mm; `origin_mm` (3): the first grid point;
     `corners_mm` (n, 3): vertices of the convex hull; `is_round`: about z.
     """
-    values = [coefficients.shape, [spacing_mm], origin_mm, corners_mm.ravel(), coefficients.ravel()]
+    no_edges = np.zeros(coefficients.shape[0] * coefficients.shape[1] + 1)
+    values = [coefficients.shape, [spacing_mm], origin_mm, corners_mm.ravel(), coefficients.ravel(), no_edges]
     row = np.concatenate([np.zeros(VALUES), *(np.asarray(v, dtype=np.float64) for v in values)])
     row[KIND], row[N_VERTICES], row[LENGTH] = GRID, len(corners_mm), float(is_round)
     row[ROTATION : ROTATION + 9] = np.eye(3).ravel()

@@ -21,14 +21,19 @@ from fast.models.objects.primitives import bounds, moved
 from fast.models.records import Record
 
 MOST_TRIANGLES = 200_000
-GRIDS_KEPT = 36  # up to 10 MB each
+GRIDS_KEPT = 36  # up to 30 MB each, 7 as a rule
 
 
 class MeshShape(Record):
-    """A mesh in the object frame: `stl` is base64 of a zlib stream of a binary STL in mm."""
+    """A mesh in the object frame: `stl` is base64 of a zlib stream of a binary STL in mm.
+
+    `edges`: sharp ones are exact (`models.objects.edges`), or rounded as by the first versions, of whose lakes such
+    objects are: what was simulated with them stays comparable.
+    """
 
     kind: Literal["mesh"] = "mesh"
     is_round: bool
+    edges: Literal["rounded", "sharp"] = "rounded"
     stl: str
 
 
@@ -46,7 +51,7 @@ def shape_rows(shape: str) -> np.ndarray:
     if isinstance(read, PartsShape):
         rows = place_parts(read.parts)
     else:
-        rows = MeshGrid.of(mesh_of_shape(read)).row(is_round=read.is_round)
+        rows = MeshGrid.of(mesh_of_shape(read)).row(is_round=read.is_round, has_edges=read.edges == "sharp")
     rows.flags.writeable = False
     return rows
 

@@ -18,6 +18,7 @@ from fast.models.design.recipe import Recipe
 from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import content_id
 from fast.models.objects.catalogue import get_object, name_object
+from fast.models.objects.catalogue import register as register_object
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import (
@@ -119,6 +120,9 @@ def register(campaign: Campaign, config_toml: str) -> None:
         ConfigError: the lake has a campaign of this name with another config.
     """
     name = campaign.campaign_id
+    own = [campaign.lake.find_object(number) or get_object(number) for number in campaign.config.objects.own_ids]
+    for obj in own:
+        register_object(obj)  # the shape that the lake has: what was simulated with it stays comparable
     known = campaign.lake.rows(CampaignRow, campaign_id=name)
     is_adopted = bool(known) and is_imported(known[-1]["config_toml"])
     if is_adopted and not campaign.config.bench.is_folder:
@@ -138,7 +142,6 @@ def register(campaign: Campaign, config_toml: str) -> None:
                 "undo the change or give the new config another name."
             )
     objects = campaign.config.objects
-    own = [get_object(object_id) for object_id in objects.own_ids]
     stored = _with_recipe(_with_file_ids(config_toml, objects.file_ids), campaign.config.print)
     row = CampaignRow(campaign_id=name, name=name, config_toml=stored)
     provenance = campaign.provenance(campaign.config.seed)

@@ -1,5 +1,6 @@
 """Own objects from files, in configs, in a lake, and by name."""
 
+import json
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from fast.lake.tables.campaign import ObjectRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.objects import catalogue
 from fast.models.objects.catalogue import get_object, name_object
+from fast.models.objects.distance import distance
+from fast.models.objects.rigid import RigidObject
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.settings import ObjectPlan
@@ -140,23 +143,37 @@ def test_a_wrong_file_is_one_sentence(folder: Path, name: str, content: bytes, w
     assert "\n" not in str(refused.value)
 
 
-def test_a_mesh_with_sharp_edges_is_told_of(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_mesh_of_an_older_lake_keeps_its_rounded_edges_and_is_told_of(
+    folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     cube = trimesh.creation.box((40.0, 40.0, 40.0))
     cube.export(folder / "sharp.stl")
     corners = cube.vertices[:, None] - 0.5 * np.sign(cube.vertices)[:, None] * (1.0 - np.eye(3))
     trimesh.convex.convex_hull(corners.reshape(-1, 3)).export(folder / "chamfered.stl")
-    for name in ("ball.stl", "chamfered.stl", "dumbbell.toml"):
-        find_object(str(folder / name), folder / "lake")
-    assert not caplog.messages
-    find_object(str(folder / "sharp.stl"), folder / "lake")
-    assert "sharp: it has sharp edges" in caplog.text
-    assert "simulated forces may be up to 30 % off, mostly too low" in caplog.text
+    now = [read_object(folder / name) for name in ("ball.stl", "chamfered.stl", "sharp.stl")]
+    lake = Lake.open(folder / "lake", create=True)
+    lake.append([ObjectRow.of(as_before(obj)) for obj in now], current_provenance())
+    for obj in now:
+        find_object(obj.name, folder / "lake")
+    assert caplog.text.count("had their sharp edges rounded, so simulated forces may be up to 30 % off") == 1
+    assert "sharp: it came to this lake" in caplog.text
     caplog.clear()
     path = folder / "own.toml"
     path.write_text(CONFIG.replace("ball.stl", "sharp.stl"))
     for _ in range(2):
-        register(Campaign(Lake.open(folder / "lake", create=True), load_config(path)), path.read_text())
-    assert caplog.text.count("sharp: it has sharp edges") == 1  # where the campaign begins, not where it goes on
+        register(Campaign(lake, load_config(path)), path.read_text())  # the config reads the file anew
+    assert caplog.text.count("sharp: it came to this lake") == 1  # where the campaign begins, not where it goes on
+    edge = np.linspace([20.1, -9.9, 40.1], [20.1, 9.9, 40.1], 50)  # 0.14 mm before it
+    rounded, sharp = (distance(obj.primitives, edge) for obj in (get_object(now[2].object_id), now[2]))
+    assert rounded == pytest.approx(0.12, abs=0.005)
+    assert sharp == pytest.approx(0.141, abs=0.001)
+
+
+def as_before(obj: RigidObject) -> RigidObject:
+    """The object as a lake of the first versions has it: its text says nothing of edges."""
+    told = json.loads(obj.shape or "")
+    del told["edges"]
+    return obj.model_copy(update={"shape": json.dumps(told)})
 
 
 def test_two_files_with_one_object_or_one_name_are_refused(folder: Path) -> None:

@@ -10,7 +10,7 @@ import trimesh
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import ConfigError, UsageError
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object
-from fast.models.objects.distance import distance
+from fast.models.objects.distance import distance, distance_and_normal
 from fast.models.objects.mount import printable_mesh, unmounted_mesh
 from fast.models.objects.own import object_of_mesh, object_of_parts
 from fast.models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
@@ -54,6 +54,42 @@ def test_its_grasp_is_that_of_the_primitive_and_costs_little_more() -> None:
     meshed_n, meshed_s = min(simulate(fine) for _ in range(3))
     assert meshed_n == pytest.approx(exact_n, rel=0.02)
     assert meshed_s < 2.0 * exact_s  # 1.1 times on a quiet machine (docs/how-to/bring-own-objects.md)
+
+
+def test_sharp_edges_of_a_mesh_are_exact() -> None:
+    """Along edges and corners that stick out (a tilted box), and along those between a plate and what stands on it."""
+    turn = (20.0, 35.0, 10.0)
+    block = Box(shape="box", size_x_mm=26, size_y_mm=24, size_z_mm=28, rounding_mm=0, turn_deg=turn)
+    plate = Box(shape="box", size_x_mm=40, size_y_mm=36, size_z_mm=12, rounding_mm=0, at_mm=(0, 0, 6))
+    post = Box(shape="box", size_x_mm=16, size_y_mm=20, size_z_mm=30, rounding_mm=0, at_mm=(3, 0, 15))
+    step = trimesh.boolean.union([placed((40, 36, 12), (0, 0, 6)), placed((16, 20, 30), (3, 0, 15))])
+    for exact, meshed in (
+        (object_of_parts("tilted", [block], "x"), object_of_mesh("b", placed((26, 24, 28)), "b.stl", turn_deg=turn)),
+        (object_of_parts("step", [plate, post], "x"), object_of_mesh("s", step, "s.stl")),
+    ):
+        at = points(400_000)
+        near = at[np.abs(distance(exact.primitives, at)) < 0.1]
+        depth, normal = distance_and_normal(exact.primitives, near)
+        found, found_normal = distance_and_normal(meshed.primitives, near)
+        assert np.quantile(np.abs(found - depth), 0.995) < 0.001
+        assert np.abs(found - depth).max() < 0.03  # where the post's edges meet the plate; elsewhere 0.1 as a spline
+        assert np.quantile(np.einsum("ij,ij->i", normal, found_normal), 0.01) > np.cos(np.radians(1.0))
+
+
+def test_the_peak_of_a_mesh_with_sharp_edges_is_that_of_the_exact_shape() -> None:
+    sizes = {"size_x_mm": 30, "size_y_mm": 30, "size_z_mm": 40, "turn_deg": (0, 0, 45)}
+    exact = object_of_parts("bar", [Box(shape="box", rounding_mm=0, **sizes)], "x")  # type: ignore[arg-type]
+    meshed = object_of_mesh("bar", placed((30, 30, 40)), "bar.stl", turn_deg=(0, 0, 45))
+    peaks_n = [
+        simulate_grasp(BEST_PUBLISHED, obj, SimulatorVersion(), GraspSetup()).peak_force_n for obj in (exact, meshed)
+    ]
+    assert peaks_n[1] == pytest.approx(peaks_n[0], rel=0.02)  # a radius of 1 mm takes 15 %
+
+
+def placed(size_mm: tuple[float, float, float], at_mm: tuple[float, float, float] = (0, 0, 0)) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(size_mm)
+    mesh.apply_translation(at_mm)
+    return mesh
 
 
 def test_the_inside_of_a_mug_is_outside() -> None:

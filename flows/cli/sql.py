@@ -112,7 +112,7 @@ def _entry_text(entry: "Entry") -> str:
 
 
 def _formatted(table: "pa.Table", chosen: Format) -> bytes:
-    from fast.lake.query.sql import csv_bytes, plain
+    from fast.lake.query.sql import csv_bytes, exact
 
     if chosen == "csv":
         return csv_bytes(table)
@@ -123,5 +123,5 @@ def _formatted(table: "pa.Table", chosen: Format) -> bytes:
         parquet.write_table(table, buffer)
         return buffer.getvalue()
     rows = table.to_pylist()
-    text = json.dumps(rows, indent=2, default=plain) if chosen == "json" else table_text(rows, table.column_names)
+    text = json.dumps(exact(rows), indent=2) if chosen == "json" else table_text(rows, table.column_names)
     return text.encode()

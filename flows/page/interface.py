@@ -204,7 +204,7 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
     @router.post("/sql")
     def ask(question: SqlQuestion) -> SqlAnswer:
         """The answer to a question; reads only, within the limits of the page."""
-        found = results.answer_sql(page.lake, question.sql, results.exact)
+        found = results.answer_sql(page.lake, question.sql, results.for_programs)
         return SqlAnswer(columns=list(found.columns), rows=[list(row) for row in found.rows], n_rows=found.n_rows)
 
     @router.get("/me")

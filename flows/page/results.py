@@ -12,7 +12,7 @@ from fast.flows.campaign.status import read_campaign
 from fast.flows.page.now import draw_path, thin
 from fast.flows.page.todo import below_outputs
 from fast.lake.query.limits import Limits
-from fast.lake.query.sql import run_sql
+from fast.lake.query.sql import exact, run_sql
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, EventRow, GraspRow, SimTraceRow
 from fast.models.errors import FastError, UsageError
@@ -261,11 +261,10 @@ def _plain(value: object) -> object:
     return "" if value is None else value if isinstance(value, int) else str(value)[:300]
 
 
-def exact(value: object) -> object:
-    """A value as a program takes it: a number with all of its digits, None where there is none."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return None if value is None else _plain(value)
+def for_programs(value: object) -> object:
+    """A value as a program takes it; long lists are cut, as for a person."""
+    told = exact(value)
+    return _plain(told) if isinstance(told, list | dict) else told
 
 
 def _find_points(table: pa.Table) -> dict[str, Any] | None:

@@ -7,10 +7,13 @@ of the tables. Time and memory are limited.
 
 import io
 import json
+import math
 import re
 from collections.abc import Callable
+from datetime import date, time
 from decimal import Decimal
 from difflib import get_close_matches
+from typing import Any
 
 import duckdb
 import pyarrow as pa
@@ -96,14 +99,22 @@ def csv_bytes(table: pa.Table) -> bytes:
     return buffer.getvalue()
 
 
-def plain(value: object) -> float | str:
-    """What JSON knows for a value that it does not: a number for a decimal, text for a time."""
-    return float(value) if isinstance(value, Decimal) else str(value)
+def exact(value: Any) -> Any:
+    """A value as JSON has it: numbers with all digits, None where there is none (NaN), times as ISO 8601."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float | Decimal):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, list | tuple):
+        return [exact(one) for one in value]
+    if isinstance(value, dict):
+        return {str(name): exact(one) for name, one in value.items()}
+    return value.isoformat() if isinstance(value, date | time) else str(value)
 
 
 def _flat(table: pa.Table) -> pa.Table:
     for place, field in enumerate(table.schema):
         if pa.types.is_nested(field.type):
-            texts = [None if value is None else json.dumps(value, default=plain) for value in table[place].to_pylist()]
+            texts = [None if value is None else json.dumps(exact(value)) for value in table[place].to_pylist()]
             table = table.set_column(place, field.name, pa.array(texts, pa.string()))
     return table

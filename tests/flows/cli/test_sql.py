@@ -52,6 +52,15 @@ def test_the_suffix_of_a_file_says_its_format(fast, tmp_path):
     assert json.loads((tmp_path / "a.csv").read_text()) == [{"a": 1}]
 
 
+def test_json_has_iso_times_and_null_for_no_number(fast):
+    times = "TIMESTAMPTZ '2026-03-01 09:00:00+00' AS t, DATE '2026-03-01' AS d, [TIMESTAMP '2026-03-01 09:00:00'] AS l"
+    numbers = "'nan'::DOUBLE AS x, ['inf'::DOUBLE] AS y, 1.5::DECIMAL(5, 2) AS z, {'a': 'nan'::DOUBLE} AS s"
+    answer = fast("sql", f"SELECT {times}, {numbers}", "--json")
+    (row,) = json.loads(answer.out, parse_constant=pytest.fail)  # NaN is no JSON
+    told = {"t": "2026-03-01T09:00:00+00:00", "d": "2026-03-01", "l": ["2026-03-01T09:00:00"]}
+    assert row == told | {"x": None, "y": [None], "z": 1.5, "s": {"a": None}}
+
+
 def test_lists_become_json_text_in_a_csv(fast):
     answer = fast("sql", "SELECT [1.5, NULL] AS a, {'b': 'x'} AS c, NULL::INTEGER[] AS d", "--format", "csv")
     assert list(csv.reader(io.StringIO(answer.out)))[1] == ["[1.5, null]", '{"b": "x"}', ""]

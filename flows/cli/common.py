@@ -1,9 +1,10 @@
 """What the commands share: the lake option, output as text or JSON, spoken progress."""
 
 import json
+import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 from cyclopts import Parameter
 
@@ -18,12 +19,24 @@ _WIDEST_CELL = 60
 
 def say(text: str) -> None:
     """Print a line of result to standard output."""
-    print(text, flush=True)
+    _write(text, sys.stdout)
 
 
 def tell(text: str) -> None:
     """Print progress to standard error, so that standard output stays the result."""
-    print(text, file=sys.stderr, flush=True)
+    _write(text, sys.stderr)
+
+
+def _write(text: str, stream: TextIO) -> None:
+    try:
+        print(text, file=stream, flush=True)
+    except BrokenPipeError:  # the reader has what it wants (`| head`); the work goes on
+        drop(stream)
+
+
+def drop(stream: TextIO) -> None:
+    """Nobody takes what a stream says: what is left goes nowhere, without a traceback at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def show(data: Any, text: str, as_json: bool) -> None:

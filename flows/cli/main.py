@@ -10,6 +10,7 @@ import sys
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
+from fast.flows.cli.common import drop
 from fast.flows.server.loopback import settle
 
 _STANDARD_ERROR = 2  # the last number of a stream that every process has
@@ -121,11 +122,11 @@ def run(words: list[str] | None, command_line: App = app) -> int:
     except KeyboardInterrupt:
         return _fail("interrupted; what was finished is in the lake.", 130)
     except BrokenPipeError:
-        _drop_output()
+        drop(sys.stdout)
         return 1
     except OSError as error:
         if error.errno == errno.ENOSPC:
-            _drop_output()
+            drop(sys.stdout)
             return _fail(
                 f"no space is left where {error.filename or 'the output'} is written; free some, then try again.", 1
             )
@@ -185,11 +186,6 @@ def _open_closed_streams() -> None:
     sys.stdin = sys.stdin or open(os.devnull)
     sys.stdout = sys.stdout or open(os.devnull, "w")
     sys.stderr = sys.stderr or open(os.devnull, "w")
-
-
-def _drop_output() -> None:
-    """Nobody takes our output (`| head`, a full disk): what is left goes nowhere, without a traceback at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def leave(status: int) -> None:

@@ -201,10 +201,9 @@ def test_ctrl_c_is_one_sentence():
 def test_a_reader_that_goes_away_is_no_bug(tmp_path):
     lake = proposed_lake(tmp_path)
     sql = "fast.flows.cli.main sql 'SELECT * FROM range(200000)'"
-    command = f"{sys.executable} -m {sql} --format csv --lake {lake} | head -1"
-    done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert done.stdout == '"range"\n'
-    assert "Traceback" not in done.stderr
+    command = f"set -o pipefail; {sys.executable} -m {sql} --format csv --lake {lake} | head -1"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '"range"\n', "")
 
 
 @pytest.mark.parametrize(

@@ -150,11 +150,11 @@ def plan_(
     taken for. One tool, and one object, less are compared with it.
     """
     from fast.flows.cli.live import open_reporter
-    from fast.flows.gap.plan import look_ahead
+    from fast.flows.gap.plan import choose_size, look_ahead
     from fast.lake.store import Lake
     from fast.tasks.campaign.config import load_config
 
-    load_config(config)  # a wrong one is named before a lake is made
+    choose_size(load_config(config), tools, objects)  # what is wrong is named before a lake is made
     found = Lake.open(lake, create=True)
     with open_reporter() as reporter:
         outlook = look_ahead(found, config, tools, objects, rehearse, workers, reporter)

@@ -19,7 +19,7 @@ from fast.models.records import Design, GraspContext
 from fast.models.traces.step_features import N_STEPS
 from fast.models.traces.step_noise import SensorNoise
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
-from fast.tasks.campaign.config import load_config
+from fast.tasks.campaign.config import CampaignConfig, load_config
 from fast.tasks.gap.bank import plan_bank, read_bank
 from fast.tasks.gap.panel import spread_objects
 from fast.tasks.gap.rehearse import rehearse_panel
@@ -64,7 +64,6 @@ def look_ahead(
 ) -> PanelOutlook:
     """Rehearse the first tools of a campaign on objects of as many classes as there are; nothing is measured.
 
-    n_tools, n_objects: None takes 8 and 6, or as many as the campaign begins with.
     The bank of simulations around them goes into the lake, where the search of the campaign will find it.
 
     Raises:
@@ -75,20 +74,9 @@ def look_ahead(
     config = load_config(config_path)
     own_designs = read_own_designs(config_path, config)
     campaign = Campaign(lake, config, config_path=config_path, own_designs=own_designs)
-    designs = draw_first_designs(campaign)
-    objects = spread_objects(set(campaign.config.objects.object_ids))
-    n_tools = min(MOST_TOOLS, len(designs)) if n_tools is None else n_tools
-    n_objects = min(MOST_OBJECTS, len(objects)) if n_objects is None else n_objects
-    for what, n, least, most in (
-        ("tools", n_tools, LEAST_TOOLS, len(designs)),
-        ("objects", n_objects, LEAST_OBJECTS, len(objects)),
-    ):
-        if not least <= n <= most:
-            raise UsageError(
-                f"a panel of {n} {what} cannot be rehearsed: the campaign begins with {most}, {least} are the least; "
-                f"give --{what} between these."
-            )
-    grasps = _plan_grasps(campaign, designs[:n_tools], tuple(sorted(objects[:n_objects])))
+    n_tools, n_objects = choose_size(config, n_tools, n_objects)
+    objects = spread_objects(set(config.objects.object_ids))[:n_objects]
+    grasps = _plan_grasps(campaign, draw_first_designs(campaign)[:n_tools], tuple(sorted(objects)))
     version = campaign.config.simulator.version.model_copy(update={"effects": ()})
     plans = plan_bank(version, grasps.cells)
     if n_missing(lake, plans):
@@ -106,6 +94,27 @@ def look_ahead(
         fewer_objects=_find_visible(data, rehearsal, grasps.obj != last_object, visible),
         fewer_tools=_find_visible(data, rehearsal, grasps.tool != last_tool, visible),
     )
+
+
+def choose_size(config: CampaignConfig, n_tools: int | None, n_objects: int | None) -> tuple[int, int]:
+    """How many of the campaign's first tools, and objects, are rehearsed; None takes 8 and 6, or all.
+
+    Raises:
+        UsageError: the panel is too small, or the campaign has fewer tools or objects.
+    """
+    most_tools, most_objects = config.schedule.initial_tools, len(config.objects.object_ids)
+    n_tools = min(MOST_TOOLS, most_tools) if n_tools is None else n_tools
+    n_objects = min(MOST_OBJECTS, most_objects) if n_objects is None else n_objects
+    for what, n, least, most in (
+        ("tools", n_tools, LEAST_TOOLS, most_tools),
+        ("objects", n_objects, LEAST_OBJECTS, most_objects),
+    ):
+        if not least <= n <= most:
+            raise UsageError(
+                f"a panel of {n} {what} cannot be rehearsed: the campaign begins with {most}, {least} are the least; "
+                f"give --{what} between these."
+            )
+    return n_tools, n_objects
 
 
 def _find_visible(

@@ -90,8 +90,11 @@ def test_a_panel_that_nobody_gave_a_size_is_no_larger_than_the_campaign(
     assert (len(outlook.tools), len(outlook.objects)) == (4, 4)
 
 
-def test_a_config_that_is_not_there_makes_no_lake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_that_cannot_be_made_makes_no_lake(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     Fast(capsys).refused("gap", "plan", tmp_path / "none.toml", "--lake", tmp_path / "lake")
+    Fast(capsys).refused("gap", "plan", config, "--tools", "99", "--lake", tmp_path / "lake")
     assert not (tmp_path / "lake").exists()
 
 

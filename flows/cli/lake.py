@@ -121,11 +121,12 @@ def show_import(counts: "HandoffCounts", *, is_dry: bool, as_json: bool) -> None
     """Say what an import wrote, or with `is_dry` what it would have."""
     from fast.models.units import spell_count
 
-    numbers = counts._asdict()
-    n_known = numbers.pop("n_known")
+    numbers, n_known = counts._asdict(), counts.n_known
     words = _counts_text("nothing was written (--dry-run); it would be:" if is_dry else "imported", numbers)
     if n_known:
         words += f"; {spell_count(n_known, 'grasp')} {'was' if n_known == 1 else 'were'} there already"
+    if counts.known_in:
+        words += f", of the campaign {' and '.join(counts.known_in)}, and stay there"
     show(counts._asdict() | {"is_dry": is_dry}, words, as_json)
 
 

@@ -53,6 +53,7 @@ class HandoffCounts(NamedTuple):
     n_sim: int
     n_samples: int
     n_known: int = 0  # of an import: grasps that the lake had already, not among the others
+    known_in: tuple[str, ...] = ()  # of these, the other campaigns that have them
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def import_handoff(
     asking = check_answers(lake, [grasp for grasp in real if grasp.grasp_id not in there], origin.setup)
     campaign = asking or origin.campaign_id or "import-" + re.sub(r"[^\w .+-]|\.\.", "-", source)[:90]
     check_campaign_id(campaign)
-    grasps = _new_grasps(lake, directory, handoff, campaign)
+    grasps, known_in = _new_grasps(lake, directory, handoff, campaign)
     rows: list[Row] = [
         DesignRow.of(design, design_id)
         for design_id, design in handoff.designs.items()
@@ -118,7 +119,8 @@ def import_handoff(
     new = [grasp for grasp in grasps if grasp.grasp_id not in known]
     if rows and not is_dry:
         lake.append(_unique(rows), _with_config(provenance, content_hash))
-    return _counts(len(set(handoff.designs) - known_designs), new, len(handoff.grasps) - len(new))
+    n_known = len(handoff.grasps) - len(new)
+    return _counts(len(set(handoff.designs) - known_designs), new, n_known)._replace(known_in=known_in)
 
 
 def _with_lab(handoff: Handoff, lab: str | None) -> Handoff:
@@ -174,8 +176,10 @@ def _grasp_rows(
     return rows
 
 
-def _new_grasps(lake: Lake, directory: Path, handoff: Handoff, campaign_id: str) -> list[HandoffGrasp]:
-    """Grasps that are not in the lake already as something else's than this import's.
+def _new_grasps(
+    lake: Lake, directory: Path, handoff: Handoff, campaign_id: str
+) -> tuple[list[HandoffGrasp], tuple[str, ...]]:
+    """Grasps that are not in the lake already as something else's than this import's; the campaigns that have those.
 
     Raises:
         HandoffError: an id of the lake is used for something else.
@@ -187,7 +191,7 @@ def _new_grasps(lake: Lake, directory: Path, handoff: Handoff, campaign_id: str)
             limit = "is a design of the lake with other parameters; give it another id."
             faults.append(Fault("designs.csv", None, "design_id", design_id, limit))
     used = _used_ids(lake, [grasp.grasp_id for grasp in handoff.grasps])
-    others = []
+    others, owners = [], set()
     for grasp in handoff.grasps:
         identity = (grasp.fidelity, grasp.design_id, grasp.object_id)
         there, owner = used.get(grasp.grasp_id, (identity, campaign_id))
@@ -196,11 +200,13 @@ def _new_grasps(lake: Lake, directory: Path, handoff: Handoff, campaign_id: str)
             faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
         elif owner != campaign_id:
             others.append(grasp)
+            owners.add(owner)
     faults += _changed_grasps(lake, others)
     if faults:
         raise HandoffError(directory, faults)
     left_alone = {grasp.grasp_id for grasp in others}
-    return [grasp for grasp in handoff.grasps if grasp.grasp_id not in left_alone]
+    new = [grasp for grasp in handoff.grasps if grasp.grasp_id not in left_alone]
+    return new, tuple(sorted(filter(None, owners)))  # None: the lake's own simulations
 
 
 def _used_ids(lake: Lake, grasp_ids: list[str]) -> dict[str, tuple[tuple[str, str, int], str | None]]:

@@ -85,7 +85,7 @@ def test_a_lakes_own_export_comes_back_without_changing_it(
     lake.append([*small_rows, *make_grasp(), *make_simulation()], provenance)
     before = everything(lake)
     export_handoff(lake, tmp_path / "out")
-    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 2)
+    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 2, ("c1",))
     assert everything(lake) == before
 
 
@@ -104,7 +104,7 @@ def test_a_peak_of_another_campaign_cannot_be_changed(lake, tmp_path, provenance
     (grasp_row, _) = make_grasp(peak_force_n=13.5, work_j=None)
     lake.append([*small_rows, grasp_row], provenance)
     export_handoff(lake, tmp_path / "out")
-    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 1)
+    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 1, ("c1",))
     (row,) = read_csv(tmp_path / "out" / "grasps.csv")
     write_csv(tmp_path / "out" / "grasps.csv", [row | {"peak_force_n": "13.6"}])
     with pytest.raises(HandoffError, match=r"is in the lake with a peak of 13.5 N.*or say with --lab who measured it"):

@@ -121,7 +121,9 @@ def test_what_is_printed_is_what_was_written(folder: Path, tmp_path: Path, capsy
     assert first["n_known"] == 0
     again = fast("lake", "import", folder, "--lake", lake)
     assert again.out.startswith("imported 0 designs, 0 measured grasps, 0 simulated grasps, 0 samples")
-    assert "4 grasps were there already" in again.out
+    assert again.out.endswith("; 4 grasps were there already\n")
+    other = fast("lake", "import", folder, "--lake", lake, "--campaign", "other")
+    assert other.out.endswith(f"; 4 grasps were there already, of the campaign import-{folder.name}, and stay there\n")
     assert "cannot be the name" in fast.refused(
         "lake", "import", folder, "--lake", tmp_path / "x", "--campaign", "../x"
     )

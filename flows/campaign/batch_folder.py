@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 from fast.flows.gap.bench_plan import BenchPlan, write_bench_plan
-from fast.models.errors import UsageError
+from fast.models.errors import UsageError, tell_cause
 from fast.models.records import GraspRequest
 from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.print import write_tray
@@ -36,7 +36,7 @@ def write_batch(campaign: Campaign, batch: int, folder: Path) -> tuple[GraspRequ
         folder.mkdir(parents=True, exist_ok=True)
         os.replace(part, folder)  # whole or not at all
     except OSError as error:
-        raise UsageError(f"{folder} cannot be written ({error.strerror}); give another folder.") from error
+        raise UsageError(f"{folder} cannot be written ({tell_cause(error)}); give another folder.") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return requests

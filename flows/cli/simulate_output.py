@@ -99,9 +99,9 @@ def make_folder(out: Path) -> None:
 
 def unwritable(option: str, folder: Path, error: OSError) -> "UsageError":
     """The error for a folder that cannot be written."""
-    from fast.models.errors import UsageError
+    from fast.models.errors import UsageError, tell_cause
 
-    return UsageError(f"{option} `{folder}` cannot be written: {error.strerror}; give a folder you may write to.")
+    return UsageError(f"{option} `{folder}` cannot be written: {tell_cause(error)}; give a folder you may write to.")
 
 
 def _csv(trace: "Trace") -> str:

@@ -21,7 +21,8 @@ DISTRIBUTIONS = {
 BASE = ("duckdb", "pyarrow", "numba", "scipy", "qdldl", "shapely", "trimesh", "manifold3d", "mapbox_earcut", "networkx",
         "lxml", "skimage", "matplotlib", "jinja2", "serial", "pymodbus")  # fmt: skip
 CAMPAIGN = (*BASE, "prefect", "torch", "botorch", "gpytorch", "rerun")
-ALL = (*CAMPAIGN, "pymc", "pytetwild")
+CALIBRATION = ("pymc", "arviz", "h5netcdf")
+ALL = (*CAMPAIGN, *CALIBRATION, "pytetwild")
 
 OWN = ("fast",)
 LOCK = Path(__file__).resolve().parents[1] / "requirements.lock"

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from fast.flows.dependencies import CALIBRATION, require
 from fast.flows.progress import ProgressReporter
 from fast.flows.simulation.progress import n_missing, simulate_missing
 from fast.lake.leases import exclusive
@@ -72,9 +73,10 @@ def run_calibration(
     """Do what of an order is not done yet; killed, the same order continues.
 
     Raises:
-        UsageError: measurements or simulations are missing, too few, or not of one kind.
+        UsageError: packages, measurements or simulations are missing, too few, or not of one kind.
         FastError: another process calibrates this lake.
     """
+    require(CALIBRATION)
     with exclusive(lake.storage, "calibrate", f"the lake {lake.address} is already being calibrated"):
         if order.data == "trace":
             return _calibrate_traces(lake, order, reporter, should_stop)

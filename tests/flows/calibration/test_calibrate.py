@@ -252,3 +252,11 @@ def test_theta_of_a_lake_is_found_by_the_real_sampler(tmp_path, fast):
         assert row[f"{name}_q05{unit}"] <= truth <= row[f"{name}_q95{unit}"], name
     assert row["correlation_after"] > 0.7  # of four designs, by an emulator of 60 points
     assert row["rmse_after_n"] < 0.5 * row["rmse_before_n"]
+
+
+def test_without_the_sampler_nothing_is_simulated(tmp_path, fast, answers, monkeypatch):
+    lake = calibration_lake(tmp_path / "lake")
+    before = len(lake.rows(SimulationRow))
+    monkeypatch.setattr("fast.flows.dependencies.is_installed", lambda name: name != "pymc")
+    assert "the package `pymc` is not installed" in fast.refused("calibrate", "--lake", lake.root, "--simulate", 100)
+    assert len(lake.rows(SimulationRow)) == before

@@ -1,6 +1,7 @@
 """Flows that a Prefect worker can start from a deployment (see prefect.yaml)."""
 
 import logging
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from prefect import flow
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed, State
 
+from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.flows.server.run_process import mark_run
 from fast.models.errors import FastError
 
@@ -24,6 +26,12 @@ def ended(work: Callable[[], str]) -> State[Any]:
         return Failed(message=str(error))
 
 
+def find_config(config: str) -> Path:
+    """A config by its path: from the folder where `fast serve` was started, else from that of the program."""
+    own = Path(os.environ.get(FOLDER_VARIABLE, "."), config)
+    return own if own.exists() else Path(config)
+
+
 @flow(name="run-campaign", flow_run_name="run {config}")
 def campaign(config: str, lake: str = "lake-data", auto_print: bool = False) -> State[Any]:
     """Start the campaign of a config file on its virtual bench, or continue it; a real bench needs a terminal."""
@@ -32,7 +40,7 @@ def campaign(config: str, lake: str = "lake-data", auto_print: bool = False) -> 
 
     def work() -> str:
         reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
-        outcome = run_campaign(Path(config), lake, auto_print=auto_print, reporter=reporter)
+        outcome = run_campaign(find_config(config), lake, auto_print=auto_print, reporter=reporter)
         if not outcome.is_complete:
             return f"campaign {outcome.campaign_id} was asked to {outcome.ended_by}; run it again to continue."
         return f"campaign {outcome.campaign_id} is complete; report {outcome.report}"
@@ -45,7 +53,7 @@ def run_batch(config: str, batch: int, lake: str = "lake-data") -> State[Any]:
     """Measure what is missing of a confirmed batch on the virtual bench of its campaign."""
     from fast.flows.campaign.single_steps import measure_one_batch
 
-    return ended(lambda: measure_one_batch(Path(config), lake, batch))
+    return ended(lambda: measure_one_batch(find_config(config), lake, batch))
 
 
 @flow(name="simulate", flow_run_name="simulate {config}")
@@ -53,7 +61,7 @@ def simulate(config: str, lake: str = "lake-data") -> State[Any]:
     """Simulate the proposed designs of a campaign on the objects that they miss."""
     from fast.flows.campaign.single_steps import simulate_missing
 
-    return ended(lambda: simulate_missing(Path(config), lake))
+    return ended(lambda: simulate_missing(find_config(config), lake))
 
 
 @flow(name="report", flow_run_name="report {campaign}")
@@ -128,4 +136,4 @@ def lend(holder: str, world: str = "worlds/quick.toml", lake: str = "lake-data")
     from fast.flows.campaign.lend import lend_bench
     from fast.lake.store import Lake
 
-    return ended(lambda: lend_bench(Lake.open(lake), Path(world), None, lambda: False, holder))
+    return ended(lambda: lend_bench(Lake.open(lake), find_config(world), None, lambda: False, holder))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from fast.flows.server.child_process import CHECKOUT, ChildProcess
 from fast.flows.server.crashed_runs import end_crashed_runs
-from fast.flows.server.environment import LOGIN_VARIABLE, SERVER_VARIABLE, make_environment
+from fast.flows.server.environment import FOLDER_VARIABLE, LOGIN_VARIABLE, SERVER_VARIABLE, make_environment
 from fast.flows.server.page_port import PageServer, listen
 from fast.flows.server.server import (
     LOOPBACK,
@@ -64,6 +64,7 @@ class Lab:
             # What the worker starts uses this server, also while it is started again.
             SERVER_VARIABLE: self.api.url,
             "FAST_CHECKOUT": str(CHECKOUT),
+            FOLDER_VARIABLE: os.getcwd(),
             "FAST_LAKE": address_for_others(lake),
         }
         if self.api.login:

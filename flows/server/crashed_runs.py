@@ -110,24 +110,28 @@ def _active(api: Api, names: Iterable[str]) -> list[Run]:
 
 
 def _declare(api: Api, run: Run, worker_since: datetime | None) -> str | None:
-    """Set a run whose process is gone, and its tasks, to Crashed; returns the sentence about it."""
+    """Set a run whose process is gone, and its tasks, to Crashed; returns the sentence about it.
+
+    Where a person has asked for its end it is Cancelled, and is not continued.
+    """
     reason = explain_death(run, datetime.now(UTC), worker_since)
     if reason is None:
         return None
-    _set_crashed(api, "flow_runs", run["id"], reason)
+    state = "CANCELLED" if run["state"]["type"] == "CANCELLING" else "CRASHED"
+    _set_state(api, "flow_runs", run["id"], state, reason)
     question = {
         "task_runs": {"state": {"type": {"any_": list(ACTIVE)}}},
         "flow_runs": {"id": {"any_": [run["id"]]}},
         "limit": _AT_ONCE,
     }
     for task_run in ask_server(api, "/task_runs/filter", question):
-        _set_crashed(api, "task_runs", task_run["id"], reason)
-    return f"run {run['name']} has crashed: {reason}"
+        _set_state(api, "task_runs", task_run["id"], state, reason)
+    return f"run {run['name']} was cancelled" if state == "CANCELLED" else f"run {run['name']} has crashed: {reason}"
 
 
-def _set_crashed(api: Api, kind: str, run_id: str, reason: str) -> None:
-    state = {"type": "CRASHED", "name": "Crashed", "message": reason}
-    ask_server(api, f"/{kind}/{run_id}/set_state", {"state": state, "force": True})
+def _set_state(api: Api, kind: str, run_id: str, state: str, reason: str) -> None:
+    new = {"type": state, "name": state.title(), "message": reason}
+    ask_server(api, f"/{kind}/{run_id}/set_state", {"state": new, "force": True})
 
 
 def _continue_campaigns(api: Api, names: dict[str, str], hour_limit: int) -> list[str]:

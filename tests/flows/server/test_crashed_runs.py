@@ -64,7 +64,7 @@ class Server:
             self.crashed[match[1]] = body["state"]["message"]
             for found in self.runs:
                 if found["id"] == match[1]:
-                    found["state"] = {**found["state"], "type": "CRASHED", "timestamp": NOW.isoformat()}
+                    found["state"] = {**found["state"], "type": body["state"]["type"], "timestamp": NOW.isoformat()}
             return {}
         assert path == "/deployments/D/create_flow_run"
         if body["idempotency_key"] not in self.keys:
@@ -154,6 +154,12 @@ def test_what_a_person_ended_or_forgot_is_not_continued(asked, last):
     server = asked(last, run(1, "CRASHED"))
     assert end_crashed_runs("", and_continue=True).sentences == []
     assert len(server.runs) == 2
+
+
+def test_a_run_that_a_person_cancels_is_cancelled_when_its_process_is_gone(asked):
+    server = asked(run(1, "CANCELLING", [GONE.tag]))
+    assert end_crashed_runs("", and_continue=True).sentences == ["run run 1 was cancelled"]
+    assert [found["state"]["type"] for found in server.runs] == ["CANCELLED"]
 
 
 def test_a_campaign_that_kills_its_process_is_given_up(asked, caplog):

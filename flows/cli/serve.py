@@ -42,21 +42,19 @@ def serve(
     from fast.flows.dependencies import require
     from fast.flows.server.access import address_for_person
     from fast.flows.server.environment import named_server
-    from fast.flows.server.lab import LabPlan, open_lab
-    from fast.flows.server.server import find_server, tell_ignored
+    from fast.flows.server.lab import LabPlan, open_lab, refuse_second
+    from fast.flows.server.server import tell_ignored
     from fast.flows.server.surroundings import check_surroundings
     from fast.lake.store import Lake
-    from fast.models.errors import FastError
 
     require(["prefect"])
     named = named_server()
     if named is None:
+        if Lake.exists(lake):
+            refuse_second(Lake.open(lake).root)
         _check_server_wanted(host, port)
     check_surroundings()
     found = Lake.open(lake, create=True)
-    known = None if named else find_server(found.root)
-    if known:
-        raise FastError(f"a server of this lake runs already: {address_for_person(known)}; use that one.")
     if (sentence := tell_ignored()) and named is None:
         tell(sentence)
     if page_port is not None:

@@ -7,16 +7,20 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
+from fast.flows.server.access import address_for_person
 from fast.flows.server.child_process import CHECKOUT, ChildProcess
 from fast.flows.server.crashed_runs import end_crashed_runs
 from fast.flows.server.environment import FOLDER_VARIABLE, LOGIN_VARIABLE, SERVER_VARIABLE, make_environment
-from fast.flows.server.page_port import PageServer, listen
+from fast.flows.server.page_port import PageServer, find_page, listen
 from fast.flows.server.server import (
     LOOPBACK,
     address_for_others,
     ask_server,
+    find_server,
     get_api,
+    in_turn,
     is_healthy,
     note_server,
     reach_named_server,
@@ -54,11 +58,14 @@ class Lab:
         self._lake = lake
         self._swept_s = 0.0
         self._server: ChildProcess | None = None
-        api = reach_named_server()
-        if api is None:
-            self._server = start_server(lake.root, plan.port, plan.host)
-            api = get_api(self._server)
-        self.api = api
+        with in_turn(lake.root):
+            api = reach_named_server()
+            if api is None:
+                refuse_second(lake.root)
+                self._server = start_server(lake.root, plan.port, plan.host)
+                api = get_api(self._server)
+            self._page = PageServer(lake, listen(plan.page_port, plan.host))
+        self.api, self.page = api, self._page.api
         self._environment = {
             **make_environment(self.api, state_folder(lake.root)),
             # What the worker starts uses this server, also while it is started again.
@@ -70,8 +77,6 @@ class Lab:
         if self.api.login:
             self._environment[LOGIN_VARIABLE] = self.api.login
         self._environment.setdefault("PREFECT_WORKER_QUERY_SECONDS", WORKER_POLL_S)
-        self._page = PageServer(lake, listen(plan.page_port, plan.host))
-        self.page = self._page.api
         self._page.start()
         log = state_folder(lake.root) / "worker.log"
         self._n_runs = plan.n_runs
@@ -137,6 +142,16 @@ class Lab:
                         f"the worker did not start within {POOL_LIMIT_S:.0f} s; its log is {self._worker.log_path}."
                     ) from error
             time.sleep(0.5)
+
+
+def refuse_second(lake_root: Path) -> None:
+    """Raises FastError: a server of this lake runs already."""
+    server = find_server(lake_root)
+    if server is not None:
+        address = address_for_person(find_page(lake_root) or server)
+        raise FastError(
+            f"a server of this lake runs already: {address}; use that one, or first end the command that started it."
+        )
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Find or start the Prefect server: `fast serve`'s, or one embedded in the process that needs it."""
 
+import fcntl
 import json
 import os
 import socket
@@ -8,7 +9,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -97,22 +98,40 @@ def server(lake_root: Path, port: int | None = None) -> Iterator[Api]:
         UsageError: the server that was named does not answer.
         FastError: a new one did not become healthy.
     """
-    known = reach_named_server() or find_server(lake_root)
-    if known:
-        yield known
+    process, api = None, reach_named_server()
+    with in_turn(lake_root):
+        api = api or find_server(lake_root)
+        if api is None:
+            process = start_server(lake_root, port or ANY_PORT)
+            api = get_api(process)
+    if process is None:
+        yield api
         return
-    process = start_server(lake_root, port or ANY_PORT)
     is_over = threading.Event()
     watcher = threading.Thread(
         target=_keep_alive, args=(lake_root, process, is_over), daemon=True, name="server-watcher"
     )
     watcher.start()
     try:
-        yield get_api(process)
+        yield api
     finally:
         is_over.set()
         watcher.join()
         stop_server(lake_root, process)
+
+
+@contextmanager
+def in_turn(lake_root: Path) -> Iterator[None]:
+    """Within, no other process looks for a server of this lake or starts one: two would make one database at once.
+
+    Where there are no locks, nobody waits.
+    """
+    with ExitStack() as stack:
+        with suppress(OSError):
+            home = lake_root / ".state"
+            home.mkdir(parents=True, exist_ok=True)
+            fcntl.flock(stack.enter_context((home / "starting").open("a")), fcntl.LOCK_EX)
+        yield
 
 
 def _keep_alive(lake_root: Path, process: ChildProcess, is_over: threading.Event) -> None:

@@ -52,10 +52,12 @@ def start(
     from fast.hardware.bench import open_virtual_servers
     from fast.hardware.clock import ScaledClock
     from fast.hardware.virtual.world.physics import simulate_request
+    from fast.models.simulation.grasp import compile_simulator
     from fast.tasks.campaign.setup import read_world
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
     faults = [read_fault(text) for text in fault or []]
+    compile_simulator()  # in the first grasp, a driver would wait for its pressure in vain
     asked = watch_signals()
     with open_virtual_servers(spec, tools, simulate_request, clock, (plc_port, transmitter_port), continuous) as bench:
         for name, time_s in faults:
@@ -90,12 +92,14 @@ def arm(
     from fast.hardware.virtual.arm.controller import VirtualArm
     from fast.hardware.virtual.arm.server import ArmServer
     from fast.hardware.virtual.world.physics import simulate_request
+    from fast.models.simulation.grasp import compile_simulator
     from fast.tasks.bench.arm_rack import read_rack, write_bench_file
     from fast.tasks.campaign.config import load_config
     from fast.tasks.campaign.setup import read_world
 
     fresh = None if lake is None else partial(read_rack, lake)
     layout = BenchLayout() if config is None else load_config(config).objects.stand_on(BenchLayout())
+    compile_simulator()
     asked = watch_signals()
     server = ArmServer(VirtualArm(read_world(world), rack(design), simulate_request, fresh, layout), host, speed_up)
     server.start()

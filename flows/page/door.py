@@ -5,6 +5,7 @@ It is a client of the page's interface with a key that lets it say and not move:
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -23,7 +24,7 @@ def make_server(api: Api) -> "MCPServer":
     """The tools of a lake's page, for an agent."""
     from mcp.server import MCPServer
 
-    server = MCPServer("fast")
+    server = MCPServer("fast", version=version("fast-gripper-lab"))
     page = _Page(api)
 
     @server.tool()

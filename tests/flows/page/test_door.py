@@ -1,6 +1,7 @@
 """The door for programs: its schema, what it refuses, and an agent that drives it with the protocol's own client."""
 
 import asyncio
+from importlib.metadata import version
 
 import pytest
 
@@ -91,6 +92,7 @@ def test_an_agent_reads_asks_and_proposes(lake):
 
     async def drive(api):
         async with Client(make_server(api)) as client:
+            assert client.server_info.version == version("fast-gripper-lab")
             names = {tool.name for tool in (await client.list_tools()).tools}
             state = await client.call_tool("read_campaign", {"campaign_id": "quick"})
             answer = await client.call_tool("ask_sql", {"sql": "SELECT count(*) AS n FROM proposals"})

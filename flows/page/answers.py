@@ -60,17 +60,25 @@ def answer_print(lake: Lake, campaign_id: str, batch: int, form: Mapping[str, st
                 raise UsageError(f"{label} is to be {'printed again' if fate == 'again' else fate}; say why.")
             word[fate][slot] = reason
             continue
+        if form.get(f"reason-{slot}"):
+            raise UsageError(f"{label} is said to be good, and why it is not; choose one. Nothing was written.")
         measured = {key: form[f"{name}-{slot}"] for name, key in _MEASURES.items() if form.get(f"{name}-{slot}")}
         if measured:
             numbers = {key: read_number(label, text) for key, text in measured.items()}
             word["measured"][slot] = load_record(MeasuredTool, numbers, label)
         if form.get(f"rack-{slot}", "") not in ("", str(slot)):
-            word["mounted"][slot] = int(read_number(label, form[f"rack-{slot}"]))
+            word["mounted"][slot] = _read_slot(label, form[f"rack-{slot}"])
     done = confirm_print(lake, campaign_id, batch, load_record(PrintConfirmation, word, "the form"), way=WAY)
     close_forms(lake, make_print_form(lake, campaign_id, batch), f"said by {operator} on the lab's page")
     others = len(shown) - len(wanted)
     note = f" {others} of those shown were confirmed by somebody else meanwhile." if others else ""
     return _say_printed(done) + note
+
+
+def _read_slot(label: str, text: str) -> int:
+    if not (text.isascii() and text.isdecimal()):
+        raise UsageError(f"{label}: `{text}` is no slot of the rack; write it like 3.")
+    return int(text)
 
 
 def _say_printed(done: Printed) -> str:

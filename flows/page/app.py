@@ -122,7 +122,7 @@ def _add_files(app: FastAPI, page: LabPage) -> None:
     mimetypes.add_type("text/javascript", ".js")
     folder = page.lake.root / "outputs"
     folder.mkdir(parents=True, exist_ok=True)
-    app.mount("/assets", _Files({"Cache-Control": "max-age=3600"}, packages=[("fast.flows.page", "assets")]))
+    app.mount("/assets", _Files({"Cache-Control": "no-cache"}, packages=[("fast.flows.page", "assets")]))
     outputs = {**HEADERS, "Content-Security-Policy": _OUTPUTS_POLICY, "Cache-Control": "no-cache"}
     app.mount("/outputs", _Files(outputs, directory=folder, html=True))
 

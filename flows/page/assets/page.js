@@ -21,8 +21,12 @@
   document.addEventListener("htmx:sendError", (event) => { if (event.detail.requestConfig.verb !== "get") say("The page's server does not answer; nothing was changed.", true); });
   const tell = (name) => document.body.dispatchEvent(new CustomEvent(name));
 
-  // A question before what cannot be taken back: asked once, on the page itself.
+  // What is sent twice, by a double click, is sent once. A question before what cannot be taken back is asked once.
+  const sent = new WeakSet();
+  document.addEventListener("htmx:beforeRequest", (event) => { if (event.detail.requestConfig.verb !== "get") sent.add(event.detail.elt); });
+  document.addEventListener("htmx:afterRequest", (event) => { sent.delete(event.detail.elt); });
   document.addEventListener("htmx:confirm", (event) => {
+    if (sent.has(event.detail.elt)) event.preventDefault();
     if (!event.detail.question) return;
     event.preventDefault();
     const dialog = $("#ask"), yes = $("#ask-yes");
@@ -34,12 +38,23 @@
   });
   document.addEventListener("change", (event) => { if (event.target.matches("[data-submits]")) event.target.form.submit(); });
 
-  // Forms that are being filled in are not replaced under the fingers.
-  document.addEventListener("htmx:beforeRequest", (event) => {
-    const place = event.detail.elt;
-    if (place.id === "todos" && event.detail.triggeringEvent?.detail?.isNews && place.querySelector("form[data-touched]")) event.preventDefault();
+  // What somebody fills in stays when the part around it is drawn anew, until it was sent and taken.
+  const touch = (element) => element.closest("[data-keep]")?.setAttribute("data-touched", "");
+  const leave = (element) => element.closest("[data-keep]")?.removeAttribute("data-touched");
+  document.addEventListener("input", (event) => touch(event.target));
+  document.addEventListener("click", (event) => { if (event.target.closest("summary")) touch(event.target); });
+  document.addEventListener("htmx:beforeOnLoad", (event) => { if (event.detail.requestConfig.verb !== "get" && event.detail.xhr.status < 400) leave(event.detail.elt); });
+  let kept = [];
+  document.addEventListener("htmx:beforeSwap", (event) => { kept = event.detail.shouldSwap ? [...event.detail.target.querySelectorAll("[data-touched]")].map((old) => [old, old.contains(document.activeElement) && document.activeElement]) : []; });
+  document.addEventListener("htmx:afterSwap", () => {
+    for (const [old, active] of kept.splice(0)) {
+      const fresh = $(`[data-keep="${CSS.escape(old.dataset.keep)}"]`);
+      if (fresh) fresh.replaceWith(old);
+      else if (old.matches(".todo")) $("#todos")?.prepend(old); // somebody else did it: sending it says so
+      htmx.process(old);
+      if (active) active.focus();
+    }
   });
-  document.addEventListener("input", (event) => { event.target.form?.setAttribute("data-touched", ""); });
 
   // News.
   const longestSilenceMs = 40000;  // the server says something every 15 s: a hung one, or a lost network, does not
@@ -63,7 +78,7 @@
       const answer = await fetch("/api/v1/todo");
       if (!answer.ok) return;
       const n = (await answer.json()).length, badge = $("#n-todos");
-      if (badge && badge.textContent !== String(n)) { badge.textContent = n; badge.classList.toggle("none", n === 0); if ($("#todos")) document.body.dispatchEvent(new CustomEvent("changed", { detail: { isNews: true } })); }
+      if (badge && badge.textContent !== String(n)) { badge.textContent = n; badge.classList.toggle("none", n === 0); if ($("#todos")) tell("changed"); }
     } catch { /* the next news tells */ }
   }
   setInterval(() => {
@@ -177,6 +192,7 @@
   // Files that are dropped: sent as they are, looked at on the server.
   async function send(place, file) {
     const shown = place.parentElement.querySelector(".dropped");
+    touch(place);
     shown.textContent = `${file.name} is looked at ...`;
     const query = new URLSearchParams({ campaign: place.dataset.drop, name: file.name });
     try {
@@ -212,7 +228,7 @@
     }
   });
   document.addEventListener("click", (event) => {
-    if (event.target.matches("[data-forget]")) event.target.closest(".dropped").replaceChildren();
+    if (event.target.matches("[data-forget]")) { leave(event.target); event.target.closest(".dropped").replaceChildren(); }
     const head = event.target.closest("th button[data-sort]");
     if (head) sort(head);
   });

@@ -33,13 +33,17 @@ def test_a_batch_is_confirmed_on_a_phone(tmp_path):
         assert "Say your name first" in page.inner_text("#said:visible")
         say_name(page, "Ada")
         page.click("nav a:has-text('To do')")
-        page.check("input[name='fate-0'][value='rejected']")
-        page.click("button:has-text('Printed and mounted')")
-        page.wait_for_selector("#said.wrong:has-text('say why')")
-        assert page.is_checked("input[name='fate-0'][value='rejected']")  # what was typed stays
         page.fill("input[name='reason-0']", "tip torn")
-        page.press("input[name='reason-0']", "Enter")
+        with page.expect_response("**/todo?campaign=quick"):  # the part is drawn anew, and what was typed stays
+            page.click("button:has-text('Printed and mounted')")
+            page.wait_for_selector("#said.wrong:has-text('is said to be good, and why it is not')")
+        page.wait_for_timeout(500)
+        assert page.input_value("input[name='reason-0']") == "tip torn"
+        page.check("input[name='fate-0'][value='rejected']")
+        page.dblclick("button:has-text('Printed and mounted')")
         page.wait_for_selector("text=Nothing is asked of you")
+        page.wait_for_timeout(500)
+        assert "3 tools mounted, 1 rejected." in page.inner_text("#said")
         assert page.evaluate("() => document.documentElement.scrollWidth") == 390
     rows = {row["slot"]: row for row in lake.rows(ToolRow)}
     assert (rows[0]["status"], rows[0]["reason"], rows[0]["operator"]) == ("rejected", "tip torn", "Ada")

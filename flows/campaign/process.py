@@ -131,6 +131,8 @@ def run_in_process(
         physics.close()
         # What Prefect still has to say must go out before an embedded server stops.
         APILogWorker.drain_all(timeout=10)
+    if run.asked is not None and run.requested_verb() is not run.asked:
+        append_event(campaign.lake, campaign.campaign_id, run.asked, "asked in its terminal")
     event = "completed" if is_complete else "interrupted"
     append_event(campaign.lake, campaign.campaign_id, event, f"campaign {event}")
     if outcome:

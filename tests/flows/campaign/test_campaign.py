@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from fast.flows.campaign.status import describe_state
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, FlowRunRow, GraspRow, ProposalRow, SimulationRow, ToolRow
 from fast.models.design.space import BEST_PUBLISHED
@@ -183,7 +184,9 @@ def test_ctrl_c_at_the_terminal_ends_cleanly_while_a_person_is_awaited(smallest)
     assert campaign.returncode == 0, output
     assert "the same command continues it" in output
     assert "Traceback" not in output
-    assert {r["status"] for r in Lake.open(smallest / "lake").rows(SimulationRow)} == {"ok"}
+    lake = Lake.open(smallest / "lake")
+    assert {r["status"] for r in lake.rows(SimulationRow)} == {"ok"}
+    assert describe_state(lake, "tiny", is_complete=False) == "paused"
 
 
 @pytest.mark.study

@@ -16,11 +16,14 @@ from fast.flows.page.strip import LastStart, read_last_start, read_strip
 from fast.flows.page.worker import find_worker, require_worker, start_on_worker
 from fast.flows.server.child_process import CHECKOUT
 from fast.flows.server.server import address_for_others, ask_server
+from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError, UsageError
 from fast.tasks.bench.ways_on import choose_way
 from fast.tasks.campaign.config import CampaignConfig, load_config
 from fast.tasks.campaign.orders import StaleOrderError
+from fast.tasks.campaign.requests import lease_name
+from fast.tasks.campaign.setup import is_known
 from fast.tasks.campaign.simulator_versions import at_present
 
 JOBS = {
@@ -62,6 +65,7 @@ class Checked:
     summary: str = ""
     is_real: bool = False
     is_folder: bool = False
+    campaign_id: str = ""
 
     @property
     def lines(self) -> list[tuple[int, str, str]]:
@@ -110,13 +114,14 @@ def check_config(lake: Lake, text: str, base: str) -> Checked:
     path = _write(lake, text, base, f".check-{os.getpid()}")
     try:
         config = load_config(path)
+        is_known(lake, config)
     except FastError as error:
         sentence = str(error).replace(str(path), "the config").replace("campaign config `the config`", "the config")
         return Checked(text, (Fault(_find_line(text, sentence), sentence),))
     finally:
         path.unlink(missing_ok=True)
     bench = config.bench
-    return Checked(text, (), _summarize(config), bench.real is not None, bench.is_folder)
+    return Checked(text, (), _summarize(config), bench.real is not None, bench.is_folder, config.campaign_id)
 
 
 def start_campaign(lake: Lake, form: Mapping[str, str], operator: str) -> str:
@@ -129,13 +134,14 @@ def start_campaign(lake: Lake, form: Mapping[str, str], operator: str) -> str:
     checked = check_config(lake, text, base)
     if checked.faults:
         raise ConfigError(f"{checked.faults[0].sentence} Nothing was started.")
-    known = next((name for name in list_configs(lake) if _is_same(lake, name, text)), None)
-    if known is not None:
-        path = _find_config(lake, known)
-    else:
-        name = re.search(r'^name\s*=\s*"([a-z0-9][a-z0-9-]{0,40})"', text, re.M)
-        path = _write(lake, text, base, name[1] if name else "campaign")
-    if form.get("on") == "real":
+    name, is_real = checked.campaign_id, form.get("on") == "real"
+    if (holder := holder_of(lake.storage, lease_name(name))) is not None:
+        raise UsageError(f"campaign {name} is being run already ({holder.words}); nothing was started.")
+    if not is_real:
+        require_worker(lake)
+    known = next((known for known in list_configs(lake) if _is_same(lake, known, text)), None)
+    path = _find_config(lake, known) if known is not None else _write(lake, text, base, name)
+    if is_real:
         return run_on_lent(lake, path, operator)
     parameters = {"config": str(path.resolve()), "auto_print": form.get("auto_print") == "on"}
     start_on_worker(lake, "run-campaign/campaign", parameters, operator)
@@ -230,10 +236,22 @@ def list_jobs(lake: Lake) -> list[Job] | None:
         is_planned = run["auto_scheduled"] and run["state"]["type"] == "SCHEDULED"
         state = "planned" if is_planned else run["state"]["name"].lower()
         at = run.get("start_time") or run.get("expected_start_time")
-        name = _FLOWS.get(flow, run["name"])
-        # Of what comes every day, the next time alone.
-        jobs.setdefault(flow if is_planned else run["id"], Job(name, state, _clock(at)))
+        name = _name_job(flow, run)
+        # Of what comes every day, the next time alone; of a campaign, one of its two flows.
+        jobs.setdefault(flow if is_planned else f"{name} {state}", Job(name, state, _clock(at)))
     return list(jobs.values())
+
+
+def _name_job(flow: str, run: Mapping[str, Any]) -> str:
+    """What a run does; Prefect gives it a name of ours when it begins, until then one like `sage-petrel`."""
+    told = run["parameters"]
+    if flow == "run-campaign":
+        return f"campaign {Path(told.get('config', '')).stem}"
+    if flow == "report":
+        return f"report of {told.get('campaign', '')}"
+    if flow == "lend":
+        return f"a virtual bench, moved by hand by {told.get('holder', '')}"
+    return _FLOWS.get(flow, str(run["name"]))
 
 
 def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, Any]:

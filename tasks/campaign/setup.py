@@ -4,12 +4,15 @@ import json
 import re
 import tomllib
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
 from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.virtual.world.file import World, load_world
+from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow, ProposalRow, ToolRow
 from fast.lake.tables.catalogue_rows import object_rows
 from fast.lake.tables.imported import IMPORTED, is_imported
@@ -113,34 +116,52 @@ def enter(campaign: Campaign, config_path: Path) -> None:
         store_lot(campaign.lake, relative_to(config_path, campaign.config.material))
 
 
-def register(campaign: Campaign, config_toml: str) -> None:
-    """Write campaign and objects to the lake, or check that the config is the one it was started with.
+def is_known(lake: Lake, config: CampaignConfig) -> bool:
+    """Whether the lake has the campaign of a config, started with this very config.
 
     Raises:
-        ConfigError: the lake has a campaign of this name with another config.
+        ConfigError: it has one of this name with another config.
     """
-    name = campaign.campaign_id
-    own = [campaign.lake.find_object(number) or get_object(number) for number in campaign.config.objects.own_ids]
-    for obj in own:
-        register_object(obj)  # the shape that the lake has: what was simulated with it stays comparable
-    known = campaign.lake.rows(CampaignRow, campaign_id=name)
-    is_adopted = bool(known) and is_imported(known[-1]["config_toml"])
-    if is_adopted and not campaign.config.bench.is_folder:
+    name = config.campaign_id
+    known = lake.rows(CampaignRow, campaign_id=name)
+    is_adopted = _is_adopted(known)
+    if is_adopted and not config.bench.is_folder:
         raise ConfigError(
             f"campaign `{name}` of this lake was imported, and its bench is elsewhere; give the config another name, "
             'or continue it with bench.kind = "folder" (docs/how-to/bring-your-own-bench.md).'
         )
     if known and not is_adopted:
         before = read_stored_config(known[-1]["config_toml"], name)
-        changes = differences(before.science, campaign.config.science)
-        has_told_same = before.tolerances == campaign.config.tolerances  # what reports read; hardly part of the hash
-        if not changes and has_told_same and known[-1]["config_hash"] == campaign.config.config_hash:
-            return  # an older program gave the same config another hash: rows of now are found by a row of its own
+        changes = differences(before.science, config.science)
+        has_told_same = before.tolerances == config.tolerances  # what reports read; hardly part of the hash
+        if not changes and has_told_same and known[-1]["config_hash"] == config.config_hash:
+            return True  # an older program gave the same config another hash: rows of now are found by a row of its own
         if not all(change.startswith(GROWABLE) for change in changes):
             raise ConfigError(
                 f"campaign `{name}` was started with another config ({'; '.join(changes)}); "
                 "undo the change or give the new config another name."
             )
+    return False
+
+
+def _is_adopted(known: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether the rows of a campaign say that another lab's is continued here."""
+    return bool(known) and is_imported(known[-1]["config_toml"])
+
+
+def register(campaign: Campaign, config_toml: str) -> None:
+    """Write campaign and objects to the lake, or check that the config is the one it was started with.
+
+    Raises:
+        ConfigError: the lake has a campaign of this name with another config.
+    """
+    own = [campaign.lake.find_object(number) or get_object(number) for number in campaign.config.objects.own_ids]
+    for obj in own:
+        register_object(obj)  # the shape that the lake has: what was simulated with it stays comparable
+    if is_known(campaign.lake, campaign.config):
+        return
+    name = campaign.campaign_id
+    is_adopted = _is_adopted(campaign.lake.rows(CampaignRow, campaign_id=name))
     objects = campaign.config.objects
     stored = _with_recipe(_with_file_ids(config_toml, objects.file_ids), campaign.config.print)
     row = CampaignRow(campaign_id=name, name=name, config_toml=stored)

@@ -14,7 +14,7 @@ from tests.flows.cli.cli_lakes import ROOT, proposed_lake
 from tests.flows.page.lab_page import Browser
 from tests.flows.page.served import serve
 
-QUICK = (ROOT / "campaigns" / "quick.toml").read_text()
+QUICK = (ROOT / "campaigns" / "quick.toml").read_text().replace('name = "quick"', 'name = "second"')
 
 
 @pytest.fixture

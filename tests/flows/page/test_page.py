@@ -5,7 +5,9 @@ import re
 import pytest
 
 from fast.flows.campaign.status import read_status
+from fast.flows.page import start
 from fast.flows.server.access import Role
+from fast.flows.server.server import address_for_others
 from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
@@ -258,7 +260,7 @@ def test_files_of_the_outputs_run_no_script(lake):
 
 def test_a_config_shows_its_faults_beside_the_line_and_keeps_what_was_typed(lake):
     browser = Browser(lake)
-    text = (ROOT / "campaigns" / "quick.toml").read_text()
+    text = (ROOT / "campaigns" / "quick.toml").read_text().replace('name = "quick"', 'name = "mine"')
     base = {"base": "quick.toml"}
     good = browser.client.post("/start/check", data={**base, "text": text}, headers={"X-Fast-Token": browser.token})
     assert "12 tools in 3 stages, 96 grasps" in good.text
@@ -273,6 +275,28 @@ def test_a_config_shows_its_faults_beside_the_line_and_keeps_what_was_typed(lake
     status, words = browser.say("/start/campaign", {**base, "text": text})
     assert (status, "run `fast serve`" in words) == (409, True)
     assert not list((lake.root / "outputs" / "configs").glob("*.toml"))
+
+
+def test_a_campaign_is_not_started_under_the_name_of_another_nor_twice(lake):
+    """The worker would refuse both, where nobody looks, and the other's config would be written over."""
+    browser, name = Browser(lake), campaign_of(lake)
+    text = (ROOT / "campaigns" / "quick.toml").read_text()
+    status, words = browser.say("/start/campaign", {"base": "quick.toml", "text": text})
+    assert (status, f"campaign `{name}` was started with another config (" in words) == (409, True)
+    own = {"base": "quick.toml", "text": text.replace('name = "quick"', 'name = "mine"')}
+    with exclusive(lake.storage, lease_name("mine"), "busy"):
+        status, words = browser.say("/start/campaign", own)
+    assert (status, "campaign mine is being run already (process" in words) == (409, True)
+
+
+def test_the_queue_says_what_waits_in_words_of_ours(lake, monkeypatch):
+    told = {"config": "/srv/b1.toml", "lake": address_for_others(lake)}
+    waiting = {"name": "sage-petrel", "auto_scheduled": False, "expected_start_time": None}
+    runs = [{"id": "1", "flow_id": "f", "parameters": told, "state": {"type": "SCHEDULED", "name": "Late"}, **waiting}]
+    answers = {"/flow_runs/filter": runs, "/flows/filter": [{"id": "f", "name": "run-campaign"}]}
+    monkeypatch.setattr(start, "find_worker", lambda lake: object())
+    monkeypatch.setattr(start, "ask_server", lambda api, path, body: answers[path])
+    assert [(job.name, job.state) for job in start.list_jobs(lake)] == [("campaign b1", "late")]
 
 
 def test_notes_and_photos_stay_with_a_tool(lake):

@@ -1,7 +1,8 @@
 """Who is let in by a server of FAST: own pages and programs with the key; no page of another site, no other user.
 
 Three rules, for requests and web sockets alike:
-1. `Host` is an address or name of this machine. A name of a stranger that was pointed at 127.0.0.1 is refused.
+1. `Host` is an address or name of this machine, or one of `FAST_NAMES`. A name of a stranger that was pointed at
+   127.0.0.1 is refused.
 2. `Origin`, which a browser sends with what a page does, is the server itself; so is what else a browser says of it.
 3. The key: in `Authorization`, as programs send it, or in the cookie of a browser that came once with `?key=`.
 
@@ -13,6 +14,7 @@ import base64
 import binascii
 import hmac
 import ipaddress
+import os
 import socket
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from http import cookies
@@ -27,6 +29,7 @@ Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
+NAMES_VARIABLE = "FAST_NAMES"  # other names of this machine or of a proxy before it, separated by blanks
 _YEAR_S = 365 * 86400
 _REFUSED = 1008  # of web sockets: policy violation
 _HEADERS = {
@@ -104,10 +107,11 @@ def cookie_name(scope: Scope) -> str:
 
 def _own_names(host: str) -> frozenset[str]:
     """Names by which this machine may be asked; where others reach the server, its addresses are allowed besides."""
+    named = {*LOOPBACK_NAMES, *os.environ.get(NAMES_VARIABLE, "").lower().split()}
     if ipaddress.ip_address(host).is_loopback:
-        return frozenset({*LOOPBACK_NAMES, host})
+        return frozenset({*named, host})
     name = socket.gethostname().lower()
-    return frozenset({*LOOPBACK_NAMES, name, f"{name}.local", socket.getfqdn().lower(), "*"})
+    return frozenset({*named, name, f"{name}.local", socket.getfqdn().lower(), "*"})
 
 
 def _read_headers(scope: Scope) -> dict[str, str]:
@@ -118,7 +122,9 @@ def find_fault(headers: dict[str, str], names: frozenset[str]) -> str | None:
     """What makes a request a stranger's, in a sentence."""
     host = headers.get("host", "")
     if not _is_own(host, names):
-        return f"This server does not answer to the name {host!r}."
+        return (
+            f"This server does not answer to the name {host!r}; if it is yours, start the server with it in FAST_NAMES."
+        )
     origin = headers.get("origin")
     if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
         return "A page of another site may not talk to this server."

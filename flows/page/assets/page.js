@@ -281,6 +281,9 @@
     look();
   }
 
+  // Links for others begin as this page does: before its server may stand a proxy with TLS.
+  for (const link of document.querySelectorAll("[data-link]")) link.textContent = location.origin + link.textContent.slice(new URL(link.textContent).origin.length);
+
   listen();
   drawAll();
 })();

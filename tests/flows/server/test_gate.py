@@ -74,6 +74,17 @@ def test_a_stranger_is_refused(name):
     assert ask(preflight, method="OPTIONS")[0] == status
 
 
+def test_a_proxy_with_tls_is_let_in_by_the_name_that_was_said(monkeypatch):
+    through = {"host": "lab.example.org", "origin": "https://lab.example.org", "cookie": COOKIE}
+    status, _, words = ask(through)
+    assert status == 403
+    assert "if it is yours, start the server with it in FAST_NAMES" in words
+    monkeypatch.setenv("FAST_NAMES", "other.example.org Lab.example.org")
+    assert ask(through)[::2] == (200, "inside")
+    assert ask({**through, "origin": "https://evil.example"})[0] == 403
+    assert ask({**through, "host": "evil.example"})[0] == 403
+
+
 @pytest.mark.parametrize("headers", [{"authorization": BASIC}, {"cookie": COOKIE}, {"cookie": COOKIE, **SAME_ORIGIN},
                                      {"host": "localhost:4200", "authorization": BASIC}])  # fmt: skip
 def test_who_has_the_key_is_let_in(headers):

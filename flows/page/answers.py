@@ -2,7 +2,8 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -185,14 +186,16 @@ def look_at_upload(lake: Lake, campaign_id: str, upload: str) -> Dropped:
         if _is_table_of_peaks(path):
             guessed = ""
         else:
-            guessed, grasps = guess_for(campaign, [path], "the format")
+            with _named_as_dropped(path):
+                guessed, grasps = guess_for(campaign, [path], "the format")
             machine, rows = parse_format(guessed, "the format"), list(map(_show_pull, grasps))
     except FastError as error:
         return Dropped(upload, path.name, "", str(error), False, False, "", (), ())
 
     def tell(is_sure: bool = False, may_replace: bool = False) -> Taken:
         how = Telling(is_dry=True, may_replace=may_replace, is_sure=is_sure)
-        return tell_campaign(campaign, [path], how, machine, WAY)
+        with _named_as_dropped(path):
+            return tell_campaign(campaign, [path], how, machine, WAY)
 
     fault, is_strange, may_replace = "", False, False
     try:
@@ -216,7 +219,8 @@ def write_upload(lake: Lake, campaign_id: str, form: Mapping[str, str], operator
     text = form.get("format", "")
     machine = parse_format(text, "the format") if text else None
     how = Telling(operator, may_replace="replace" in form, is_sure="sure" in form)
-    taken = tell_campaign(campaign, [path], how, machine, WAY)
+    with _named_as_dropped(path):
+        taken = tell_campaign(campaign, [path], how, machine, WAY)
     path.unlink(missing_ok=True)
     return f"{taken.sentence}."
 
@@ -245,6 +249,15 @@ def find_upload(lake: Lake, upload: str) -> Path:
 
 def _uploads(lake: Lake) -> Path:
     return lake.root / ".state" / "page" / "uploads"
+
+
+@contextmanager
+def _named_as_dropped(path: Path) -> Iterator[None]:
+    """Within, an error names the file as the person does who dropped it, not where it is kept meanwhile."""
+    try:
+        yield
+    except FastError as error:
+        raise UsageError(str(error).replace(str(path), path.name)) from error
 
 
 def _is_table_of_peaks(path: Path) -> bool:

@@ -193,6 +193,7 @@
   async function send(place, file) {
     const shown = place.parentElement.querySelector(".dropped");
     touch(place);
+    $("#said").hidden = true;
     shown.textContent = `${file.name} is looked at ...`;
     const query = new URLSearchParams({ campaign: place.dataset.drop, name: file.name });
     try {

@@ -116,6 +116,8 @@ def test_a_tenfold_number_in_a_dropped_table_is_asked_about_and_can_be_taken_bac
     upload = re.search(r'name="upload" value="([^"]+)"', words)[1]
     status, words = browser.say("/todo/told/write", {"campaign": "pull", "upload": upload})
     assert (status, "so it is" in words, told.rows(GraspRow)) == (409, True, [])
+    status, words = browser.drop("pull", "minus.csv", (PEOPLE / "good.csv").read_bytes().replace(b",5.23,", b",-5.23,"))
+    assert '<p class="fault">minus.csv row 2: the peak is -5.23 N' in words  # not where it is kept meanwhile
     status, words = browser.drop("pull", "good.csv", (PEOPLE / "good.csv").read_bytes())
     assert "It would be: 48 grasps written" in words
     upload = re.search(r'name="upload" value="([^"]+)"', words)[1]

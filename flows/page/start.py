@@ -114,7 +114,8 @@ def check_config(lake: Lake, text: str, base: str) -> Checked:
     path = _write(lake, text, base, f".check-{os.getpid()}")
     try:
         config = load_config(path)
-        is_known(lake, config)
+        # One that is started as it is keeps the paths that it has.
+        is_known(lake, config if (same := _find_same(lake, text)) is None else load_config(same))
     except FastError as error:
         sentence = str(error).replace(str(path), "the config").replace("campaign config `the config`", "the config")
         return Checked(text, (Fault(_find_line(text, sentence), sentence),))
@@ -139,8 +140,7 @@ def start_campaign(lake: Lake, form: Mapping[str, str], operator: str) -> str:
         raise UsageError(f"campaign {name} is being run already ({holder.words}); nothing was started.")
     if not is_real:
         require_worker(lake)
-    known = next((known for known in list_configs(lake) if _is_same(lake, known, text)), None)
-    path = _find_config(lake, known) if known is not None else _write(lake, text, base, name)
+    path = _find_same(lake, text) or _write(lake, text, base, name)
     if is_real:
         return run_on_lent(lake, path, operator)
     parameters = {"config": str(path.resolve()), "auto_print": form.get("auto_print") == "on"}
@@ -325,8 +325,10 @@ def _find_config(lake: Lake, name: str) -> Path:
     return (_own_folder(lake) if folder == "lake" else CHECKOUT / "campaigns") / file
 
 
-def _is_same(lake: Lake, name: str, text: str) -> bool:
-    return _find_config(lake, name).read_text(encoding="utf-8-sig").strip() == text.strip()
+def _find_same(lake: Lake, text: str) -> Path | None:
+    """The config of the list with this very text, if there is one."""
+    paths = (_find_config(lake, name) for name in list_configs(lake))
+    return next((path for path in paths if path.read_text(encoding="utf-8-sig").strip() == text.strip()), None)
 
 
 def _write(lake: Lake, text: str, base: str, name: str) -> Path:

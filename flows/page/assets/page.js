@@ -64,7 +64,7 @@
     source = new EventSource(`/events?campaign=${encodeURIComponent(campaign)}`);
     heardAt = Date.now();
     for (const kind of ["ping", "standing", "news", "force"]) source.addEventListener(kind, () => { heardAt = Date.now(); });
-    source.onopen = () => { if (!$("#lost").hidden) { $("#lost").hidden = true; tell("standing"); tell("news"); } };
+    source.onopen = () => { if (!$("#lost").hidden) { $("#lost").hidden = $("#said").hidden = true; tell("standing"); tell("news"); } };
     source.onerror = () => { $("#lost").hidden = false; };
     source.addEventListener("standing", () => { tell("standing"); count(); });
     source.addEventListener("news", () => {

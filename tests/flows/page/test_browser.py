@@ -51,7 +51,10 @@ def test_a_batch_is_confirmed_on_a_phone(tmp_path):
 
 
 def test_no_tab_is_wider_than_a_small_phone(tmp_path):
-    with serve(Lake.open(proposed_lake(tmp_path))) as address, open_browser(address, 360) as page:
+    lake = Lake.open(proposed_lake(tmp_path))
+    (lake.root / "outputs" / "configs").mkdir(parents=True)
+    (lake.root / "outputs" / "configs" / f"{'x' * 41}.toml").write_text("")
+    with serve(lake) as address, open_browser(address, 360) as page:
         for tab in ("Now", "To do", "Results", "Gap", "Start"):
             page.click(f"nav a:has-text('{tab}')")
             page.wait_for_selector(f"nav a[aria-current]:has-text('{tab}')")

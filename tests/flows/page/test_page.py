@@ -14,7 +14,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow, ToolRow
 from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
-from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
+from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake, write_config
 from tests.flows.page.lab_page import ADDRESS, Browser
 from tests.flows.synthetic_lake import build
 
@@ -289,6 +289,15 @@ def test_a_campaign_is_not_started_under_the_name_of_another_nor_twice(lake):
     with exclusive(lake.storage, lease_name("mine"), "busy"):
         status, words = browser.say("/start/campaign", own)
     assert (status, "campaign mine is being run already (process" in words) == (409, True)
+
+
+def test_a_config_that_is_started_again_as_it_is_is_the_same(lake):
+    folder = lake.root / "outputs" / "configs"
+    folder.mkdir(parents=True)
+    text = write_config(folder).read_text()
+    assert start.check_config(lake, text, "lake/quick.toml").faults == ()
+    (fault,) = start.check_config(lake, re.sub(r"(?m)^seed = \d+", "seed = 77", text), "lake/quick.toml").faults
+    assert "was started with another config" in fault.sentence
 
 
 def test_the_queue_says_what_waits_in_words_of_ours(lake, monkeypatch):

@@ -300,6 +300,13 @@ def test_a_config_that_is_started_again_as_it_is_is_the_same(lake):
     assert "was started with another config" in fault.sentence
 
 
+def test_no_print_is_forecast_of_a_campaign_that_nobody_runs(lake):
+    browser, name = Browser(lake), campaign_of(lake)
+    slots = find_slots(browser.see("/todo"))
+    browser.say("/todo/print", {"campaign": name, "batch": "1", **{f"fate-{slot}": "printed" for slot in slots}})
+    assert "Nothing is measured now, the campaign is interrupted" in browser.see("/")
+
+
 def test_the_queue_says_what_waits_in_words_of_ours(lake, monkeypatch):
     told = {"config": "/srv/b1.toml", "lake": address_for_others(lake)}
     waiting = {"name": "sage-petrel", "auto_scheduled": False, "expected_start_time": None}

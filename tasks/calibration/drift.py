@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow
+from fast.models.calibration.inference.parameter import ParameterSummary
 from fast.models.calibration.inference.settings import WITH_EFFECTS
-from fast.models.calibration.inference.summary import ParameterSummary
 from fast.models.calibration.means.problem import THETA
 
 _WORDS = {

@@ -13,9 +13,10 @@ from fast.flows.report.campaign.queries import Result, fetch
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
 from fast.models.calibration.inference.libraries import quiet_import
+from fast.models.calibration.inference.parameter import ParameterSummary
 from fast.models.calibration.inference.result import CalibrationResult, measure_convergence
 from fast.models.calibration.inference.settings import CalibrationSettings, read_settings
-from fast.models.calibration.inference.summary import ParameterSummary, summarise_all
+from fast.models.calibration.inference.summary import summarise_all
 from fast.models.calibration.means.checks import CalibrationChecks, check_calibration
 from fast.models.calibration.means.parameters import Parameters
 from fast.models.calibration.means.predict import N_DRAWS, predict_measured, predict_simulated

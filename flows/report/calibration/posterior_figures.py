@@ -8,13 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
+from fast.models.calibration.inference.parameter import estimate_density, estimate_density_map, find_prior
 from fast.models.calibration.inference.result import CalibrationResult
-from fast.models.calibration.inference.summary import (
-    correlate_ranks,
-    estimate_density,
-    estimate_density_map,
-    find_prior,
-)
+from fast.models.calibration.inference.summary import correlate_ranks
 from fast.models.calibration.means.problem import THETA
 from fast.tasks.calibration.drift import PastCalibration
 

@@ -19,8 +19,8 @@ from fast.flows.report.calibration.prediction_figures import (
     sensitivity_figure,
 )
 from fast.flows.report.folder import Folder
+from fast.models.calibration.inference.parameter import find_prior
 from fast.models.calibration.inference.result import K_HAT_LIMIT
-from fast.models.calibration.inference.summary import find_prior
 from fast.models.calibration.means.problem import THETA
 from fast.models.design.space import PARAMETERS
 from fast.tasks.templates import number

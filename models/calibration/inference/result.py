@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fast.models.calibration.inference.libraries import quiet_import
+from fast.models.calibration.inference.parameter import find_prior, summarise
 from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors
 from fast.models.calibration.means.problem import THETA, CalibrationProblem
 from fast.models.errors import UsageError
@@ -21,7 +22,6 @@ CORRELATION_LIMIT = 0.7
 GRAVITY_N_PER_KG = 9.81
 _UNIT_TOLERANCE = 0.4  # of the logarithm: how near a factor counts as suspected
 _FAR_SD = 2.0  # prior standard deviations of ln E that call for a suspicion
-_N_PRIOR_DRAWS, _N_BINS = 20_000, 30
 _WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "friction", "poisson_ratio": "Poisson ratio"}
 _UNITS = {"young_modulus_mpa": " MPa", "friction": "", "poisson_ratio": ""}
 
@@ -133,13 +133,6 @@ def measure_convergence(
     return r_hat, ess_bulk, ess_tail
 
 
-def measure_overlap(first: np.ndarray, second: np.ndarray) -> float:
-    """Area common to the densities of two sets of draws, 0 apart, 1 the same; by histograms over both."""
-    edges = np.quantile(np.concatenate([first, second]), np.linspace(0.0, 1.0, _N_BINS + 1))
-    shares = [np.histogram(draws, edges)[0] / len(draws) for draws in (first, second)]
-    return float(np.minimum(*shares).sum())
-
-
 def _sampler_sentences(n_draws: int, settings: CalibrationSettings, counts: SamplerCounts) -> list[str]:
     n_divergences, n_deepest = counts.n_divergences, counts.n_deepest
     found = []
@@ -208,11 +201,10 @@ def _range_sentences(problem: CalibrationProblem, flat: Mapping[str, np.ndarray]
 
 
 def _overlap_sentences(priors: ThetaPriors, flat: Mapping[str, np.ndarray]) -> list[str]:
-    prior = priors.draw(_N_PRIOR_DRAWS, np.random.default_rng(0))
     found = []
-    for k, name in enumerate(THETA):
-        common = measure_overlap(prior[:, k], flat[name])
-        if common > OVERLAP_LIMIT:
+    for name in THETA:
+        common = summarise(flat[name], find_prior(name, priors)).overlap
+        if common is not None and common > OVERLAP_LIMIT:
             found.append(
                 f"the measurements say little about the {_WORDS[name]}: posterior and prior overlap by "
                 f"{spell_share(common)}; measure designs that depend on it, or calibrate on traces."

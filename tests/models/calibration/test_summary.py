@@ -2,15 +2,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from fast.models.calibration.inference.parameter import estimate_density, find_prior, summarise
 from fast.models.calibration.inference.settings import ThetaPriors
-from fast.models.calibration.inference.summary import (
-    correlate_ranks,
-    estimate_density,
-    find_prior,
-    summarise,
-    summarise_all,
-    summarise_theta,
-)
+from fast.models.calibration.inference.summary import correlate_ranks, summarise_all, summarise_theta
 from fast.models.calibration.means.checks import check_calibration, measure_emulator_relevance, measure_relevance
 from fast.models.calibration.means.predict import condition_models, predict_measured, score_mixture
 from fast.models.calibration.means.problem import THETA, Standardised
@@ -49,6 +43,12 @@ def test_table_2_of_a_gamma_distribution():
     assert summary.mode == pytest.approx(0.56, abs=0.03)
     assert summary.overlap == pytest.approx(1.0, abs=0.02)
     assert summary.shrinkage == pytest.approx(0.0, abs=0.04)
+
+
+def test_overlap_is_the_common_area():
+    rng, normal = np.random.default_rng(0), stats.norm(0.0, 1.0)
+    assert summarise(10.0 + rng.standard_normal(4000), normal).overlap < 0.01
+    assert summarise(1.0 + rng.standard_normal(4000), normal).overlap == pytest.approx(0.617, abs=0.03)
 
 
 def test_priors_are_those_of_table_3():

@@ -24,7 +24,7 @@ from fast.tasks.calibration.mean_data import (
 )
 from fast.tasks.calibration.means import compare_means, plan_verification, verify
 from fast.tasks.gap.data import read_grasps
-from fast.tasks.gap.theta import gather_traces, plan_grid
+from fast.tasks.gap.theta import check_middle, gather_traces, plan_grid, plan_middle
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,8 @@ def _calibrate_traces(
     if n_grasps := n_missing(lake, plans):
         n_all = sum(plan.n_grasps for plan in plans)
         reporter.progress(f"{n_grasps} of {n_all} grasps of the grid around the measured designs are missing")
+        simulate_missing(lake, plan_middle(measured, base), settings.workers, reporter, should_stop)
+        check_middle(lake, measured, base)
     simulate_missing(lake, plans, settings.workers, reporter, should_stop)
     data = replace(gather_traces(lake, measured, base, order.campaign_id), material_ids=material_ids)
     return calibrate_once(lake, data, settings, reporter.progress)

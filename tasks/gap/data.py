@@ -123,15 +123,27 @@ def check_units(data: GapData) -> list[str]:
         UsageError: a factor of about 1000 is suspected, or the other sign.
     """
     grasps, bank = data.grasps, data.bank
-    simulated = bank.centre_steps_n[grasps.tool, bank.find_columns(grasps)]
-    is_known = np.isfinite(simulated).all(axis=1)
-    if has_other_sign(grasps.steps_n[is_known], simulated[is_known]):
+    simulated_n = bank.centre_steps_n[grasps.tool, bank.find_columns(grasps)]
+    return check_forces(grasps.steps_n, simulated_n, bank.centre.young_modulus_mpa)
+
+
+def check_forces(steps_n: np.ndarray, simulated_n: np.ndarray, modulus_mpa: float) -> list[str]:
+    """The same of measured and simulated traces (both n x 120, N; NaN where none is simulated) at a Young's modulus.
+
+    Raises:
+        UsageError: as `check_units`.
+    """
+    is_known = np.isfinite(simulated_n).all(axis=1)
+    if not is_known.any():
+        return []
+    measured, simulated = steps_n[is_known], simulated_n[is_known]
+    if has_other_sign(measured, simulated):
         raise UsageError(
             "Measured forces have the other sign than simulated ones: a force is positive where the object pulls the "
             "gripper down; turn the sign and import the grasps again, into another lake."
         )
-    share = np.abs(grasps.steps_n[is_known]).sum(axis=1) / np.abs(simulated[is_known]).sum(axis=1)
-    return find_unit_warnings(float(np.median(share)) * bank.centre.young_modulus_mpa, ThetaPriors())
+    share = np.abs(measured).sum(axis=1) / np.abs(simulated).sum(axis=1)
+    return find_unit_warnings(float(np.median(share)) * modulus_mpa, ThetaPriors())
 
 
 def has_other_sign(steps_n: np.ndarray, others_n: np.ndarray) -> bool:

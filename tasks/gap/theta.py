@@ -13,14 +13,16 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulationRow
 from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.inference.settings import CalibrationSettings
+from fast.models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
 from fast.models.errors import UsageError
+from fast.models.gap.bank.bank import list_versions
 from fast.models.gap.bank.surrogate import Surrogate
 from fast.models.gap.data import GapData
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.calibrate import CalibrationData, Progress, make_version
-from fast.tasks.gap.bank import list_plan_ids, plan_theta_grid, read_grid_bank
-from fast.tasks.gap.data import MeasuredGrasps, check_units
+from fast.tasks.gap.bank import list_plan_ids, plan_cells, plan_theta_grid, read_grid_bank, read_simulated_steps
+from fast.tasks.gap.data import MeasuredGrasps, check_forces, check_units
 from fast.tasks.simulation.plan import SimulationPlan
 
 
@@ -77,6 +79,28 @@ def plan_grid(measured: MeasuredGrasps, base: SimulatorVersion) -> tuple[Simulat
         )
     grasps = measured.grasps
     return plan_theta_grid(base, grasps.cells)
+
+
+def plan_middle(measured: MeasuredGrasps, base: SimulatorVersion) -> tuple[SimulationPlan, ...]:
+    """The point of the grid that is simulated first: it says whether the measured forces are in N."""
+    return plan_cells([_find_middle(base)], measured.grasps.cells)
+
+
+def check_middle(lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion) -> None:
+    """Hold the measured grasps against `plan_middle`, before the whole grid is simulated.
+
+    Raises:
+        UsageError: the forces are not in N, or have the other sign.
+    """
+    grasps, cells = measured.grasps, measured.grasps.cells
+    steps_n = read_simulated_steps(lake, [_find_middle(base)], cells)[:, :, 0]
+    columns = [cells.targets.index(target) for target in grasps.target]
+    check_forces(grasps.steps_n, steps_n[grasps.tool, columns], GRID_MODULUS_MPA)
+
+
+def _find_middle(base: SimulatorVersion) -> SimulatorVersion:
+    grid = ThetaGrid()
+    return list_versions(base)[grid.points.index(grid.middle)]
 
 
 def gather_traces(lake: Lake, measured: MeasuredGrasps, base: SimulatorVersion, campaign_id: str | None) -> TraceData:

@@ -45,9 +45,16 @@ class ThetaGrid:
         """(friction, Poisson ratio) of every simulation, rounded so that ids of simulator versions are short."""
         frictions = _chebyshev(*self.friction, self.n_friction)
         ratios = _chebyshev(*self.poisson_ratio, self.n_poisson_ratio)
-        middle = (frictions[len(frictions) // 2], ratios[len(ratios) // 2])
+        middle = self.middle
         every = [(friction, ratio) for friction in frictions for ratio in ratios]
         return [(x, y) for x, y in every if not self.is_cross or x == middle[0] or y == middle[1]]
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """(friction, Poisson ratio) of the simulation in the middle."""
+        frictions = _chebyshev(*self.friction, self.n_friction)
+        ratios = _chebyshev(*self.poisson_ratio, self.n_poisson_ratio)
+        return frictions[len(frictions) // 2], ratios[len(ratios) // 2]
 
 
 def _chebyshev(low: float, high: float, n: int) -> list[float]:

@@ -1,5 +1,6 @@
 """`fast calibrate --data trace` on a lake with closed-form traces: the missing grid, the answer, refusals, the page."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.config import read_lot
 from fast.tasks.simulation import plan as work
 from tests.flows.cli.cli_lakes import ROOT, Fast
-from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws, simulated_trace, trace_lake
+from tests.tasks.calibration.trace_lake import PROVENANCE, measured_trace, normal_draws, simulated_trace, trace_lake
 from tests.tasks.simulation.test_hypercube import Pool
 
 PAPER = ROOT / "materials" / "paper.toml"
@@ -108,3 +109,22 @@ def test_effects_that_break_the_scaling_are_refused_before_anything_is_simulated
     said = fast.refused("calibrate", "--lake", lake.root, *SMALL, "--version", stalling.version_id)
     assert "with `force_limited_closing` forces do not scale with Young's modulus" in said
     assert not simulator.jobs
+
+
+@pytest.mark.parametrize(
+    ("factor", "sentence"), [(1000.0, "a factor of about 1000 is suspected"), (-1.0, "have the other sign")]
+)
+def test_forces_of_another_unit_are_refused_after_a_twelfth_of_the_grid(
+    tmp_path, fast, simulator, monkeypatch, factor, sentence
+) -> None:
+    def as_told(*grasp):
+        trace = measured_trace(*grasp)
+        return replace(trace, force_n=factor * trace.force_n)
+
+    monkeypatch.setattr("tests.tasks.calibration.trace_lake.measured_trace", as_told)
+    lake = trace_lake(tmp_path / "lake", n_simulated=0)
+    simulator.jobs.clear()
+    answer = fast("calibrate", "--lake", lake.root, *SMALL)
+    assert answer.status == 2
+    assert sentence in answer.err
+    assert len(simulator.jobs) == 12

@@ -22,13 +22,18 @@ _FIRST_STRING_S = 2.0  # real: a transmitter in this mode is never silent
 _TARE_S = 0.25  # of the bench's clock: strings that make a software zero
 _KEPT_STRINGS = 10_000
 _GAP_PERIODS = 1.5  # a longer silence means lost strings
+# A string without a check that stands alone by more than this is damage: less than a wrong digit makes, but for the
+# last one.
+_JUMP_N, _JUMP_COUNTS = 0.5, 10
+_BACK_SHARE = 0.25  # of a jump: the next string comes back to within it
 
 
 class ContinuousTransmitter:
     """A weight transmitter that sends strings by itself; each gets the time of its arrival on the bench's clock.
 
     Serial adapters hand over several strings at once: the last of them gets the time of arrival, those before it one
-    period less each. `n_lost` counts strings that never came, `n_damaged` those that made no sense.
+    period less each. `n_lost` counts strings that never came, `n_damaged` those that made no sense. A wrong digit makes
+    sense where there is no check: such a string that jumps waits for the next, and is damaged if that comes back.
 
     Args:
         transport: the serial line.
@@ -51,6 +56,10 @@ class ContinuousTransmitter:
         self._last_s = -float("inf")
         self._zero = 0.0
         self._lost_reason = ""
+        self._jump_counts = max(_JUMP_N / self.resolution_n, _JUMP_COUNTS)
+        self._counts: int | None = None  # of the last string that was believed
+        self._waiting: tuple[float, WeightString] | None = None
+        self._n_alone = 0
 
     def connect(self) -> None:
         """Open the port and wait for the first string.
@@ -65,6 +74,7 @@ class ContinuousTransmitter:
         time.sleep(0.1)  # real: what the port held from before is thrown away with the first strings
         with self._arrived:
             self._pending.clear()
+            self._counts = self._waiting = None
             n_damaged = self._strings.n_damaged
             is_heard = self._arrived.wait_for(lambda: self._pending or self._lost_reason, _FIRST_STRING_S)
         if not is_heard:
@@ -81,8 +91,8 @@ class ContinuousTransmitter:
 
     @property
     def n_damaged(self) -> int:
-        """Pieces received that were no string."""
-        return self._strings.n_damaged
+        """Pieces received that were no string, and strings with a wrong digit."""
+        return self._strings.n_damaged + self._n_alone
 
     @property
     def newton_per_unit(self) -> float:
@@ -145,8 +155,32 @@ class ContinuousTransmitter:
                 if time_s - self._last_s > _GAP_PERIODS * self._period_s and self._last_s > -float("inf"):
                     self.n_lost += round((time_s - self._last_s) / self._period_s) - 1
                 self._last_s = time_s
-                self._pending.append((time_s, string))
+                self._judge(time_s, string)
             self._arrived.notify_all()
+
+    def _judge(self, time_s: float, string: WeightString) -> None:
+        """Keep a string, or let it wait for the next; the one that waited is kept or dropped."""
+        if self._waiting is not None and self._counts is not None:
+            jump, back = (abs(one.counts - self._counts) for one in (self._waiting[1], string))
+            if string.alarm or back > _BACK_SHARE * jump:
+                self._keep(*self._waiting)
+            else:
+                self._n_alone += 1
+            self._waiting = None
+        if self._is_doubtful(string):
+            self._waiting = (time_s, string)
+        else:
+            self._keep(time_s, string)
+
+    def _is_doubtful(self, string: WeightString) -> bool:
+        if self._counts is None or string.is_checked or string.alarm:
+            return False
+        is_own_scale = string.decimals in (None, self._scale.decimals)
+        return is_own_scale and abs(string.counts - self._counts) > self._jump_counts
+
+    def _keep(self, time_s: float, string: WeightString) -> None:
+        self._pending.append((time_s, string))
+        self._counts = self._counts if string.alarm else string.counts
 
     def _take_loss(self, reason: str) -> None:
         with self._arrived:

@@ -6,7 +6,7 @@ the alarm text of the display.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 N_CHARACTERS = 6
 LEAST_BAUD_RATES = ((80.0, 9600), (100.0, 19200), (300.0, 38400))  # up to so many strings a second
@@ -18,11 +18,15 @@ _MOST_DIGITS_IN_AN_ALARM = 2  # with more it is a damaged weight
 
 @dataclass(frozen=True)
 class WeightString:
-    """One string: signed `counts` of the display and the digits after its point if it sends one, or the `alarm`."""
+    """One string: signed `counts` of the display and the digits after its point if it sends one, or the `alarm`.
+
+    `is_checked`: it came with a check, which was right.
+    """
 
     counts: int = 0
     decimals: int | None = None
     alarm: str = ""
+    is_checked: bool = field(default=False, compare=False)
 
 
 class StringReader:
@@ -59,7 +63,8 @@ def parse_line(line: bytes) -> WeightString | None:
     match = _CHECKED.fullmatch(body.decode("ascii", errors="replace"))
     if not separator or match is None or check.upper() != check_of(body):
         return None
-    return _parse_characters(body[1 : 1 + N_CHARACTERS])
+    string = _parse_characters(body[1 : 1 + N_CHARACTERS])
+    return None if string is None else replace(string, is_checked=True)
 
 
 def _parse_characters(characters: bytes) -> WeightString | None:

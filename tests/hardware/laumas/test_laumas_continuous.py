@@ -162,6 +162,37 @@ def test_strings_of_one_burst_get_times_one_period_apart_and_holes_are_counted()
         transmitter.read_new()
 
 
+@pytest.mark.parametrize(
+    ("sent", "taken", "n_damaged"),
+    [
+        ([1250, 1251, 9252, 1253], [1250, 1251, 1253], 1),  # a first digit that reads 9 is no peak of 78 N
+        ([1250, 1251, 1242, 1253], [1250, 1251, 1242, 1253], 0),  # noise
+        ([1250, 1251, 252, 253], [1250, 1251, 252, 253], 0),  # an object that is let go
+        ([1250, 1450, 1650, 1550], [1250, 1450, 1650, 1550], 0),  # a true peak has flanks
+        ([1250, 5250, 3250, 1250], [1250, 5250, 3250, 1250], 0),
+    ],
+)
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_wrong_digit_without_a_check_is_no_peak(sent, taken, n_damaged, at_once):
+    clock, line = HandClock(), Line()
+    transmitter = ContinuousTransmitter(line, clock, KILOGRAM, rate_hz=100.0)
+    line.open(transmitter._take_bytes, transmitter._take_loss)
+    pieces = [encode_plain(WeightString(counts)) for counts in [*sent, sent[-1]]]
+    for piece in [b"".join(pieces)] if at_once else pieces:
+        clock.now += 0.01
+        line.receive(piece)
+    assert [reading.gross for reading in transmitter.read_new()][:-1] == pytest.approx([0.001 * n for n in taken])
+    assert transmitter.n_damaged == n_damaged
+
+
+def test_a_string_whose_check_is_right_is_believed_at_once():
+    line = Line()
+    transmitter = ContinuousTransmitter(line, HandClock(), KILOGRAM, rate_hz=100.0)
+    line.open(transmitter._take_bytes, transmitter._take_loss)
+    line.receive(b"".join(encode_checked(WeightString(counts)) for counts in (1250, 9252)))
+    assert [reading.gross for reading in transmitter.read_new()] == pytest.approx([1.25, 9.252])
+
+
 class Instrument:
     """A virtual transmitter in continuous mode with the head hanging from its cell, 200 strings a second."""
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from fast.hardware.cell.cycle_time import plan_time
-from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.cell.cycle_time import plan_asked_minutes
 from fast.lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
@@ -46,11 +45,9 @@ def plan_next(lake: Lake, search_id: str | None = None) -> BenchPlan:
     requests = tuple(request for request, _ in read_open_requests(lake, search_id=search_id))
     if not requests:
         return BenchPlan((), 0.0)
-    tools, designs, total_s = find_tools(lake, requests), load_designs(lake), 0.0
-    for tool_id, group in groupby(requests, key=lambda request: request.tool_id):
-        mounted = MountedTool(tool_id, designs[tools[tool_id].design_id])
-        total_s += plan_time(mounted, tools[tool_id].slot, list(group), GraspSetup()).total_s
-    return BenchPlan(requests, total_s / 60.0)
+    tools, designs = find_tools(lake, requests), load_designs(lake)
+    known = {tool_id: designs[tool.design_id] for tool_id, tool in tools.items()}
+    return BenchPlan(requests, plan_asked_minutes(requests, known))
 
 
 def explain_silence(lake: Lake, search_id: str | None = None) -> str:

@@ -363,7 +363,7 @@ def _keep_answer(lake: Lake, search: _Search, rounds: "Sequence[Round]", finding
     parents = list(dict.fromkeys([before.calibration_id, *run.calibration_ids]))
     provenance = current_provenance(content_id("H", search.gap_id), order.seed, parents)
     if asked is not None and not read_requests(lake, search.gap_id):
-        write_requests(lake, search.gap_id, list_requests(asked), order.campaign_id, provenance, asked.parameter)
+        write_requests(lake, search.gap_id, list_requests(asked.grasps), order.campaign_id, provenance, asked.parameter)
     write_run(lake, run, write_answer(findings), provenance)
     return run
 

@@ -8,6 +8,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 from fast.hardware.cell.cell import (
     BASELINE_S,
@@ -23,7 +24,7 @@ from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools import changer as tool_changer
 from fast.hardware.tools.mounted import MountedTool
-from fast.models.records import GraspRequest, GraspSetup, Placement
+from fast.models.records import Design, GraspRequest, GraspSetup, Placement
 
 _MOVE_S = 0.06  # of every move on top of its trapezoid: planner, dwell, and the poll that finds it done
 _GRIP_S = 0.14  # valve, and pressure up to the switch
@@ -102,6 +103,16 @@ def plan_time(
     for parts in spent:
         total.add(parts)
     return PlanTime(change_s, tuple(parts.total_s for parts in spent), total.longest_first())
+
+
+def plan_asked_minutes(requests: Sequence[GraspRequest], designs: Mapping[str, Design]) -> float:
+    """Minutes of asked grasps in their order, tool after tool; the slots that they will have are not known yet.
+
+    designs: by tool.
+    """
+    groups = [(tool_id, list(group)) for tool_id, group in groupby(requests, key=lambda request: request.tool_id)]
+    tools = [(MountedTool(tool_id, designs[tool_id]), group) for tool_id, group in groups]
+    return sum(plan_time(tool, 0, group, GraspSetup()).total_s for tool, group in tools) / 60.0
 
 
 def total_parts(times: Iterable[PlanTime]) -> dict[str, float]:

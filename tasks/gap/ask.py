@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.hardware.cell.cycle_time import plan_time
+from fast.hardware.cell.cycle_time import plan_asked_minutes, plan_time
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.gap.ask.answers import forecast_measurements
 from fast.models.gap.ask.choose import Choice, Costs, choose_experiments, list_open_pairs
@@ -60,11 +60,11 @@ def ask(search: SearchInputs, naming: NamingResult, settings: AskSettings) -> Ne
     return person if person is not None else plan.write(naming)
 
 
-def list_requests(asked: NextExperiment) -> list[GraspRequest]:
+def list_requests(asked: Sequence[AskedGrasps]) -> list[GraspRequest]:
     """The grasps in the order in which they are made: changed and usual ones in turn, either first in turn."""
     found = []
     number = 0
-    for one in asked.grasps:
+    for one in asked:
         for _ in range(one.n):
             number += 1
             changed = GraspRequest(
@@ -73,6 +73,11 @@ def list_requests(asked: NextExperiment) -> list[GraspRequest]:
             usual = GraspRequest(tool_id=one.tool, object_id=one.object, setup=one.usual, purpose="as usual")
             found += [usual, changed] if number % 2 else [changed, usual]
     return found
+
+
+def plan_minutes(asked: Sequence[AskedGrasps], grasps: Grasps) -> float:
+    """How long the bench takes for what is asked of the tools of `grasps`."""
+    return plan_asked_minutes(list_requests(asked), dict(zip(grasps.tools, grasps.designs, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,16 +127,16 @@ class _Plan:
         most = int(max(places, key=lambda place: counts[place]))
         outcomes = describe_pairs(self.hypotheses, self.forecast, most, int(counts[most]))
         words = list(dict.fromkeys(one.setting for one in asked))
-        n = 2 * self.choice.n
+        n, minutes = 2 * self.choice.n, plan_minutes(asked, self.grasps)
         return NextExperiment(
             grasps=asked,
             possible=_list_possible(self.hypotheses),
             separates=tuple(dict.fromkeys(name for promise in promised for name in promise.between)),
             promised_grasps=n,
             promised=promised,
-            minutes=round(self.choice.minutes, 1),
+            minutes=round(minutes, 1),
             sentence=(
-                f"{n} grasps, about {spell_minutes(self.choice.minutes)}: {'; '.join(words)}, each in turn with a "
+                f"{n} grasps, about {spell_minutes(minutes)}: {'; '.join(words)}, each in turn with a "
                 f"grasp as usual. {MEANS}{join_outcomes(outcomes)}."
             ),
             outcomes=outcomes,

@@ -18,7 +18,7 @@ from fast.models.gap.ask.settings import list_settings
 from fast.models.gap.findings import Asked, Interval, NextExperiment, RankedDesigns
 from fast.models.gap.fit.fit import Fit
 from fast.models.units import spell_minutes, spell_name, spell_share, unit_of
-from fast.tasks.gap.ask import FEWEST_GRASPS, ask, estimate_costs, spread_cells, write_pair
+from fast.tasks.gap.ask import FEWEST_GRASPS, ask, estimate_costs, plan_minutes, spread_cells, write_pair
 from fast.tasks.gap.ask_settings import AskSettings
 from fast.tasks.gap.calibrate import CalibratedSimulator
 from fast.tasks.gap.findings import count_made, find_refined_run
@@ -116,14 +116,15 @@ def _write_experiment(fit: Fit, plan: Refinement, pairs: Sequence[Pair], ranked:
     places = sorted(chosen, key=lambda at: (pairs[at].tool, pairs[at].obj))
     asked = tuple(write_pair(grasps, pairs[place], int(plan.counts[place])) for place in places)
     n, words = 2 * int(plan.counts.sum()), dict.fromkeys(one.setting for one in asked)
+    minutes = plan_minutes(asked, grasps)
     what = describe_parameter(plan.parameter, ranked.ci90)
     return NextExperiment(
         grasps=asked,
         separates=(),
         promised_grasps=n,
-        minutes=round(plan.minutes, 1),
+        minutes=round(minutes, 1),
         sentence=(
-            f"{n} grasps, about {spell_minutes(plan.minutes)}: {'; '.join(words)}, each in turn with a grasp as "
+            f"{n} grasps, about {spell_minutes(minutes)}: {'; '.join(words)}, each in turn with a grasp as "
             f"usual. They shorten the interval of {what}, on which the order of the {len(ranked.tools)} best designs "
             f"hangs, to about {spell_share(plan.sd_left)} of its width."
         ),

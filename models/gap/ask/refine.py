@@ -91,7 +91,6 @@ class Refinement:
     parameter: str
     counts: np.ndarray
     sd_left: float
-    minutes: float
 
 
 def rank_draws(named: Hypothesis, seed: int = 0) -> Ranking:
@@ -130,7 +129,7 @@ def refine(
         counts = _choose(learner, costs, most, ranking, place)
         sd_left = learner.find_sd(counts)
         if sd_left <= MOST_LEFT:
-            return Refinement(ranking.names[place], counts, sd_left, costs.total(counts))
+            return Refinement(ranking.names[place], counts, sd_left)
     return None
 
 

@@ -45,7 +45,7 @@ def search_made_up(lake: Lake, order: GapOrder, reporter: ProgressReporter | Non
             for slot in range(2)
         )
         asked = NextExperiment(grasps=pairs, separates=effects, promised_grasps=4, sentence="Lift fast.")
-        write_requests(lake, gap_id, list_requests(asked), order.campaign_id, current_provenance())
+        write_requests(lake, gap_id, list_requests(asked.grasps), order.campaign_id, current_provenance())
     named = Decision(kind=kind, effects=effects, probability=0.9, sentence=f"{kind}.")
     told = (
         Asked(

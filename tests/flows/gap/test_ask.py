@@ -10,6 +10,7 @@ import pytest
 from fast.flows.gap import search
 from fast.flows.gap.search import GapOrder, GapOutcome, run_gap
 from fast.flows.progress import ProgressReporter
+from fast.hardware.cell.cycle_time import plan_asked_minutes
 from fast.lake.store import Lake
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import UsageError
@@ -64,6 +65,9 @@ def test_a_set_is_asked_about_and_its_answer_is_a_name(tmp_path: Path) -> None:
     requests = [request for request, _ in read_open_requests(lake)]
     assert len(requests) == asked.promised_grasps == 2 * sum(one.n for one in asked.grasps)
     assert len({request.setup.lift_speed_mm_per_s for request in requests}) >= 2
+    grasps = read_grasps(lake, "demo").grasps
+    designs = dict(zip(grasps.tools, grasps.designs, strict=True))
+    assert asked.minutes == pytest.approx(plan_asked_minutes(requests, designs), abs=0.051)
     assert not go(lake).is_new  # nobody has answered
     lake.append(answer_rows(requests, [LAG]), PROVENANCE)
     measured = read_grasps(lake, "demo")

@@ -109,7 +109,7 @@ def test_ribs_and_walls_that_no_grasp_tells_are_for_a_person(
     assert found.person.kind == "walls"
     assert "callipers" in found.sentence
     assert found.sentence.startswith("No grasp of this bench tells. Please measure")
-    assert (found.grasps, found.promised_grasps, list_requests(found)) == ((), 0, [])
+    assert (found.grasps, found.promised_grasps, list_requests(found.grasps)) == ((), 0, [])
     assert set(found.separates) == {"wall_thickness_offset", "rib_imperfection"}
     assert found.promised_nats > 0.5
     assert sum(found.possible.values()) == pytest.approx(1.0, abs=2e-3)
@@ -127,7 +127,7 @@ def test_ribs_and_walls_are_told_apart_by_another_stroke_where_one_does(
         assert one.setup.lift_speed_mm_per_s == one.usual.lift_speed_mm_per_s
     (promise,) = (one for one in found.promised if set(one.between) == {"wall_thickness_offset", "rib_imperfection"})
     assert promise.nats >= 3.0
-    requests = list_requests(found)
+    requests = list_requests(found.grasps)
     assert len(requests) == found.promised_grasps
     assert sum(request.purpose == "as usual" for request in requests) == len(requests) // 2
 

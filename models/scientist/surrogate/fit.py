@@ -39,6 +39,16 @@ def fit_surrogate(data: ObservationSet, previous: SurrogateParameters | None = N
         return _fit(data.sims_first(), previous, np.random.default_rng(seed))
 
 
+def refit_without(surrogate: Surrogate, rows: np.ndarray) -> Surrogate:
+    """The surrogate as it were without these rows of its data: fitted to the others, from its parameters on."""
+    with one_blas_thread():
+        data = surrogate.data.take(np.setdiff1d(np.arange(len(surrogate.data)), rows))
+        units = Standardisation.of(data)
+        start = Vector.from_parameters(surrogate.parameters, units)
+        best, value = _climb(start, units.apply(data), POLISH_ITERATIONS)
+        return Surrogate.condition(data, best.to_parameters(units), value)
+
+
 def trust_prior(surrogate: Surrogate, seed: int = 0) -> Surrogate:
     """The surrogate, or one fitted without prior campaigns where that predicts the own measurements better.
 

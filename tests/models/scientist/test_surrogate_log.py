@@ -6,7 +6,7 @@ import pytest
 from fast.models.design.space import random_unit, to_unit
 from fast.models.scientist.propose import NO_PENDING, Rule, propose
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
-from fast.models.scientist.surrogate.health import health_of
+from fast.models.scientist.surrogate.health import health_of, predict_left_out
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
 
@@ -38,7 +38,7 @@ def test_logarithms_and_back():
 
 def test_the_errors_of_the_health_card_are_forces():
     surrogate = fit_surrogate(observed(0, is_true=True).in_logs())
-    health, loo = health_of(surrogate), surrogate.leave_one_out()
+    health, loo = health_of(surrogate), predict_left_out(surrogate)
     is_real = surrogate.data.s == REAL
     error_n = np.expm1(surrogate.data.y[is_real]) - np.expm1(loo.mean[is_real])
     assert health.loo_rmse_n == pytest.approx(float(np.sqrt(np.mean(error_n**2))))

@@ -19,6 +19,7 @@ from fast.models.records import Design, GraspSetup, Theta
 from fast.models.scientist.surrogate.imputation import mean_over_objects
 from fast.models.simulation.effects.scaling import scales_with_modulus
 from fast.models.simulation.version import SimulatorVersion
+from fast.models.units import spell_count
 from fast.models.validation import closest, load_record
 from fast.tasks.campaign.config import read_stored_config
 from fast.tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
@@ -111,7 +112,8 @@ def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[st
     found = _designs(lake, design_ids)
     if len(kept) < MIN_DESIGNS:
         raise TooLittleDataError(
-            f"{where} has {len(kept)} measured tools, a calibration needs at least {MIN_DESIGNS}; measure more."
+            f"{where} has {spell_count(len(kept), 'measured tool')}, a calibration needs at least {MIN_DESIGNS}; "
+            "measure more."
         )
     return MeasuredTools(
         campaign_id=campaign_id,

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from fast.flows.challenge.hidden.panels import bank_slopes, modulus_factor
-from fast.flows.challenge.hidden.true_sets import MODULUS_MPA
+from fast.flows.challenge.hidden.panels import MODULUS_MPA, bank_slopes, modulus_factor
 from fast.flows.challenge.hidden.worlds import WorldKey, Worlds
 from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, Reading
 from fast.models.gap.grasps import Grasps

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.flows.challenge.hidden.parts import tool_draws
 from fast.hardware.virtual.world.hidden import SpanError, mean_force_n, over_tilting_post
 from fast.models.records import Design, GraspContext, GraspSetup, Trace
 
@@ -263,6 +262,11 @@ LAB_LAWS: dict[str, type[LabLaw]] = {
     "warm_posts": WarmPosts,
     "pulling_hose": PullingHose,
 }
+
+
+def tool_draws(tool_seed: int, purpose: int, n: int) -> np.ndarray:
+    """Standard normal numbers (n), clipped at 2: what differs from one print to the next."""
+    return np.clip(np.random.default_rng([tool_seed, purpose]).standard_normal(n), -2.0, 2.0)
 
 
 def lift_start_s(trace: Trace) -> float:

@@ -15,9 +15,9 @@ from fast.flows.challenge.hidden.lab_laws import (
     SmoothStart,
     lift_on,
     lift_start_s,
+    tool_draws,
     with_force,
 )
-from fast.flows.challenge.hidden.parts import tool_draws
 from fast.hardware.virtual.world.hidden import over_tilting_post
 from fast.models.records import Trace
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.challenge.hidden.panels import Panels
-from fast.flows.challenge.hidden.true_sets import CHANNELS, TrueSet
+from fast.flows.challenge.hidden.panels import CHANNELS, Panels, TrueSet
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import CENTRE, NUMERICAL, WIDER_MM, Bank, EffectRuns
 from fast.models.gap.grasps import Cells
@@ -74,15 +73,6 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
     return Panels(
         designs, objects, {name: TrueSet.model_validate_json(str(arrays[f"set {name}"])) for name in names}, cells
     ), bank
-
-
-def read_cells(path: Path, law: str) -> tuple[tuple[int, ...], tuple[int, ...], dict[tuple[int, int], Trace]]:
-    """Designs and objects (numbers) of a file of `write_small`, and the true grasps of the first set with this law."""
-    with np.load(path) as file:
-        name = next(key.removeprefix("cells ") for key in file.files if key.startswith(f"cells {law}"))
-        cells = _cells(file[f"cells {name}"], file[f"samples {name}"].astype(float))
-        designs, objects = (tuple(int(number) for number in file[key]) for key in ("designs", "objects"))
-    return designs, objects, cells
 
 
 def _cells(table: np.ndarray, samples: np.ndarray) -> dict[tuple[int, int], Trace]:

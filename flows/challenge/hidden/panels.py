@@ -1,4 +1,7 @@
-"""Panels of true grasps by name, what worlds are made of, and how strong a hidden effect is in them."""
+"""Panels of true grasps by name, what worlds are made of, and how strong a hidden effect is in them.
+
+A study solves true grasps (`tests/studies/gap/grasp_laws`); worlds are made of those that a file holds.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,17 +10,49 @@ from functools import cached_property
 import numpy as np
 
 from fast.flows.challenge.hidden.lab import Lab, Site, Variants
-from fast.flows.challenge.hidden.lab_laws import LAB_LAWS, LabLaw
-from fast.flows.challenge.hidden.true_sets import LOWER, MODULUS_MPA, RAISED, RESPONDING, WIDER, TrueSet
-from fast.flows.challenge.hidden.truth import hidden_law, tool_modulus_factor
+from fast.flows.challenge.hidden.lab_laws import LAB_LAWS, LabLaw, tool_draws
 from fast.models.gap.bank.bank import Bank
-from fast.models.records import Trace
+from fast.models.ids import seed_from
+from fast.models.records import Record, Trace
 from fast.models.traces.step_features import N_STEPS, is_usable, step_means
 
+MODULUS_MPA = 9.2
+RESPONDING, LOWER, WIDER, RAISED = "base-0", "lower friction", "wider closing", "raised objects"
+CHANNELS = ("time_s", "lift_mm", "force_n")
+TOOL_MODULUS_SD = 0.04
+# Laws under which forces are not in proportion to Young's modulus.
+UNSCALED = frozenset(
+    {
+        "force_limited_closing",
+        "shear_adhesion",
+        "base_compliance",
+        "pressure_dependent_friction",
+        "soft_objects",
+    }
+)
 _FLOOR, _TOOL_SD = 0.01, 0.04
 _BIN = 4  # steps
 
 Cells = Mapping[tuple[int, int], Trace]  # by numbers of tool and object in the panel
+
+
+class TrueSet(Record):
+    """A panel of true grasps at one theta: what it is called, and its law with parameters (none: a base).
+
+    is_other: whether the law is the second one that is known for its effect.
+    """
+
+    name: str
+    theta: tuple[float, float]
+    law: str = ""
+    is_other: bool = False
+    parameters: dict[str, float] = {}
+    raised_mm: float = 0.0
+
+
+def draw_tool_modulus(design: int) -> float:
+    """Modulus of the print of a design (number) over theta's: the same whatever is hidden."""
+    return float(np.exp(TOOL_MODULUS_SD * tool_draws(seed_from("true tool", design), 0xE, 1)[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,15 +113,12 @@ class Panels:
 
     def tool_factors(self, name: str) -> np.ndarray:
         """Moduli of the tools over theta's that are already in a set's traces, t."""
-        one = self.sets[name]
-        if not one.law or hidden_law(one.law, one.is_other).scales:
-            return np.ones(len(self.designs))
-        return np.array([tool_modulus_factor(chunk[0]) for chunk in one.grasps(self.designs, self.objects)])
+        is_scaled = self.is_scaled(name)
+        return np.array([1.0 if is_scaled else draw_tool_modulus(design) for design in self.designs])
 
     def is_scaled(self, name: str) -> bool:
         """Whether a set's forces may be multiplied for another modulus."""
-        one = self.sets[name]
-        return not one.law or hidden_law(one.law, one.is_other).scales
+        return self.sets[name].law not in UNSCALED
 
     @cached_property
     def steps_n(self) -> dict[str, np.ndarray]:

@@ -10,13 +10,14 @@ from fast.flows.challenge.hidden.lab import NASTIER, Lab, Nuisance, Site
 from fast.flows.challenge.hidden.lab_laws import LabLaw
 from fast.flows.challenge.hidden.other_lab_laws import OTHER_LAB_LAWS, build_lab_law
 from fast.flows.challenge.hidden.panels import (
+    MODULUS_MPA,
+    RESPONDING,
     Panels,
     modulus_factor,
     raw_strength,
     take_cells,
     visible_share,
 )
-from fast.flows.challenge.hidden.true_sets import MODULUS_MPA, RESPONDING
 from fast.models.design.space import numbered_design
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData

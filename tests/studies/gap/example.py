@@ -20,7 +20,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import numpy as np
 
 from fast.flows.challenge.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
-from fast.flows.challenge.hidden.panel_file import read_cells
+from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.cli.common import tell
 from fast.flows.gap.example import CAMPAIGN, FILE
 from fast.flows.gap.folder import write_folder
@@ -70,7 +70,8 @@ content_hash = ""
 
 def measure_example() -> list[Row]:
     """Rows of the measured grasps: campaign, batches, designs, tools, grasps and traces."""
-    numbers, objects, cells = read_cells(SMALL, LAW)
+    panels, _ = read_small(SMALL)
+    numbers, objects, cells = panels.designs, panels.objects, panels.cells[LAW]
     lab = Lab(numbers, objects, SEED, REPEATS, CAREFUL)
     designs = [numbered_design(number) for number in numbers]
     rows: list[Row] = [CampaignRow(campaign_id=CAMPAIGN, name=CAMPAIGN, config_toml=_CONFIG)]
@@ -100,7 +101,8 @@ def measure_example() -> list[Row]:
 
 def read_bank_rows(source: Lake) -> list[Row]:
     """The simulations of the bank that another lake has."""
-    numbers, objects, _ = read_cells(SMALL, LAW)
+    panels, _ = read_small(SMALL)
+    numbers, objects = panels.designs, panels.objects
     designs = [numbered_design(number) for number in numbers]
     ids = list_plan_ids(plan_bank(SimulatorVersion(), Cells.full(designs, objects, GraspSetup())))
     return [*_simulation_rows(source, ids)]

@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from fast.flows.challenge.hidden.panel_file import read_small
-from fast.flows.challenge.hidden.panels import Panels
-from fast.flows.challenge.hidden.true_sets import TrueSet
+from fast.flows.challenge.hidden.panels import Panels, TrueSet
 from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData

@@ -14,12 +14,8 @@ import numpy as np
 
 from fast.flows.challenge.grade import clopper_pearson
 from fast.flows.challenge.hidden.lab import Variants
-from fast.flows.challenge.hidden.lab_laws import LabLaw, Moment, lift_on
-from fast.flows.challenge.hidden.panels import raw_strength
-from fast.flows.challenge.hidden.parts import tool_draws
-from fast.flows.challenge.hidden.true_sets import MODULUS_MPA, RESPONDING
-from fast.flows.challenge.hidden.truth import TOOL_MODULUS_SD, TrueGrasp
-from fast.flows.challenge.hidden.truth import _solve as solve_with
+from fast.flows.challenge.hidden.lab_laws import LabLaw, Moment, lift_on, tool_draws
+from fast.flows.challenge.hidden.panels import MODULUS_MPA, RESPONDING, TOOL_MODULUS_SD, raw_strength
 from fast.flows.challenge.hidden.worlds import WorldKey, Worlds
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.problem import THETA
@@ -33,6 +29,8 @@ from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import measure_held_out_n, naming_code
 from tests.studies.gap.development import open_panels
+from tests.studies.gap.grasp_laws.truth import TrueGrasp
+from tests.studies.gap.grasp_laws.truth import _solve as solve_with
 from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.truth import results_folder
 

@@ -10,9 +10,7 @@ import pytest
 from fast.flows.challenge.hidden.lab_laws import LAB_LAWS
 from fast.flows.challenge.hidden.other_lab_laws import OTHER_LAB_LAWS
 from fast.flows.challenge.hidden.panel_file import read_small, write_small
-from fast.flows.challenge.hidden.panels import Panels, raw_strength, visible_share
-from fast.flows.challenge.hidden.true_sets import MODULUS_MPA
-from fast.flows.challenge.hidden.truth import OTHER_GRASP_LAWS
+from fast.flows.challenge.hidden.panels import MODULUS_MPA, Panels, raw_strength, visible_share
 from fast.flows.challenge.hidden.worlds import UNLISTED, Hidden, WorldKey, Worlds
 from fast.lake.store import Lake
 from fast.models.design.space import numbered_design
@@ -25,6 +23,7 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.benchmarks.base import Options
 from tests.studies.gap.answers import Answer, Closing, Said, answer, measure_twin
 from tests.studies.gap.development import PUBLIC_SEED, measure_gap, with_known_fields
+from tests.studies.gap.grasp_laws.truth import OTHER_GRASP_LAWS
 from tests.studies.gap.independent import is_alarm, read_independent
 from tests.studies.gap.judgement import Judged
 from tests.studies.gap.local_banks import LocalBanks

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fast.flows.challenge.hidden.panel_file import write_small
-from fast.flows.challenge.hidden.panels import Panels
-from fast.flows.challenge.hidden.true_sets import CHANNELS, LOWER, RAISED, WIDER, TrueSet
-from fast.flows.challenge.hidden.truth import OTHER_GRASP_LAWS, TrueGrasp, solve_truth
+from fast.flows.challenge.hidden.panels import CHANNELS, LOWER, RAISED, WIDER, Panels, TrueSet
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulationRow
 from fast.models.design.space import numbered_design
@@ -27,6 +25,7 @@ from fast.tasks.simulation.plan import simulate_plan
 from fast.tasks.simulation.pool import WorkerPool
 from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
+from tests.studies.gap.grasp_laws.truth import OTHER_GRASP_LAWS, TrueGrasp, list_grasps, solve_truth
 
 FRICTIONS, RATIOS = (0.38, 0.95), (0.32, 0.47)  # of true thetas: the bulk of the priors, not the bank's centre
 N_BASES = 4
@@ -53,7 +52,7 @@ LAWS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "rib_imperfection": {"bow_mm": (0.25, 0.5)},
     "finger_finger_contact": {"half_gap_mm": (6.5, 8.0)},
 }
-# Of the second laws of `fast.flows.challenge.hidden.truth.OTHER_GRASP_LAWS`: those that are not as for the first.
+# Of the second laws of `tests.studies.gap.grasp_laws.truth.OTHER_GRASP_LAWS`: those that are not as for the first.
 OTHER_LAWS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "pressure_dependent_friction": {"strength": (0.1, 0.26)},
     "base_compliance": {"compliance_mm_per_n": (0.05, 0.12)},
@@ -171,7 +170,7 @@ def read_panels(path: Path, panel: Panel) -> Panels:
     sets, cells = {}, {}
     for one in panel.sets:
         found: dict[tuple[int, int], Trace] = {}
-        for tool, chunk in enumerate(one.grasps(designs, objects)):
+        for tool, chunk in enumerate(list_grasps(one, designs, objects)):
             for obj, grasp in enumerate(chunk):
                 record = known.get(grasp.grasp_id)
                 trace = None if record is None else record.trace
@@ -221,7 +220,7 @@ def _solve_panel(panel: Panel, options: Options, end: float) -> Rows:
     """Solve the true grasps that the results file lacks; how many there are, failed, and cost, by set."""
     known = read_truth(options.results)
     sets, designs, objects = panel.sets, panel.designs, panel.objects
-    wanted = [(one, chunk) for one in sets for chunk in one.grasps(designs, objects)]
+    wanted = [(one, chunk) for one in sets for chunk in list_grasps(one, designs, objects)]
     missing = [chunk for _, chunk in wanted if any(grasp.grasp_id not in known for grasp in chunk)]
     with RecordFile(options.results) as file:
         for record in _solved(missing, known, options, end):
@@ -229,7 +228,7 @@ def _solve_panel(panel: Panel, options: Options, end: float) -> Rows:
             file.append(record)
     rows = []
     for one in sets:
-        grasps = [grasp for chunk in one.grasps(designs, objects) for grasp in chunk]
+        grasps = [grasp for chunk in list_grasps(one, designs, objects) for grasp in chunk]
         made = [known[grasp.grasp_id] for grasp in grasps if grasp.grasp_id in known]
         cost = sum(record.cpu_s for record in made)
         n_failed = sum(record.trace is None for record in made)

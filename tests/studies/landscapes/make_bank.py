@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import spearmanr
 
-from fast.flows.challenge.hidden.truth import TrueGrasp, hidden_law
 from fast.models.design.space import from_unit, random_unit, to_unit
 from fast.models.errors import MeshingFailed, SimulationFailed, UsageError
 from fast.models.ids import content_id
@@ -28,6 +27,7 @@ from fast.models.simulation.version import SimulatorVersion
 from fast.models.traces.step_features import is_usable, step_means
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
+from tests.studies.gap.grasp_laws.truth import TrueGrasp, hidden_law
 from tests.studies.landscapes.bank import (
     BELIEVED,
     EFFECT,

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from fast.flows.challenge.hidden.truth import GRASP_LAWS
 from fast.models.design.space import random_unit
 from fast.models.errors import UsageError
 from fast.models.records import EffectValue, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE, build_effects
 from tests.studies.benchmarks.base import Options
+from tests.studies.gap.grasp_laws.truth import GRASP_LAWS
 from tests.studies.landscapes.make_bank import (
     LAWS,
     MODULI_MPA,

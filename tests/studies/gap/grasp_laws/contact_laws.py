@@ -4,9 +4,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from fast.flows.challenge.hidden.parts import list_sizes_mm, tool_draws, with_rounder_edges
+from fast.flows.challenge.hidden.lab_laws import tool_draws
 from fast.models.objects.rigid import RigidObject
 from fast.models.simulation.effects.base import Effect
+from tests.studies.gap.grasp_laws.parts import list_sizes_mm, with_rounder_edges
 
 
 class HertzFriction(Effect):
@@ -98,7 +99,7 @@ class SoftObjects(Effect):
     """Objects of foam, which give way by their pressure over `foundation_n_per_mm3`; the simulator's are rigid.
 
     The foundation is in series with the usual contact. How stiff a contact is is a setting of the solver, which
-    `fast.flows.challenge.hidden.truth` makes for this class.
+    `tests.studies.gap.grasp_laws.truth` makes for this class.
     """
 
     def __init__(self, foundation_n_per_mm3: float) -> None:

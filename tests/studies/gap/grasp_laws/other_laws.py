@@ -6,11 +6,11 @@ import numpy as np
 from shapely.geometry import MultiPolygon, Polygon
 from shapely.ops import unary_union
 
-from fast.flows.challenge.hidden.parts import find_ribs, list_sizes_mm, with_rounder_edges
 from fast.models.design.fin_ray import cavity_share, is_in_rib, rib_centres, take_fin_ray
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import Design
 from fast.models.simulation.effects.base import Effect
+from tests.studies.gap.grasp_laws.parts import find_ribs, list_sizes_mm, with_rounder_edges
 
 USUAL_HEIGHT_MM = 105.0  # of a finger; of designs it is 90 to 120
 USUAL_THICKNESS_MM = 2.5  # of walls and ribs; of designs it is 2 to 3

@@ -11,10 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.challenge.hidden import body_laws as body
-from fast.flows.challenge.hidden import contact_laws as contact
-from fast.flows.challenge.hidden import other_grasp_laws as other
-from fast.flows.challenge.hidden.parts import tool_draws
+from fast.flows.challenge.hidden.panels import MODULUS_MPA, UNSCALED, TrueSet, draw_tool_modulus
 from fast.hardware.virtual.world.hidden import DirectionalDilation, LeakyCylinder, RationalSlipFriction
 from fast.hardware.virtual.world.state import USUAL_PRESSURE_PSI
 from fast.models.design.space import numbered_design
@@ -26,13 +23,15 @@ from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
 from fast.models.solver_code import source_id
 from fast.models.validation import closest
+from tests.studies.gap.grasp_laws import body_laws as body
+from tests.studies.gap.grasp_laws import contact_laws as contact
+from tests.studies.gap.grasp_laws import other_laws as other
 
 SETUP = GraspSetup()
 # Shorter walls, flatter fillets: none of the meshes that the simulator's numerical error is estimated from.
 MESH = MeshSettings(edge_mm=4.4, fillet_mm=0.4)
 CONTACT_N_PER_MM3 = (4.8, 3.2)  # normal, tangential
 PLACEMENT_SD_MM = 0.2
-TOOL_MODULUS_SD = 0.04
 DEADLINE_S = 300.0
 _MODEL_SOURCES = ("design/fin_ray.py", "objects", "simulation")
 
@@ -73,16 +72,25 @@ class TrueGrasp(Record):
         return seed_from("true tool", self.design)
 
 
+def list_grasps(one: TrueSet, designs: Sequence[int], objects: Sequence[int]) -> list[list[TrueGrasp]]:
+    """Grasps of a set by design, since a design's grasps share a mesh."""
+    theta = Theta(young_modulus_mpa=MODULUS_MPA, friction=one.theta[0], poisson_ratio=one.theta[1])
+    law = one.model_dump(include={"law", "is_other", "parameters", "raised_mm"})
+    return [
+        [TrueGrasp(theta=theta, design=design, object_id=object_id, **law) for object_id in objects]
+        for design in designs
+    ]
+
+
 _Build = Callable[[Mapping[str, float], TrueGrasp], Effect]
 
 
 @dataclass(frozen=True)
 class GraspLaw:
-    """A hidden law by its effect class and how it is built for a grasp; `scales`: forces stay proportional to E."""
+    """A hidden law by its effect class and how it is built for a grasp."""
 
     kind: type[Effect]
     build: _Build
-    scales: bool = True
 
 
 def _plain(kind: Callable[..., Effect]) -> _Build:
@@ -115,20 +123,20 @@ def _by_air(build: _Build) -> _Build:
 GRASP_LAWS: Mapping[str, GraspLaw] = {
     "static_kinetic_friction": GraspLaw(RationalSlipFriction, _plain(RationalSlipFriction)),
     "object_edge_radius": GraspLaw(contact.WornEdges, _plain(contact.WornEdges)),
-    "force_limited_closing": GraspLaw(LeakyCylinder, _by_air(_by_tool(LeakyCylinder)), scales=False),
+    "force_limited_closing": GraspLaw(LeakyCylinder, _by_air(_by_tool(LeakyCylinder))),
     "wall_thickness_offset": GraspLaw(DirectionalDilation, _by_tool(DirectionalDilation)),
     "hyperelastic_stiffening": GraspLaw(body.ScatteredStiffening, _by_tool(body.ScatteredStiffening)),
-    "shear_adhesion": GraspLaw(contact.SaturatingAdhesion, _by_friction(contact.SaturatingAdhesion), scales=False),
+    "shear_adhesion": GraspLaw(contact.SaturatingAdhesion, _by_friction(contact.SaturatingAdhesion)),
     "finger_finger_contact": GraspLaw(contact.FlashedFingers, _by_tool(contact.FlashedFingers)),
-    "base_compliance": GraspLaw(body.SlackMount, _plain(body.SlackMount), scales=False),
-    "pressure_dependent_friction": GraspLaw(contact.HertzFriction, _plain(contact.HertzFriction), scales=False),
+    "base_compliance": GraspLaw(body.SlackMount, _plain(body.SlackMount)),
+    "pressure_dependent_friction": GraspLaw(contact.HertzFriction, _plain(contact.HertzFriction)),
     "print_anisotropy": GraspLaw(body.LayeredModulus, _plain(body.LayeredModulus)),
     "rib_imperfection": GraspLaw(body.WavyRibs, _by_tool(body.WavyRibs)),
     "wider_closing": GraspLaw(body.WiderClosing, _plain(body.WiderClosing)),
     "scaled_objects": GraspLaw(contact.ScaledObjects, _plain(contact.ScaledObjects)),
     "other_material_law": GraspLaw(body.OtherMaterialLaw, _plain(body.OtherMaterialLaw)),
     "weak_finger": GraspLaw(body.WeakFinger, _by_tool(body.WeakFinger)),
-    "soft_objects": GraspLaw(contact.SoftObjects, _plain(contact.SoftObjects), scales=False),
+    "soft_objects": GraspLaw(contact.SoftObjects, _plain(contact.SoftObjects)),
     "object_surfaces": GraspLaw(
         contact.ObjectSurfaces,
         lambda parameters, grasp: contact.ObjectSurfaces(**parameters, object_id=grasp.object_id),
@@ -139,13 +147,13 @@ GRASP_LAWS: Mapping[str, GraspLaw] = {
 OTHER_GRASP_LAWS: Mapping[str, GraspLaw] = {
     "static_kinetic_friction": GraspLaw(other.LinearSlipFriction, _plain(other.LinearSlipFriction)),
     "object_edge_radius": GraspLaw(other.TumbledEdges, _plain(other.TumbledEdges)),
-    "force_limited_closing": GraspLaw(other.LeaningJaws, _by_air(_by_design(other.LeaningJaws)), scales=False),
+    "force_limited_closing": GraspLaw(other.LeaningJaws, _by_air(_by_design(other.LeaningJaws))),
     "wall_thickness_offset": GraspLaw(other.SquashedLayers, _plain(other.SquashedLayers)),
     "hyperelastic_stiffening": GraspLaw(other.CuredStiffening, _by_design(other.CuredStiffening)),
-    "shear_adhesion": GraspLaw(other.SpotAdhesion, _by_friction(other.SpotAdhesion), scales=False),
+    "shear_adhesion": GraspLaw(other.SpotAdhesion, _by_friction(other.SpotAdhesion)),
     "finger_finger_contact": GraspLaw(other.WarpedFingers, _by_design(other.WarpedFingers)),
-    "base_compliance": GraspLaw(other.TiltingMount, _by_design(other.TiltingMount), scales=False),
-    "pressure_dependent_friction": GraspLaw(other.FadingFriction, _plain(other.FadingFriction), scales=False),
+    "base_compliance": GraspLaw(other.TiltingMount, _by_design(other.TiltingMount)),
+    "pressure_dependent_friction": GraspLaw(other.FadingFriction, _plain(other.FadingFriction)),
     "print_anisotropy": GraspLaw(other.StrandedRibs, _plain(other.StrandedRibs)),
     "rib_imperfection": GraspLaw(other.SaggingRibs, _plain(other.SaggingRibs)),
 }
@@ -177,8 +185,7 @@ def tool_modulus_factor(grasp: TrueGrasp) -> float:
 
     Only laws that break the scaling of forces with the modulus are solved with it; a world scales all other traces.
     """
-    is_scaled = not grasp.law or hidden_law(grasp.law, grasp.is_other).scales
-    return 1.0 if is_scaled else float(np.exp(TOOL_MODULUS_SD * tool_draws(grasp.tool_seed, 0xE, 1)[0]))
+    return draw_tool_modulus(grasp.design) if grasp.law in UNSCALED else 1.0
 
 
 def true_placement(grasp: TrueGrasp) -> Placement:

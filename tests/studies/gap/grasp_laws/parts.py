@@ -1,4 +1,4 @@
-"""What several hidden laws share: draws for a tool, ribs of a finger, edges and lengths of an object."""
+"""What several hidden laws share: ribs of a finger, edges and lengths of an object."""
 
 import numpy as np
 
@@ -7,11 +7,6 @@ from fast.models.objects.rigid import RigidObject
 
 LEAST_RADIUS_MM = 0.5  # contact points cannot resolve a sharper edge
 _RIB_REACH_MM = 2.0  # beside a rib, what goes with it
-
-
-def tool_draws(tool_seed: int, purpose: int, n: int) -> np.ndarray:
-    """Standard normal numbers (n), clipped at 2: what differs from one print to the next."""
-    return np.clip(np.random.default_rng([tool_seed, purpose]).standard_normal(n), -2.0, 2.0)
 
 
 def find_ribs(points: np.ndarray, design: FinRay) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -4,11 +4,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from fast.flows.challenge.hidden.parts import find_ribs, tool_draws
+from fast.flows.challenge.hidden.lab_laws import tool_draws
 from fast.hardware.virtual.world.hidden import DirectionalDilation
 from fast.models.design.fin_ray import cavity_share, take_fin_ray
 from fast.models.records import Design, GraspSetup
 from fast.models.simulation.effects.base import Effect
+from tests.studies.gap.grasp_laws.parts import find_ribs
 
 
 class ScatteredStiffening(Effect):
@@ -105,14 +106,14 @@ class WiderClosing(Effect):
 class OtherMaterialLaw(Effect):
     """A finger that is weaker in compression than in tension: St. Venant-Kirchhoff instead of neo-Hookean.
 
-    No catalogue lists it. The law is a setting of the solver, which `hidden.truth` makes for this class.
+    No catalogue lists it. The law is a setting of the solver, which `truth` makes for this class.
     """
 
 
 class WeakFinger(DirectionalDilation):
     """Walls of one of the two fingers thinner by `thinner_mm`. No catalogue lists fingers that differ.
 
-    Fingers touch an object that does not move, so each pulls as one of two like it: `hidden.truth` takes
+    Fingers touch an object that does not move, so each pulls as one of two like it: `truth` takes
     the mean of a grasp with this effect and one without.
     """
 

@@ -17,15 +17,13 @@ from fast.models.traces.step_features import STEP_MM
 _N_CELLS = 6
 
 
-def write_gap_recording(evaluation: Evaluation, path: Path, cells: Sequence[Sequence[int]] | None = None) -> Path:
-    """Write measured and simulated forces of held-out grasps over lift; returns `path`.
-
-    cells: rows of the held-out grasps of each cell to show; without them six cells of other tools and objects.
+def write_gap_recording(evaluation: Evaluation, path: Path) -> Path:
+    """Write measured and simulated forces over lift of six held-out cells, of other tools and objects; returns `path`.
 
     Raises:
         UsageError: the file cannot be written.
     """
-    chosen = list(cells) if cells is not None else choose_cells(evaluation, _N_CELLS)
+    chosen = choose_cells(evaluation, _N_CELLS)
     names = [name_cell(evaluation, rows[0]) for rows in chosen]
     with open_recording("gap search", path, _blueprint(names)) as stream:
         stream.log("about", rr.TextDocument(_about(evaluation), media_type="text/markdown"), static=True)

@@ -244,11 +244,6 @@ class NextExperiment(Record):
     ci90: Interval | None = None
     sd_left: float | None = None
 
-    @property
-    def promised_nats(self) -> float:
-        """Between the two that are promised the least."""
-        return min((promise.nats for promise in self.promised), default=0.0)
-
     @model_validator(mode="before")
     @classmethod
     def _read_older(cls, data: Any) -> Any:

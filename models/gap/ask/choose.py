@@ -53,15 +53,16 @@ class Choice:
         return int(self.counts.sum())
 
 
-def choose_experiments(forecast: Forecast, costs: Costs, most: int, enough: float = ENOUGH_NATS) -> Choice:
+def choose_experiments(forecast: Forecast, costs: Costs, most: int) -> Choice:
     """Experiments one after the other, always the one with the greatest gain a minute, until all pairs are promised.
 
-    The gain is the sum of P_i P_j min(D_ij, enough) over pairs of hypotheses, D the mean of what is expected and what
+    The gain is the sum of P_i P_j min(D_ij, 3) over pairs of hypotheses, D the mean of what is expected and what
     is likely: the first repetitions promise nothing yet. Promised is what is likely. Experiments without which as much
     is promised are taken out again. `most`: repetitions of all. Where nothing tells, no experiment is chosen.
     """
-    rows = _shortlist(forecast, costs, _weigh_pairs(forecast), enough)
-    chooser = _Chooser(forecast.select(rows), costs.select(rows), _weigh_pairs(forecast), enough)
+    weight = _weigh_pairs(forecast)
+    rows = _shortlist(forecast, costs, weight)
+    chooser = _Chooser(forecast.select(rows), costs.select(rows), weight)
     counts = chooser.prune(chooser.add(most))
     whole = np.zeros(len(costs.minutes), dtype=int)
     whole[rows] = counts
@@ -69,10 +70,10 @@ def choose_experiments(forecast: Forecast, costs: Costs, most: int, enough: floa
     return Choice(whole, nats.likely, nats.expected, chooser.costs.total(counts))
 
 
-def list_open_pairs(forecast: Forecast, nats: np.ndarray, enough: float = ENOUGH_NATS) -> list[tuple[int, int]]:
+def list_open_pairs(forecast: Forecast, nats: np.ndarray) -> list[tuple[int, int]]:
     """Pairs of possible hypotheses between which there is less."""
     weight = _weigh_pairs(forecast)
-    return [(i, j) for i in range(len(nats)) for j in range(i) if weight[i, j] > 0 and nats[i, j] < enough]
+    return [(i, j) for i in range(len(nats)) for j in range(i) if weight[i, j] > 0 and nats[i, j] < ENOUGH_NATS]
 
 
 def _weigh_pairs(forecast: Forecast) -> np.ndarray:
@@ -83,11 +84,11 @@ def _weigh_pairs(forecast: Forecast) -> np.ndarray:
     return np.where(names[:, None] == names, 0.0, np.outer(possible, possible))
 
 
-def _shortlist(forecast: Forecast, costs: Costs, weight: np.ndarray, enough: float) -> list[int]:
+def _shortlist(forecast: Forecast, costs: Costs, weight: np.ndarray) -> list[int]:
     """Experiments that tell most a minute alone, and the best of each two hypotheses."""
     minutes = costs.minutes + costs.change
     alone = np.array([compute_nats(forecast.select([place]), [1]).expected for place in range(len(minutes))])
-    value = (weight * np.minimum(alone, enough)).sum(axis=(1, 2)) / minutes
+    value = (weight * np.minimum(alone, ENOUGH_NATS)).sum(axis=(1, 2)) / minutes
     chosen = list(np.argsort(-value, kind="stable")[:_SHORTLIST])
     for i, j in zip(*np.nonzero(np.triu(weight)), strict=True):
         chosen += list(np.argsort(-alone[:, i, j] / minutes, kind="stable")[:_OF_EACH_PAIR])
@@ -101,7 +102,6 @@ class _Chooser:
     forecast: Forecast
     costs: Costs
     weight: np.ndarray
-    enough: float
 
     def predict(self, counts: np.ndarray) -> Nats:
         """Nats between hypotheses."""
@@ -109,7 +109,7 @@ class _Chooser:
 
     def value(self, nats: Nats) -> float:
         """Weighted nats, of which no more count than are enough."""
-        counted = np.minimum(nats.expected, self.enough) + np.minimum(nats.likely, self.enough)
+        counted = np.minimum(nats.expected, ENOUGH_NATS) + np.minimum(nats.likely, ENOUGH_NATS)
         return 0.5 * float((self.weight * counted).sum())
 
     def n_cells(self, counts: np.ndarray) -> int:
@@ -136,12 +136,12 @@ class _Chooser:
     def prune(self, counts: np.ndarray) -> np.ndarray:
         """Without what is not needed: what is promised stays, as far as it counts, and so does the number of cells."""
         counts = counts.copy()
-        promised = np.minimum(self.predict(counts).likely, self.enough)
+        promised = np.minimum(self.predict(counts).likely, ENOUGH_NATS)
         n_cells = min(self.n_cells(counts), self.fewest_cells)
         for place in np.argsort(-self.costs.minutes, kind="stable"):
             while counts[place]:
                 counts[place] -= 1
-                left = np.minimum(self.predict(counts).likely, self.enough)
+                left = np.minimum(self.predict(counts).likely, ENOUGH_NATS)
                 if (left < promised - _SLACK)[self.weight > 0].any() or self.n_cells(counts) < n_cells:
                     counts[place] += 1
                     break

@@ -34,13 +34,6 @@ class Hypothesis:
     size: float = 0.0
 
     @property
-    def title(self) -> str:
-        """What people call it."""
-        return {NONE: "nothing is missing", UNKNOWN: "something that is not in the catalogue"}.get(
-            self.name, CATALOGUE[self.name].title if self.name in CATALOGUE else self.name
-        )
-
-    @property
     def own(self) -> tuple[EffectValue, ...]:
         """The effect that the hypothesis is about, with its values."""
         return tuple(value for value in self.fit.effects if value.effect == self.name)

@@ -15,7 +15,7 @@ import numpy as np
 from fast.models.gap.ask.choose import Costs
 from fast.models.gap.ask.forecast import Forecast
 from fast.models.gap.ask.hypotheses import Hypothesis
-from fast.models.gap.ask.predict import Moved, Pair, forecast_pairs, make_grasps
+from fast.models.gap.ask.predict import Pair, forecast_pairs, make_grasps
 from fast.models.gap.ask.settings import Setting
 from fast.models.gap.bank.surrogate import FEATURES, Surrogate
 from fast.models.gap.fit.fit import axes_of
@@ -28,6 +28,7 @@ EQUAL_SHARE = 0.01  # of the force: designs that are no further apart than repea
 LEAST_NATS = 0.02  # that a pair brings the parameter; one that brings less is not made
 MOST_LEFT = 0.9  # of the interval: a parameter that keeps more of it is not worth any grasp
 _THETA = ("young_modulus_mpa", "friction", "poisson_ratio")
+_SEED = 0
 _PEAK = FEATURES.index("peak_n")
 
 
@@ -93,12 +94,12 @@ class Refinement:
     sd_left: float
 
 
-def rank_draws(named: Hypothesis, seed: int = 0) -> Ranking:
+def rank_draws(named: Hypothesis) -> Ranking:
     """How draws of the posterior of a named effect rank the measured designs, each printed and grasped as usual."""
     surrogate = _take_all(named.fit.features.surrogate)
     axes = [(value.effect, axis) for value in named.fit.effects for axis in axes_of(value.effect)]
     parameters, quality_n = [], []
-    for theta, effects, _ in named.draw(N_DRAWS, np.random.default_rng(seed)):
+    for theta, effects, _ in named.draw(N_DRAWS, np.random.default_rng(_SEED)):
         values = {value.effect: value.parameters for value in effects}
         parameters.append([*theta, *(axis.inner(values[effect][axis.name]) for effect, axis in axes)])
         quality_n.append(_average_by_tool(surrogate, surrogate.predict_features(theta, effects)[:, _PEAK]))
@@ -113,8 +114,6 @@ def refine(
     pairs: Sequence[Pair],
     costs: Costs,
     most: int,
-    moved: Moved | None = None,
-    seed: int = 0,
 ) -> Refinement | None:
     """The fewest pairs that are expected to settle a ranking of `rank_draws`, `most` repetitions in all.
 
@@ -123,7 +122,7 @@ def refine(
     """
     if ranking.is_settled or not pairs:
         return None
-    forecast = forecast_pairs([replace(named, probability=1.0)], pairs, moved, seed, N_DRAWS)
+    forecast = forecast_pairs([replace(named, probability=1.0)], pairs, seed=_SEED, n_draws=N_DRAWS)
     for place in ranking.by_weight:
         learner = Learner(forecast, ranking.parameters[:, place])
         counts = _choose(learner, costs, most, ranking, place)

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
 from fast.models.gap.where.residuals import peaks
-from fast.models.records import Design, Record, Theta
+from fast.models.records import Record, Theta
 from fast.models.traces.step_features import STEP_MM
 
 BLOCKS = ("all held out", "new designs", "new objects", "both new")
@@ -27,7 +27,6 @@ class HeldOut:
     """
 
     tools: tuple[str, ...]
-    designs: tuple[Design, ...]
     objects: tuple[int, ...]
     tool: np.ndarray
     obj: np.ndarray
@@ -52,7 +51,6 @@ class HeldOut:
         change = scale * (bank.numerical_steps_n - bank.centre_steps_n[:, :, None])[grasps.tool, held_out.column]
         return HeldOut(
             tools=grasps.tools,
-            designs=grasps.designs,
             objects=grasps.objects,
             tool=grasps.tool,
             obj=grasps.obj,

@@ -164,8 +164,8 @@ class Rehearsal:
             return ""
         return CATALOGUE[one.named.name].family
 
-    def find_seen_size(self, share: float = SEEN) -> float | None:
-        """Size from which on this share of causes raises an alarm, of the force; None: not even of the largest.
+    def find_seen_size(self) -> float | None:
+        """Size from which on nine in ten causes raise an alarm, of the force; None: not even of the largest.
 
         Causes are as probable of any size on a logarithmic scale; a cause is seen with odds that grow with its size.
         """
@@ -176,7 +176,7 @@ class Rehearsal:
         odds = Odds.learn(_scale_sizes(np.array([one.size for one in hidden])), alarms)
         sizes = np.geomspace(LARGEST, SMALLEST, _N_SIZES)
         seen = np.cumsum([odds.judge(row) for row in _scale_sizes(sizes)]) / np.arange(1, _N_SIZES + 1)
-        passed = np.flatnonzero(seen < share)
+        passed = np.flatnonzero(seen < SEEN)
         n = int(passed[0]) if len(passed) else _N_SIZES
         return float(sizes[n - 1]) if n else None
 

@@ -64,11 +64,6 @@ class NamingResult:
         return self.alarm if self.alarm.is_raised else None
 
     @property
-    def theta(self) -> np.ndarray:
-        """Theta (3) with what was in the model."""
-        return self.fit.theta
-
-    @property
     def best(self) -> Fit:
         """The fit with the named effect, or the first of a set; without a name, the fit without any."""
         return self.decider.fit_with(self.named.effects[0]) if self.named.effects else self.fit

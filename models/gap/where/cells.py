@@ -38,7 +38,7 @@ class UnsureCell:
     peak_n: float
 
 
-def find_heaviest_cells(residuals: Residuals, n: int = N_HEAVIEST) -> tuple[HeavyCell, ...]:
+def find_heaviest_cells(residuals: Residuals) -> tuple[HeavyCell, ...]:
     """The cells that most of the gap lies in, the largest first."""
     squares = ((residuals.measured_n - residuals.predicted_n) ** 2).mean(axis=1)
     cell = residuals.tool * len(residuals.objects) + residuals.obj
@@ -46,7 +46,7 @@ def find_heaviest_cells(residuals: Residuals, n: int = N_HEAVIEST) -> tuple[Heav
     total, counts = np.bincount(place, squares), np.bincount(place)
     peak_n = np.bincount(place, residuals.peak_n) / counts
     found = []
-    for row in np.argsort(-total)[:n]:
+    for row in np.argsort(-total)[:N_HEAVIEST]:
         tool, obj = divmod(int(names[row]), len(residuals.objects))
         found.append(
             HeavyCell(

@@ -5,11 +5,13 @@ from collections.abc import Callable
 import numpy as np
 from scipy.special import stdtrit
 
+_UPPER = 0.95  # share below the upper end
+
 
 def jackknife(
-    statistic: Callable[[np.ndarray], np.ndarray], tool: np.ndarray, obj: np.ndarray, level: float = 0.9
+    statistic: Callable[[np.ndarray], np.ndarray], tool: np.ndarray, obj: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Value of a statistic (k) of a mask of grasps (n) and the ends of its interval, k each.
+    """Value of a statistic (k) of a mask of grasps (n) and the ends of its 90 % interval, k each.
 
     Tools and objects are left out one by one and both variances added: too wide rather than too narrow. Student's t
     with as many degrees of freedom as there are tools or objects, whichever is fewer, less one.
@@ -25,5 +27,5 @@ def jackknife(
         if len(left) > 1:
             variance = variance + (len(left) - 1) / len(left) * ((left - left.mean(axis=0)) ** 2).sum(axis=0)
             fewest = min(fewest, len(left) - 1)
-    half = stdtrit(max(fewest, 1) if np.isfinite(fewest) else 1, 0.5 + level / 2) * np.sqrt(variance)
+    half = stdtrit(max(fewest, 1) if np.isfinite(fewest) else 1, _UPPER) * np.sqrt(variance)
     return value, value - half, value + half

@@ -33,9 +33,8 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class TestTree:
-    """p of the whole, q by phase, and every factor of every phase."""
+    """The q of each phase, and every factor of every phase."""
 
-    p_value: float
     phases: dict[str, float]
     factors: tuple[Hypothesis, ...]
 
@@ -71,7 +70,7 @@ def run_tests(residuals: Residuals, seed: int = 0) -> TestTree:
             else np.ones(len(rows))
         )
         factors += [Hypothesis(*names[r], float(p[r]), float(x)) for r, x in zip(rows, q, strict=True)]
-    return TestTree(p_global, {k: float(v) if p_global <= Q else 1.0 for k, v in q_phase.items()}, tuple(factors))
+    return TestTree({k: float(v) if p_global <= Q else 1.0 for k, v in q_phase.items()}, tuple(factors))
 
 
 def adjust_bh(p: np.ndarray) -> np.ndarray:

@@ -116,11 +116,6 @@ class Residuals:
         return number_families(self.objects)
 
     @cached_property
-    def windows(self) -> np.ndarray:
-        """Which steps of the predictions belong to a phase, n x 5 x steps."""
-        return find_phase_windows(self.predicted_n)
-
-    @cached_property
     def phases_n(self) -> np.ndarray:
         """Missing force by phase, n x 5, in N; NaN where the prediction does not have the phase."""
         return compute_phase_differences(self.measured_n, self.predicted_n)

@@ -23,16 +23,12 @@ LEAST_GAIN = 0.05  # of the squares of a node: less is not worth a question
 
 @dataclass(frozen=True)
 class Split:
-    """One answer to one question: `feature` above `limit` or not, and in how many of the halves it was asked.
-
-    column: of the feature in the table of features.
-    """
+    """One answer to one question: `feature` above `limit` or not; column: of the feature in the table of features."""
 
     feature: str
     column: int
     limit: float
     is_above: bool
-    stability: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,18 +109,18 @@ def _grow(
     question = _stable_question(here, tuple(columns), halves, DEPTH - len(splits))
     if question is None:
         return [Leaf(splits, _follows(x, splits), _honest(cells, splits, halves))]
-    feature, limit, stability = question
+    feature, limit = question
     found = []
     for is_above in (True, False):
-        split = Split(columns[feature], feature, limit, is_above, stability)
+        split = Split(columns[feature], feature, limit, is_above)
         found += _grow(cells, x, (*splits, split), columns, halves)
     return found
 
 
 def _stable_question(
     cells: _Cells, columns: tuple[int, ...], halves: Sequence[np.ndarray], depth: int
-) -> tuple[int, float, float] | None:
-    """Feature, median limit and stability of what the trees of the halves ask most, if enough of them do."""
+) -> tuple[int, float] | None:
+    """Feature and median limit of what the trees of the halves ask most, if enough of them do."""
     if depth == 0 or not columns:
         return None
     asked = [_questions(_in(cells, half), _least_designs(half, cells), columns, depth) for half in halves]
@@ -132,8 +128,7 @@ def _stable_question(
     often = {j: sum(j in found for found in features) for j in columns}
     # Of those asked as often, the one that takes away most.
     most = max(columns, key=lambda j: (often[j], sum(q.gain for found in asked for q in found if q.feature == j)))
-    stability = often[most] / len(halves)
-    if stability < STABLE:
+    if often[most] / len(halves) < STABLE:
         return None
     first = [
         next(q.limit for q in found if q.feature == most) for found in asked if any(q.feature == most for q in found)
@@ -143,7 +138,7 @@ def _stable_question(
     sizes = [_clusters(cells.select(side)) for side in (is_above, ~is_above)]
     if min(t for t, _ in sizes) < MIN_DESIGNS or min(o for _, o in sizes) < MIN_OBJECTS:
         return None
-    return most, limit, stability
+    return most, limit
 
 
 def _questions(cells: _Cells, least_designs: int, columns: tuple[int, ...], depth: int) -> list[_Question]:

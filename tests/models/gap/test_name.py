@@ -54,7 +54,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert result.best is result.fit
     assert result.alarm.over_line < 1.0
     assert result.named.probability == pytest.approx(1.0 - result.alarm.gap)
-    np.testing.assert_allclose(result.theta, [9.2, 0.66, 0.43], rtol=0.15)
+    np.testing.assert_allclose(result.fit.theta, [9.2, 0.66, 0.43], rtol=0.15)
 
 
 @pytest.mark.parametrize("effect", ["static_kinetic_friction", "force_limited_closing", "mullins_softening"])

@@ -18,7 +18,7 @@ from fast.flows.campaign.operator_prompts import make_reading_form
 from fast.flows.campaign.told_step import await_asked
 from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.scheduled import search_and_tell
-from fast.flows.gap.search import GapOrder, GapOutcome, UnfinishedError
+from fast.flows.gap.search import MOST_ASKED, GapOrder, GapOutcome, UnfinishedError
 from fast.lake.leases import is_held
 from fast.lake.tables.campaign import EventRow
 from fast.models.gap.findings import NextExperiment, PersonQuestion
@@ -29,7 +29,6 @@ from fast.tasks.calibration.mean_data import TooLittleDataError
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.prefect_tasks import unmapped
 from fast.tasks.campaign.requests import GAP_LEASE, append_event
-from fast.tasks.gap.ask_settings import USUAL_BUDGET, AskSettings
 from fast.tasks.gap.findings import count_asked, find_newest_run
 from fast.tasks.gap.readings import is_answered
 
@@ -70,7 +69,7 @@ def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
     if is_held(campaign.lake.storage, GAP_LEASE):
         logger.warning("another process searches this lake for a gap; the campaign goes on without a search here.")
         return None
-    order = GapOrder(campaign.campaign_id, asking=AskSettings(min(count_left(run), USUAL_BUDGET)))
+    order = GapOrder(campaign.campaign_id, most_asked=min(count_left(run), MOST_ASKED))
     try:
         return search_and_tell(
             campaign.lake,

@@ -88,7 +88,6 @@ def read_bank(path: Path, design_ids: Sequence[str], objects: Sequence[int]) -> 
         centre_steps_n=found["centre"][:, :, 0],
         numerical_steps_n=found["numerical"],
         placed_steps_n=found["placed"],
-        wider_mm=np.array(WIDER_MM),
         wider_steps_n=found["wider"],
         effects={
             name: EffectRuns(name, tuple(of_effect[number] for number in sorted(of_effect)), found[name])
@@ -105,7 +104,7 @@ def _list_rows(bank: Bank, design_ids: Sequence[str]) -> Iterator[dict[str, Any]
         ("centre", "", bank.centre_steps_n[:, :, None], [{}]),
         ("numerical", "", bank.numerical_steps_n, numerical),
         ("placed", "", bank.placed_steps_n, [{"tips_deeper_mm": deeper} for deeper in DEEPER_MM]),
-        ("wider", "", bank.wider_steps_n, [{"each_jaw_stops_earlier_mm": wider} for wider in bank.wider_mm.tolist()]),
+        ("wider", "", bank.wider_steps_n, [{"each_jaw_stops_earlier_mm": wider} for wider in WIDER_MM]),
         *(
             ("effect", name, runs.steps_n, [dict(row) for row in runs.parameters])
             for name, runs in bank.effects.items()

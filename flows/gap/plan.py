@@ -12,7 +12,7 @@ from fast.lake.store import Lake
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
-from fast.models.gap.evidence.rehearsal import Rehearsal
+from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse_panel
 from fast.models.gap.evidence.visible import VisibleSize, find_visible_sizes
 from fast.models.gap.grasps import Grasps, of_one_setup
 from fast.models.records import Design, GraspContext
@@ -22,7 +22,6 @@ from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import CampaignConfig, load_config
 from fast.tasks.gap.bank import plan_bank, read_bank
 from fast.tasks.gap.panel import spread_objects
-from fast.tasks.gap.rehearse import rehearse_panel
 from fast.tasks.scientist.propose import draw_first_designs
 
 MOST_TOOLS, MOST_OBJECTS = 8, 6  # of a panel that nobody gave a size

@@ -29,7 +29,6 @@ from fast.tasks.bench.asked import read_requests, write_requests
 from fast.tasks.calibration.mean_data import find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.campaign.simulator_versions import newest_calibrated
-from fast.tasks.gap.ask_settings import AskSettings
 from fast.tasks.gap.bank import HELD_OUT, LOCAL_BANK, WIDE_BANK, list_plan_ids, plan_bank, plan_centre, read_bank
 from fast.tasks.gap.cost import GraspCosts, choose_largest_bank, estimate_cost, plan_probe
 from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, make_data, read_grasps, split_measurements
@@ -54,6 +53,7 @@ if TYPE_CHECKING:
     from fast.tasks.gap.rounds import Round
 
 MOST_ROUNDS = 4
+MOST_ASKED = 24  # grasps, as usual and changed
 REHEARSED = 120  # made-up worlds of the panel: half a minute
 
 
@@ -75,8 +75,8 @@ class GapOrder:
     """Of simulating; None: no limit."""
     panel: PanelSize = WHOLE
     """Of how many designs and objects."""
-    asking: AskSettings = AskSettings()
-    """What the bench may be asked for, which changes no answer."""
+    most_asked: int = MOST_ASKED
+    """Grasps that may be asked for, which changes no answer."""
     rehearsed: int = REHEARSED
     """Made-up worlds from which the lines come beyond which *none* is not said."""
     settings: CalibrationSettings = field(
@@ -283,7 +283,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: Pro
     start = _find_start(lake, search)
     wide, warnings = _gather_inputs(lake, search, start.effects, simulator, reporter)
     rounds = _repeat_rounds(wide, start.effects, order.rounds, reporter)
-    following = ask_next(rounds, order.asking)
+    following = ask_next(rounds, order.most_asked)
     said = [f"to be asked: {following.asked.sentence}"] if following.asked is not None else []
     for sentence in [*said, *([following.ranking.sentence] if following.ranking is not None else [])]:
         reporter.announce(sentence)
@@ -303,8 +303,8 @@ def _gather_inputs(
     lake: Lake, search: _Search, effects: Sequence[EffectValue], simulator: Simulator, reporter: ProgressReporter
 ) -> "tuple[SearchInputs, list[str]]":
     """What rounds on the wide bank work with, rehearsed, and what is to be warned of."""
+    from fast.models.gap.evidence.rehearsal import rehearse_panel
     from fast.tasks.gap.calibrate import SearchInputs
-    from fast.tasks.gap.rehearse import rehearse_panel
 
     order = search.order
     data = make_data(search.measured, read_bank(lake, search.base, search.measured.grasps.cells), search.split)

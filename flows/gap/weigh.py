@@ -18,6 +18,7 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.gap.ask.choose import ENOUGH_NATS
 from fast.models.gap.data import GapData
+from fast.models.gap.evidence.rehearsal import rehearse_panel
 from fast.models.gap.evidence.trials import Trial
 from fast.models.gap.findings import NextExperiment
 from fast.models.gap.grasps import Grasps
@@ -34,7 +35,6 @@ from fast.tasks.gap.calibrate import SearchInputs
 from fast.tasks.gap.cost import estimate_cost
 from fast.tasks.gap.data import MeasuredGrasps, check_repeats, check_units, read_grasps
 from fast.tasks.gap.panel import LEAST_DESIGNS, LEAST_OBJECTS, select_panel
-from fast.tasks.gap.rehearse import rehearse_panel
 from fast.tasks.gap.simulated import read_simulated
 from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
 from fast.tasks.gap.trace_rows import designs_of, measured_grasps
@@ -187,7 +187,7 @@ def _weigh(
         rehearsal=rehearsal,
         progress=reporter.progress,
     )
-    return Weighed(data.grasps, naming, ask(search, naming, order.asking), tuple(warnings), beside)
+    return Weighed(data.grasps, naming, ask(search, naming, order.most_asked), tuple(warnings), beside)
 
 
 def _write_cost(lake: Lake, order: GapOrder, plans: Sequence[SimulationPlan], reporter: ProgressReporter) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.hardware.cell.cycle_time import plan_asked_minutes, plan_time
+from fast.hardware.parts.limits import BenchLimits
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.gap.ask.answers import forecast_measurements
 from fast.models.gap.ask.choose import Choice, Costs, choose_experiments, list_open_pairs
@@ -27,7 +28,6 @@ from fast.models.gap.naming.name import NamingResult
 from fast.models.records import GraspRequest
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.units import spell_minutes
-from fast.tasks.gap.ask_settings import AskSettings
 from fast.tasks.gap.calibrate import SearchInputs
 from fast.tasks.gap.moved import choose_cells, simulate_moved
 
@@ -36,24 +36,22 @@ FEWEST_GRASPS = 2  # a pair
 _WORTH_NATS = 0.5  # promised less, two hypotheses are not said to fall apart
 
 
-def ask(search: SearchInputs, naming: NamingResult, settings: AskSettings) -> NextExperiment | None:
+def ask(search: SearchInputs, naming: NamingResult, most_grasps: int) -> NextExperiment | None:
     """What to do so that what a round leaves possible falls apart; None if nothing is open, or nothing would tell."""
     hypotheses = list_hypotheses(naming)
-    if not hypotheses or settings.most_grasps < FEWEST_GRASPS:
+    if not hypotheses or most_grasps < FEWEST_GRASPS:
         return None
     grasps = naming.fit.features.surrogate.grasps
-    able = [one for one in list_settings(grasps.base_setup) if settings.limits.can_make(one.setup, one.placement)]
-    timings = [one for one in able if one.is_timing]
-    cells = spread_cells(grasps)
-    plan = _Plan.of(hypotheses, grasps, [Pair(*cell, one) for cell in cells for one in timings], settings)
+    plan = _Plan.of(hypotheses, grasps, list_timing_pairs(grasps), most_grasps)
     if not naming.alarm.is_raised or naming.named.possible == (UNKNOWN,):
         return plan.write(naming)
     if plan.open_effects:
-        strokes = [one for one in able if not one.is_timing]
-        pairs = [Pair(*cell, one) for cell in choose_cells(cells, hypotheses, strokes) for one in strokes]
+        strokes = [one for one in _list_able(grasps) if not one.is_timing]
+        cells = choose_cells(_spread_cells(grasps), hypotheses, strokes)
+        pairs = [Pair(*cell, one) for cell in cells for one in strokes]
         moved = simulate_moved(search, hypotheses, pairs)
         known = [pair for pair in pairs if all((one.name, pair) in moved for one in hypotheses)]
-        wider = _Plan.of(hypotheses, grasps, [*plan.pairs, *known], settings, moved)
+        wider = _Plan.of(hypotheses, grasps, [*plan.pairs, *known], most_grasps, moved)
         plan = wider if wider.n_open < plan.n_open or not plan.choice.n else plan
     measured = () if search.answers is None else tuple(one.kind for one in search.answers.readings)
     person = _ask_person(hypotheses, plan, measured)
@@ -95,11 +93,11 @@ class _Plan:
         hypotheses: tuple[Hypothesis, ...],
         grasps: Grasps,
         pairs: list[Pair],
-        settings: AskSettings,
+        most_grasps: int,
         moved: Moved | None = None,
     ) -> "_Plan":
         forecast = forecast_pairs(hypotheses, pairs, moved)
-        choice = choose_experiments(forecast, estimate_costs(grasps, pairs), settings.most_grasps // 2)
+        choice = choose_experiments(forecast, estimate_costs(grasps, pairs), most_grasps // 2)
         return _Plan(hypotheses, grasps, pairs, forecast, choice)
 
     @property
@@ -238,7 +236,18 @@ def estimate_costs(grasps: Grasps, pairs: Sequence[Pair]) -> Costs:
     )
 
 
-def spread_cells(grasps: Grasps) -> list[tuple[int, int]]:
+def list_timing_pairs(grasps: Grasps) -> list[Pair]:
+    """Pairs that could be made and need no simulation: at another speed, dwell or pressure."""
+    timings = [one for one in _list_able(grasps) if one.is_timing]
+    return [Pair(*cell, one) for cell in _spread_cells(grasps) for one in timings]
+
+
+def _list_able(grasps: Grasps) -> list[Setting]:
+    """Settings that a bench can make."""
+    return [one for one in list_settings(grasps.base_setup) if BenchLimits().can_make(one.setup, one.placement)]
+
+
+def _spread_cells(grasps: Grasps) -> list[tuple[int, int]]:
     """Tools and objects of which pairs are looked at: spread over those that were measured (and may be learnt from)."""
     made = sorted(set(zip(grasps.tool.tolist(), grasps.obj.tolist(), strict=True)))
     tools = _spread(sorted({tool for tool, _ in made}), _MOST_TOOLS)

@@ -13,18 +13,15 @@ from fast.models.calibration.traces.theta_grid import ThetaGrid
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import (
     CLOSED_LESS,
-    DEEPER_MM,
     NUMERICAL,
+    OTHER_SETUPS,
     VARIANTS,
     WIDE,
-    WIDER_MM,
     Bank,
     BankPlan,
     EffectRuns,
     carry_changes,
-    list_placed_setups,
     list_versions,
-    list_wider_setups,
 )
 from fast.models.gap.bank.sensor_effects import N_LEAD, read_lead
 from fast.models.gap.fit.theta import make_grid_bank
@@ -108,7 +105,6 @@ def read_bank(
         grid_steps_n=steps_n[:, :, :n_grid],
         grid_lead_n=read_simulated_steps(lake, versions[:n_grid], cells, of_trace=read_lead, n=N_LEAD),
         centre_steps_n=at_centre,
-        wider_mm=np.array(WIDER_MM),
         effects=_part_effects(steps_n[:, :, after:], bank_plan),
         failed_share=float(sum(np.isnan(part).sum() for part in parts) / sum(part.size for part in parts)),
         **own,
@@ -117,17 +113,15 @@ def read_bank(
 
 def _list_other_setups(bank_plan: BankPlan) -> dict[str, list[Callable[[GraspSetup], GraspSetup]]]:
     """Other setups in which the centre of a bank is simulated, by the array of `Bank` that they fill."""
-    found = {}
-    if not bank_plan.is_local:
-        found["placed_steps_n"] = _picks(list_placed_setups, len(DEEPER_MM))
-    if set(CLOSED_LESS) & set(bank_plan.effects):
-        found["wider_steps_n"] = _picks(list_wider_setups, len(WIDER_MM))
-    return found
 
+    def pick(name: str, more: float) -> Callable[[GraspSetup], GraspSetup]:
+        return lambda setup: setup.model_copy(update={name: getattr(setup, name) + more})
 
-def list_bank_ids(base: SimulatorVersion, cells: Cells, bank_plan: BankPlan = WIDE) -> list[str]:
-    """Ids of all simulations of a bank."""
-    return list_plan_ids(plan_bank(base, cells, bank_plan))
+    is_made = {
+        "placed_steps_n": not bank_plan.is_local,
+        "wider_steps_n": bool(set(CLOSED_LESS) & set(bank_plan.effects)),
+    }
+    return {array: [pick(name, one) for one in more] for array, (name, more) in OTHER_SETUPS.items() if is_made[array]}
 
 
 def note_bank(lake: Lake, gap_id: str, campaign_id: str | None, bank_plan: BankPlan) -> None:
@@ -179,13 +173,6 @@ def read_grid_bank(lake: Lake, base: SimulatorVersion, cells: Cells) -> Bank:
         read_simulated_steps(lake, versions, cells),
         read_simulated_steps(lake, versions, cells, of_trace=read_lead, n=N_LEAD),
     )
-
-
-def _picks(
-    list_setups: Callable[[GraspSetup], Sequence[GraspSetup]], n: int
-) -> list[Callable[[GraspSetup], GraspSetup]]:
-    """Functions that give each of the n setups around a setup."""
-    return [lambda setup, i=i: list_setups(setup)[i] for i in range(n)]  # type: ignore[misc]  # of the default
 
 
 def _part_effects(steps_n: np.ndarray, bank_plan: BankPlan) -> dict[str, EffectRuns]:

@@ -26,7 +26,7 @@ from fast.models.records import EffectValue
 from fast.models.simulation.version import SimulatorVersion
 from fast.models.units import spell_share
 from fast.tasks.calibration.calibrate import CalibrationData, Progress, calibrate_once, write_settings
-from fast.tasks.gap.bank import list_bank_ids
+from fast.tasks.gap.bank import list_plan_ids, plan_bank
 from fast.tasks.gap.theta import count_training
 from fast.tasks.simulation.plan import SimulationPlan
 
@@ -180,7 +180,7 @@ class EffectData(CalibrationData):
 def gather_effects(search: SearchInputs, effects: Sequence[EffectValue]) -> EffectData:
     """What a calibration with effects is made of; without any, of theta alone."""
     training = search.data.training
-    wanted = list_bank_ids(search.base, search.data.grasps.cells, search.bank_plan)
+    wanted = list_plan_ids(plan_bank(search.base, search.data.grasps.cells, search.bank_plan))
     known = tuple(sorted(search.lake.ids(SimulationRow, simulation_id=wanted, status="ok")))
     share = training.bank.failed_share
     warnings = (f"{spell_share(share, 1)} of the simulations of the bank failed.",) if share > 0 else ()

@@ -14,12 +14,10 @@ import numpy as np
 from fast.models.gap.ask.hypotheses import Hypothesis
 from fast.models.gap.ask.predict import Pair
 from fast.models.gap.ask.refine import Ranking, Refinement, rank_draws, refine
-from fast.models.gap.ask.settings import list_settings
 from fast.models.gap.findings import Asked, Interval, NextExperiment, RankedDesigns
 from fast.models.gap.fit.fit import Fit
 from fast.models.units import spell_minutes, spell_name, spell_share, unit_of
-from fast.tasks.gap.ask import FEWEST_GRASPS, ask, estimate_costs, plan_minutes, spread_cells, write_pair
-from fast.tasks.gap.ask_settings import AskSettings
+from fast.tasks.gap.ask import FEWEST_GRASPS, ask, estimate_costs, list_timing_pairs, plan_minutes, write_pair
 from fast.tasks.gap.calibrate import CalibratedSimulator
 from fast.tasks.gap.findings import count_made, find_refined_run
 from fast.tasks.gap.rounds import Round
@@ -36,20 +34,22 @@ class Next:
     refined: Asked | None = None
 
 
-def ask_next(rounds: Sequence[Round], settings: AskSettings) -> Next:
+def ask_next(rounds: Sequence[Round], most_grasps: int) -> Next:
     """What the first round that leaves a name open asks for; with none open, what the ranking of designs needs."""
     refined = _tell_refined(rounds[-1])
     for one in rounds:
-        found = ask(one.search, one.naming, settings)
+        found = ask(one.search, one.naming, most_grasps)
         if found is not None:
             return Next(found, refined=refined)
     named = _find_named(rounds[-1])
     if named is None:
         return Next(refined=refined)
     ranking = rank_draws(named)
-    plan, pairs = _plan_pairs(named, ranking, settings)
+    plan, pairs = _plan_pairs(named, ranking, most_grasps)
     place = ranking.names.index(plan.parameter) if plan is not None else ranking.by_weight[0]
-    ranked = _write_ranking(named.fit, ranking, place, rounds[-1].after, is_asked=plan is not None, settings=settings)
+    ranked = _write_ranking(
+        named.fit, ranking, place, rounds[-1].after, is_asked=plan is not None, most_grasps=most_grasps
+    )
     asked = None if plan is None else _write_experiment(named.fit, plan, pairs, ranked)
     return Next(asked, ranked, refined)
 
@@ -72,18 +72,17 @@ def _find_named(last: Round) -> Hypothesis | None:
     return Hypothesis(accepted[-1], 1.0, fit) if accepted else None
 
 
-def _plan_pairs(named: Hypothesis, ranking: Ranking, settings: AskSettings) -> tuple[Refinement | None, Sequence[Pair]]:
+def _plan_pairs(named: Hypothesis, ranking: Ranking, most_grasps: int) -> tuple[Refinement | None, Sequence[Pair]]:
     """The pairs to make, of those that could be made."""
     grasps = named.fit.features.surrogate.grasps
-    able = [one for one in list_settings(grasps.base_setup) if settings.limits.can_make(one.setup, one.placement)]
-    pairs = [Pair(*cell, one) for cell in spread_cells(grasps) for one in able if one.is_timing]
-    if settings.most_grasps < FEWEST_GRASPS or ranking.is_settled:
+    pairs = list_timing_pairs(grasps)
+    if most_grasps < FEWEST_GRASPS or ranking.is_settled:
         return None, pairs
-    return refine(named, ranking, pairs, estimate_costs(grasps, pairs), settings.most_grasps // 2), pairs
+    return refine(named, ranking, pairs, estimate_costs(grasps, pairs), most_grasps // 2), pairs
 
 
 def _write_ranking(
-    fit: Fit, ranking: Ranking, place: int, simulator: CalibratedSimulator, *, is_asked: bool, settings: AskSettings
+    fit: Fit, ranking: Ranking, place: int, simulator: CalibratedSimulator, *, is_asked: bool, most_grasps: int
 ) -> RankedDesigns:
     """How designs rank, and what that means for more grasps."""
     name, agreement = ranking.names[place], round(ranking.agreement, 3)
@@ -94,7 +93,7 @@ def _write_ranking(
         sentence = f"No further grasp: {order} does not depend on {what} within its interval."
     elif is_asked:
         sentence = hangs
-    elif settings.most_grasps < FEWEST_GRASPS:
+    elif most_grasps < FEWEST_GRASPS:
         sentence = f"{hangs} No grasps are left to ask for."
     else:
         sentence = f"{hangs} No grasp of this bench at another speed, wait or pressure shortens its interval."

@@ -145,7 +145,6 @@ def made_up_bank(objects: Sequence[int], shapes: np.ndarray, plan: BankPlan = WI
         centre_steps_n=_steps(shapes, centre),
         numerical_steps_n=np.stack([_steps(shapes, centre, mesh=row) for row in np.eye(len(NUMERICAL))], axis=2),
         placed_steps_n=np.stack([_steps(shapes, centre, late_mm=deeper) for deeper in DEEPER_MM], axis=2),
-        wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.stack([_steps(shapes, centre, wider_mm=wider) for wider in WIDER_MM], axis=2),
         effects=effects,
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from fast.flows.challenge.hidden.panels import CHANNELS, Panels, TrueSet
 from fast.models.errors import UsageError
-from fast.models.gap.bank.bank import CENTRE, NUMERICAL, WIDER_MM, Bank, EffectRuns
+from fast.models.gap.bank.bank import CENTRE, NUMERICAL, Bank, EffectRuns
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Trace
 
@@ -65,7 +65,6 @@ def read_small(path: Path) -> tuple[Panels, Bank]:
         numerical_steps_n=_unpacked(arrays["numerical_steps_n"]),
         placed_steps_n=_unpacked(arrays["placed_steps_n"]),
         wider_steps_n=_unpacked(arrays["wider_steps_n"]),
-        wider_mm=np.array(WIDER_MM),
         effects=effects,
     )
     names = [name.removeprefix("cells ") for name in arrays if name.startswith("cells ")]

@@ -15,7 +15,7 @@ from fast.models.calibration.traces.response_surface import LEAST_AMPLITUDE
 from fast.models.calibration.traces.theta_grid import GRID_MODULUS_MPA, ThetaGrid
 from fast.models.design.fin_ray import FinRay
 from fast.models.gap.grasps import Grasps, Target
-from fast.models.records import Design, EffectValue, GraspSetup, Record, Theta
+from fast.models.records import Design, EffectValue, Record, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import IN_ROWS, ContactSettings, MeshSettings, SimulatorVersion
 
@@ -36,6 +36,12 @@ DEEPER_MM = (-0.25, 0.25)
 
 # Gaps at which jaws stop that lose pressure, wider than the setup's by so much, in mm.
 WIDER_MM = (1.0, 3.0)
+
+# Other setups, in which the centre alone is simulated: the arrays of a bank that they fill, and what they add to what.
+OTHER_SETUPS: Mapping[str, tuple[str, tuple[float, ...]]] = {
+    "placed_steps_n": ("tip_below_mm", DEEPER_MM),
+    "wider_steps_n": ("closed_gap_mm", WIDER_MM),
+}
 
 # Arrays of a bank that a local one takes over from the wide one unless it has its own.
 VARIANTS = ("numerical_steps_n", "placed_steps_n", "wider_steps_n")
@@ -141,9 +147,9 @@ class Bank:
     the tools that were measured on them. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x k x g x 120;
     grid_lead_n: t x k x g x 12, the same before the lift, see `sensor_effects.read_lead`, at the timing of the base
     setup. centre_steps_n: t x k x 120. numerical_steps_n: t x k x v x 120, the centre in the variants of `NUMERICAL`.
-    placed_steps_n: t x k x 2 x 120, the centre with tips deeper by `DEEPER_MM`. wider_mm: w, how much earlier the jaws
-    stop; wider_steps_n: t x k x w x 120. effects: runs of the effects of cost C and F, by name. failed_share: of all
-    simulations that were asked for.
+    placed_steps_n, wider_steps_n: t x k x 2 x 120, the centre with tips deeper by `DEEPER_MM`, and with jaws that stop
+    earlier by `WIDER_MM`. effects: runs of the effects of cost C and F, by name. failed_share: of all simulations that
+    were asked for.
     """
 
     targets: tuple[Target, ...]
@@ -154,7 +160,6 @@ class Bank:
     centre_steps_n: np.ndarray
     numerical_steps_n: np.ndarray
     placed_steps_n: np.ndarray
-    wider_mm: np.ndarray
     wider_steps_n: np.ndarray
     effects: Mapping[str, EffectRuns]
     failed_share: float = 0.0
@@ -208,13 +213,3 @@ def _find_range(middle: float, usual: float, within: np.ndarray, widest: tuple[f
 
 def _to_step(value: float, step: float) -> float:
     return round(step * float(np.round(value / step)), 4)
-
-
-def list_placed_setups(setup: GraspSetup) -> tuple[GraspSetup, ...]:
-    """Setups whose tips stand deeper or less deep; they are simulated with the centre alone."""
-    return tuple(setup.model_copy(update={"tip_below_mm": setup.tip_below_mm + deeper}) for deeper in DEEPER_MM)
-
-
-def list_wider_setups(setup: GraspSetup) -> tuple[GraspSetup, ...]:
-    """Setups whose jaws stop early; they are simulated with the centre alone."""
-    return tuple(setup.model_copy(update={"closed_gap_mm": setup.closed_gap_mm + wider}) for wider in WIDER_MM)

@@ -13,7 +13,7 @@ import numpy as np
 
 from fast.models.calibration.traces.response_surface import ResponseSurfaces, n_terms
 from fast.models.errors import UsageError
-from fast.models.gap.bank.bank import Bank, EffectRuns
+from fast.models.gap.bank.bank import WIDER_MM, Bank, EffectRuns
 from fast.models.gap.bank.effect_surfaces import EffectSurface
 from fast.models.gap.bank.sensor_effects import N_LEAD, apply_sensor_effect, make_lead_map
 from fast.models.gap.grasps import Grasps
@@ -29,6 +29,7 @@ _LIFT_AT_PEAK = FEATURES.index("lift_at_peak_mm")
 _MOST_KNOWN = 2000  # sets of effects whose actions in each grasp are kept
 _NEAR = 0.04  # of the peak: how much less force counts e times less
 _CENTRES_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
+_WIDER_MM = np.array([0.0, *WIDER_MM])
 LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is left alone
 
 
@@ -37,8 +38,8 @@ class Surrogate:
     """Step means of n grasps; grasps of cells whose base could not be simulated are not usable (n).
 
     column: n, target of each grasp in the bank. surfaces, rows_n: of the end of closing and step means (132, see
-    `sensor_effects`), rows_n of each grasp, at its own timing. effect_surfaces: by name. wider_mm: w + 1, wider_n:
-    t x k x w + 1 x 120, what jaws that stop early change. moved_n: n x 132, of grasps that are foretold: what a stroke
+    `sensor_effects`), rows_n of each grasp, at its own timing. effect_surfaces: by name. wider_n: t x k x 3 x 120, what
+    jaws that stop early by `_WIDER_MM` change. moved_n: n x 132, of grasps that are foretold: what a stroke
     or a placement changes that the bank does not have, at its modulus.
     """
 
@@ -48,7 +49,6 @@ class Surrogate:
     surfaces: ResponseSurfaces
     rows_n: np.ndarray
     effect_surfaces: dict[str, EffectSurface]
-    wider_mm: np.ndarray
     wider_n: np.ndarray
     is_usable: np.ndarray
     moved_n: np.ndarray | None = None
@@ -71,7 +71,6 @@ class Surrogate:
             surfaces=surfaces,
             rows_n=_with_own_timing(surfaces.coefficients[grasps.tool, column], grasps),
             effect_surfaces=_fit_effect_surfaces(bank),
-            wider_mm=np.concatenate([[0.0], bank.wider_mm]),
             wider_n=np.concatenate([nothing, wider_n], axis=2),
             is_usable=is_known[grasps.tool, column] & (column >= 0),
         )
@@ -206,8 +205,8 @@ class Surrogate:
 
     def _wider(self, wider_mm: np.ndarray) -> np.ndarray:
         """Changes of step means where jaws stop early by so much (n), n x 120, straight between the bank's."""
-        low = np.clip(np.searchsorted(self.wider_mm, wider_mm, side="right") - 1, 0, len(self.wider_mm) - 2)
-        part = ((wider_mm - self.wider_mm[low]) / (self.wider_mm[low + 1] - self.wider_mm[low]))[:, None]
+        low = np.clip(np.searchsorted(_WIDER_MM, wider_mm, side="right") - 1, 0, len(_WIDER_MM) - 2)
+        part = ((wider_mm - _WIDER_MM[low]) / (_WIDER_MM[low + 1] - _WIDER_MM[low]))[:, None]
         tool, column = self.grasps.tool, self.column
         return np.asarray((1.0 - part) * self.wider_n[tool, column, low] + part * self.wider_n[tool, column, low + 1])
 

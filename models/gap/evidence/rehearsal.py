@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fast.models.calibration.inference.processes import spread
+from fast.models.gap.data import GapData
 from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.drifts import find_effect
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS, N_DESCRIBED, Trials
 from fast.models.gap.evidence.worlds import DRIFTS, LARGEST, NOTHING, SMALLEST, Group, World, make_world
+from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.units import spell_number, spell_share
 
@@ -212,6 +214,23 @@ class Panel:
     problem: Problem
     families: Mapping[str, str]
     seed: int = 0
+
+
+def rehearse_panel(
+    data: GapData,
+    effects: Sequence[EffectValue],
+    n: int,
+    n_workers: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> Rehearsal:
+    """The rehearsal of the panel of a search, n worlds; effects: of its simulator.
+
+    Raises:
+        FastError: a process died.
+    """
+    usable, known = data.usable, {value.effect for value in effects}
+    families = {name: CATALOGUE[name].family for name in usable.names if name not in known}
+    return rehearse(Panel(Problem.of(usable, effects, data.facts), families), n, n_workers, progress)
 
 
 def rehearse(panel: Panel, n: int, n_workers: int = 1, progress: Callable[[str], None] | None = None) -> Rehearsal:

@@ -59,7 +59,6 @@ def make_grid_bank(cells: Cells, grid_steps_n: np.ndarray, grid_lead_n: np.ndarr
         centre_steps_n=np.where(is_known[..., None], at_centre[..., 0, :], np.nan),
         numerical_steps_n=np.full((t, o, len(NUMERICAL), n_steps), np.nan),
         placed_steps_n=np.full((t, o, len(DEEPER_MM), n_steps), np.nan),
-        wider_mm=np.array(WIDER_MM),
         wider_steps_n=np.full((t, o, len(WIDER_MM), n_steps), np.nan),
         effects={},
         failed_share=float(np.isnan(grid_steps_n[cells.is_wanted][..., 0]).mean()),

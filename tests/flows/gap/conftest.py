@@ -15,4 +15,4 @@ def no_rehearsal(monkeypatch: pytest.MonkeyPatch) -> None:
     def rehearse_panel(*_: Any, **__: Any) -> Rehearsal:
         return USUAL
 
-    monkeypatch.setattr("fast.tasks.gap.rehearse.rehearse_panel", rehearse_panel)
+    monkeypatch.setattr("fast.models.gap.evidence.rehearsal.rehearse_panel", rehearse_panel)

@@ -58,7 +58,8 @@ def run_flow(root: Path) -> None:
 
     make_up()
     patch = pytest.MonkeyPatch()
-    patch.setattr("fast.tasks.gap.rehearse.rehearse_panel", lambda *_, **__: USUAL)  # one of its own takes minutes
+    # One of its own takes minutes.
+    patch.setattr("fast.models.gap.evidence.rehearsal.rehearse_panel", lambda *_, **__: USUAL)
     leave_undrawn(patch)
     state = close_gap(lake=str(root), workers=1, return_state=True)
     sys.stdout.write(f"{state.type.value}: {state.message}\n")

@@ -45,7 +45,7 @@ def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
 def many_alike(no_rehearsal: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """A panel on which the true effect may have much less evidence than its kin."""
     wide = replace(USUAL, behind=0.6)
-    monkeypatch.setattr("fast.tasks.gap.rehearse.rehearse_panel", lambda *_, **__: wide)
+    monkeypatch.setattr("fast.models.gap.evidence.rehearsal.rehearse_panel", lambda *_, **__: wide)
 
 
 def go(lake: Lake) -> GapOutcome:

@@ -14,7 +14,7 @@ from fast.lake.tables.campaign import CalibrationRow, EventRow, SimulationRow
 from fast.models.gap.grasps import Cells
 from fast.models.records import EffectValue
 from fast.tasks.campaign.simulator_versions import newest_calibrated
-from fast.tasks.gap.bank import list_bank_ids
+from fast.tasks.gap.bank import list_plan_ids, plan_bank
 from fast.tasks.gap.findings import KIND, GapRun
 from tests.flows.cli.cli_lakes import ROOT
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake
@@ -41,7 +41,7 @@ def answer(lake: Lake) -> GapRun:
 def test_a_killed_search_goes_on_and_says_the_same(tmp_path: Path, moments: tuple[str, ...]) -> None:
     killed = gap_lake(tmp_path / "killed", hidden=[LAG], has_bank=False)
     shutil.copytree(tmp_path / "killed", tmp_path / "whole")
-    wanted = set(list_bank_ids(BASE, Cells.full(DESIGNS, OBJECTS, SETUP)))
+    wanted = set(list_plan_ids(plan_bank(BASE, Cells.full(DESIGNS, OBJECTS, SETUP))))
     for moment in moments:
         assert search(killed.root, moment) == -signal.SIGKILL
         n_made, n_calibrations = len(wanted & killed.ids(SimulationRow)), len(killed.ids(CalibrationRow))

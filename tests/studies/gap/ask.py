@@ -17,6 +17,7 @@ from typing import get_args
 import numpy as np
 
 from fast.flows.challenge.keys import hash_key
+from fast.flows.gap.search import MOST_ASKED
 from fast.models.errors import UsageError
 from fast.models.gap.ask.answers import believe, merge_forms
 from fast.models.gap.ask.choose import ENOUGH_NATS, choose_experiments
@@ -30,7 +31,6 @@ from fast.models.gap.naming.name import name_effect
 from fast.models.records import Record
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.tasks.gap.ask import estimate_costs
-from fast.tasks.gap.ask_settings import USUAL_BUDGET
 from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.ask_worlds import AskKey, Bench, Kind, Size, draw_key
@@ -167,7 +167,7 @@ class _Questioner:
         now, asked = self.hypotheses, _Asked()
         while not asked.says and asked.spent < MOST_PAIRS:
             probability = np.array([one.probability for one in now])
-            most = min(USUAL_BUDGET // 2, MOST_PAIRS - asked.spent)
+            most = min(MOST_ASKED // 2, MOST_PAIRS - asked.spent)
             choice = choose_experiments(replace(forecast, probability=probability), costs, most)
             if not choice.n:
                 break

@@ -113,7 +113,7 @@ def is_current(said: Answer) -> bool:
 
 def rehearse_worlds(worlds: Worlds, options: Options) -> "Rehearsal":
     """One rehearsal for all worlds of a panel: that of the first, whose forces it never sees."""
-    from fast.tasks.gap.rehearse import rehearse_panel
+    from fast.models.gap.evidence.rehearsal import rehearse_panel
 
     data = worlds.problem(worlds.draw("null", 0))
     return rehearse_panel(data, (), options.n or N_REHEARSED, options.workers or 1, options.tell)

@@ -20,7 +20,6 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import N_STEPS
 from fast.tasks.gap import ask as asking
 from fast.tasks.gap.ask import ask, list_requests
-from fast.tasks.gap.ask_settings import AskSettings
 from tests.synthetic.gap import GapTruth, made_up_gap, made_up_steps
 
 WALLS = EffectValue(effect="wall_thickness_offset", parameters={"offset_mm": 0.15})
@@ -95,7 +94,7 @@ def ask_about(
         named=SimpleNamespace(possible=possible),
     )
     search: Any = SimpleNamespace(answers=None)
-    return ask(search, naming, AskSettings(most)), simulated
+    return ask(search, naming, most), simulated
 
 
 def test_ribs_and_walls_that_no_grasp_tells_are_for_a_person(

@@ -16,7 +16,7 @@ from fast.models.gap.bank.bank import CENTRE, NUMERICAL, BankPlan, list_versions
 from fast.models.gap.data import GapData
 from fast.models.gap.grasps import Cells
 from fast.models.records import Trace
-from fast.tasks.gap.bank import list_bank_ids, plan_bank, read_bank
+from fast.tasks.gap.bank import list_plan_ids, plan_bank, read_bank
 from fast.tasks.gap.data import check_repeats, check_units, make_data, read_grasps, rebuild_contexts, split_measurements
 from fast.tasks.gap.split import KIND, Split, freeze_split
 from tests.synthetic.gap import made_up_gap
@@ -91,7 +91,7 @@ def test_a_failed_simulation_is_missing_and_said(tmp_path: Path) -> None:
     assert np.isfinite(bank.grid_steps_n[0, 0]).all()
     n_all = len(OBJECTS) * (len(versions) + 4)  # two placements, two wider gaps
     assert bank.failed_share == pytest.approx(1 / n_all)
-    assert len(list_bank_ids(BASE, Cells.full(DESIGNS[:1], OBJECTS, SETUP))) == n_all
+    assert len(list_plan_ids(plan_bank(BASE, Cells.full(DESIGNS[:1], OBJECTS, SETUP)))) == n_all
     assert sum(plan.n_grasps for plan in plan_bank(BASE, Cells.full(DESIGNS[:1], OBJECTS, SETUP))) == n_all
 
 

@@ -2,10 +2,10 @@
 
 import pytest
 
+from fast.models.gap.evidence.rehearsal import rehearse_panel
 from fast.models.gap.evidence.worlds import LISTED, NOTHING, UNLISTED
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.tasks.gap.rehearse import rehearse_panel
 from tests.synthetic.gap import made_up_gap
 
 

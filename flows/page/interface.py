@@ -137,7 +137,12 @@ class Finding(BaseModel):
 def add_interface(app: FastAPI, page: LabPage) -> None:
     """Add the routes for programs."""
     router = APIRouter(prefix=VERSION, dependencies=[_KEY], responses=_REFUSALS)
+    _add_reads(router, page)
+    _add_writes(router, page)
+    app.include_router(router)
 
+
+def _add_reads(router: APIRouter, page: LabPage) -> None:
     @router.get("/campaigns")
     def read_campaigns() -> list[str]:
         """Campaigns of the lake, the newest first."""
@@ -146,26 +151,7 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
     @router.get("/campaigns/{campaign_id}")
     def read_state(campaign_id: str) -> CampaignState:
         """Where a campaign stands."""
-        now = page.read_now(campaign_id) if campaign_id in list_campaigns(page.lake) else None
-        strip = page.read_strip(campaign_id, now) if now is not None else None
-        if now is None or strip is None:
-            raise UnknownError(f"This lake has no campaign `{campaign_id}` that can be shown.")
-        return CampaignState(
-            campaign_id=campaign_id,
-            state=strip.word,
-            run=strip.run,
-            grasps_done=now.load.grasps_done,
-            grasps_total=now.load.grasps_total,
-            simulated_done=now.load.simulated_done,
-            simulated_total=now.load.simulated_total,
-            person=now.need,
-            left=now.left,
-            best_tool_id=now.best.tool_id if now.best else None,
-            best_quality_n=now.best.quality_n if now.best else None,
-            simulator_version_id=now.version,
-            simulator_misses=now.misses,
-            fault=strip.fault,
-        )
+        return _describe_state(page, campaign_id)
 
     @router.get("/todo")
     def read_todo() -> list[AskedOfPerson]:
@@ -184,22 +170,7 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
     @router.get("/findings")
     def read_findings() -> list[Finding]:
         """What gap searches found, the newest first."""
-        from fast.flows.report.gap.answer import describe_answer
-
-        return [
-            Finding(
-                gap_id=run.gap_id,
-                campaign_id=run.campaign_id,
-                answer=describe_answer(run.findings),
-                rmse_before_n=run.findings.gap.rmse_before_n,
-                rmse_after_n=run.findings.gap.rmse_after_n,
-                rmse_floor_n=run.findings.gap.rmse_floor_n,
-                asks=run.findings.next_experiment.sentence if run.findings.next_experiment else "",
-                simulator_version_id=run.after_version_id,
-                page=address,
-            )
-            for run, address in results.list_searches(page.lake)
-        ]
+        return _list_findings(page)
 
     @router.post("/sql")
     def ask(question: SqlQuestion) -> SqlAnswer:
@@ -212,6 +183,8 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
         """What the bearer of this key may do, and the token that a write carries in `X-Fast-Token`."""
         return Visit(role=visitor_of(request).role, token=page.token)
 
+
+def _add_writes(router: APIRouter, page: LabPage) -> None:
     @router.post("/simulate", dependencies=[_TOKEN])
     def simulate(wanted: WantedGrasp, request: Request) -> SimulatedGrasp:
         """Simulate one grasp with the simulator of the tool's campaign; takes seconds."""
@@ -235,7 +208,52 @@ def add_interface(app: FastAPI, page: LabPage) -> None:
         page.forget()
         return Proposed(proposal_id=proposal_id, sentence="A person decides on the lab's page, tab To do.")
 
-    app.include_router(router)
+
+def _describe_state(page: LabPage, campaign_id: str) -> CampaignState:
+    """Where a campaign stands.
+
+    Raises:
+        UnknownError: there is none that can be shown.
+    """
+    now = page.read_now(campaign_id) if campaign_id in list_campaigns(page.lake) else None
+    strip = page.read_strip(campaign_id, now) if now is not None else None
+    if now is None or strip is None:
+        raise UnknownError(f"This lake has no campaign `{campaign_id}` that can be shown.")
+    return CampaignState(
+        campaign_id=campaign_id,
+        state=strip.word,
+        run=strip.run,
+        grasps_done=now.load.grasps_done,
+        grasps_total=now.load.grasps_total,
+        simulated_done=now.load.simulated_done,
+        simulated_total=now.load.simulated_total,
+        person=now.need,
+        left=now.left,
+        best_tool_id=now.best.tool_id if now.best else None,
+        best_quality_n=now.best.quality_n if now.best else None,
+        simulator_version_id=now.version,
+        simulator_misses=now.misses,
+        fault=strip.fault,
+    )
+
+
+def _list_findings(page: LabPage) -> list[Finding]:
+    from fast.flows.report.gap.answer import describe_answer
+
+    return [
+        Finding(
+            gap_id=run.gap_id,
+            campaign_id=run.campaign_id,
+            answer=describe_answer(run.findings),
+            rmse_before_n=run.findings.gap.rmse_before_n,
+            rmse_after_n=run.findings.gap.rmse_after_n,
+            rmse_floor_n=run.findings.gap.rmse_floor_n,
+            asks=run.findings.next_experiment.sentence if run.findings.next_experiment else "",
+            simulator_version_id=run.after_version_id,
+            page=address,
+        )
+        for run, address in results.list_searches(page.lake)
+    ]
 
 
 def refuse_program(error: FastError) -> Response:

@@ -11,7 +11,7 @@ from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_te
 from fast.models.units import spell_share
 
 if TYPE_CHECKING:
-    from fast.flows.gap.search import GapOutcome
+    from fast.flows.gap.search import GapOrder, GapOutcome
     from fast.lake.store import Lake
     from fast.models.gap.findings import Findings
 
@@ -78,52 +78,66 @@ def gap(
     ones. A killed command continues when it is given again. `--example` has its simulations with it: a minute or two.
     A panel too small to hold any out, and forces of your own simulator, are weighed with all grasps, and added nowhere.
     """
+    if catalogue:
+        _show_catalogue(json)
+        return
     from fast.flows.cli.campaign import open_lake, resolve_campaign
-    from fast.flows.cli.live import open_reporter
-    from fast.flows.gap.folder import write_folder
-    from fast.flows.gap.search import GapOrder, run_gap, tell_cost
+    from fast.flows.gap.example import CAMPAIGN, open_example
+    from fast.flows.gap.search import GapOrder
+    from fast.flows.gap.weigh import is_small
     from fast.models.errors import UsageError
     from fast.tasks.gap.panel import PanelSize
 
-    if catalogue:
-        from fast.models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
-
-        show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", json)
-        return
-    if example:
-        from fast.flows.gap.example import CAMPAIGN, open_example
-
-        found, out = open_example(out)
-        campaign = campaign or CAMPAIGN
-    else:
-        found = open_lake(lake)
+    found, folder = open_example(out) if example else (open_lake(lake), out)
+    campaign = campaign or (CAMPAIGN if example else None)
     name = resolve_campaign(found, campaign) if campaign is not None else None
     panel = PanelSize(tools, objects)
     order = GapOrder(name, seed, rounds, budget_minutes, panel, rehearsed=rehearse).with_workers(workers)
-    from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
-
-    is_weighed = simulated is not None or is_small(found, order)
-    if is_weighed and out is not None:
+    if simulated is None and not is_small(found, order):
+        _search(found, order, folder, dry_run, json)
+        return
+    if out is not None:
         raise UsageError(
             f"{'--simulated' if simulated is not None else 'so small a panel'} gets no page, its answer is printed; "
             "leave out --out (`--json > FILE` keeps the answer)."
         )
-    if dry_run:
-        with open_reporter() as reporter:
-            cost = describe_cost(found, order, reporter, simulated) if is_weighed else tell_cost(found, order, reporter)
-        show({"cost": cost}, cost, json)
-        return
-    if is_weighed:
-        with open_reporter() as reporter:
-            weighed = weigh_panel(found, order, reporter, simulated)
-        rows = weighed.list_rows()
-        told = [weighed.sentence, "", table_text(rows), "", _EVIDENCE, *(f"warning: {one}" for one in weighed.warnings)]
-        show({"summary": weighed.sentence, "weighed": rows, "warnings": weighed.warnings}, "\n".join(told), json)
-        return
+    _weigh(found, order, simulated, dry_run, json)
+
+
+def _show_catalogue(as_json: bool) -> None:
+    from fast.models.simulation.effects.catalogue import catalogue_entries, catalogue_rows
+
+    show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", as_json)
+
+
+def _search(lake: "Lake", order: "GapOrder", folder: Path | None, is_dry: bool, as_json: bool) -> None:
+    """Search and write the page into a folder, or only say what that costs."""
+    from fast.flows.cli.live import open_reporter
+    from fast.flows.gap.folder import write_folder
+    from fast.flows.gap.search import run_gap, tell_cost
+
     with open_reporter() as reporter:
-        outcome = run_gap(found, order, reporter)
-    page = write_folder(found, outcome, out)
-    show(_data(outcome) | {"report": str(page)}, _text(outcome, page), json)
+        told = tell_cost(lake, order, reporter) if is_dry else run_gap(lake, order, reporter)
+    if isinstance(told, str):
+        show({"cost": told}, told, as_json)
+        return
+    page = write_folder(lake, told, folder)
+    show(_data(told) | {"report": str(page)}, _text(told, page), as_json)
+
+
+def _weigh(lake: "Lake", order: "GapOrder", simulated: Path | None, is_dry: bool, as_json: bool) -> None:
+    """Weigh a panel with all its grasps, or only say what that costs."""
+    from fast.flows.cli.live import open_reporter
+    from fast.flows.gap.weigh import describe_cost, weigh_panel
+
+    with open_reporter() as reporter:
+        told = (describe_cost if is_dry else weigh_panel)(lake, order, reporter, simulated)
+    if isinstance(told, str):
+        show({"cost": told}, told, as_json)
+        return
+    rows, warnings = told.list_rows(), told.warnings
+    text = [told.sentence, "", table_text(rows), "", _EVIDENCE, *(f"warning: {one}" for one in warnings)]
+    show({"summary": told.sentence, "weighed": rows, "warnings": warnings}, "\n".join(text), as_json)
 
 
 @app.command(name="plan")

@@ -129,8 +129,8 @@ def weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
     found = []
     for words, change_n in changes.items():
         found.append(weigh(f"{words} over the lift, in every grasp", "common", change_n))
-        found.append(weigh(f"{words} over the lift, growing with the force of the grasp", "common", change_n * level))
-    changes["a factor on the force, much the same all along the lift"] = np.tensordot(alike.T, factor_n, 1)
+        found.append(weigh(f"{words} over the lift, growing with the force", "common", change_n * level))
+    changes["a steady factor on the force"] = np.tensordot(alike.T, factor_n, 1)
     for kind, group, how in (
         ("by object", problem.obj, "another on each object"),
         ("by tool", problem.tool, "another for each tool"),

@@ -39,16 +39,16 @@ class Clock:
 
 CLOCKS: Mapping[str, Clock] = {
     "batch": Clock("over the batch", lambda c: c.batch_grasps, (30.0, 100.0, 300.0), is_by_batch=True),
-    "tool": Clock("from grasp to grasp of a tool", lambda c: c.tool_grasps, (10.0, 30.0)),
+    "tool": Clock("with a tool's grasps", lambda c: c.tool_grasps, (10.0, 30.0)),
     "repeat": Clock("from repeat to repeat", lambda c: c.repeat, (1.0,)),
 }
-# What changes, as a person would say it.
+# What changes, as a person would say it; with when, no longer than a cell of a printed table (60 characters).
 QUANTITIES: Mapping[str, str] = {
-    "closing": "as if the jaws closed less or more far",
-    "modulus": "as if the fingers grew softer or stiffer",
+    "closing": "as if jaws closed less or more far",
+    "modulus": "as if fingers grew softer or stiffer",
     "friction": "as if friction changed",
     "zero": "as if the zero of the load cell moved",
-    "height": "as if the objects stood higher or lower",
+    "height": "as if objects stood higher or lower",
     "delay": "as if the force came later or sooner",
 }
 
@@ -60,8 +60,8 @@ def find_effect(quantity: str, clock: str) -> str:
 
 
 def describe_drift(quantity: str, clock: str) -> str:
-    """A drift in words."""
-    return f"repeats of the same grasps differ, {QUANTITIES[quantity]} {CLOCKS[clock].words}"
+    """When and how repeats of the same grasps differ, in words."""
+    return f"{CLOCKS[clock].words}, {QUANTITIES[quantity]}"
 
 
 def find_batches(grasps: Grasps) -> np.ndarray:

@@ -105,7 +105,7 @@ class Decider:
         words = (
             f"cells are {np.sqrt(fit.omnibus):.1f} times further off than honest simulators, without a pattern"
             if pattern is None
-            else pattern.name
+            else _tell_pattern(pattern)
         )
         return Decision(
             kind="unknown",
@@ -132,7 +132,7 @@ class Decider:
     def _find_drift(self) -> str:
         """What repeats of the same grasps differ by, in words, where most of the evidence is theirs."""
         best = self.trials.weighed[0]
-        return best.name if best.kind == "drift" and best.nats > self.rehearsal.nats_line else ""
+        return _tell_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.nats_line else ""
 
     def _find_most(self, change_n: np.ndarray) -> str:
         """Where it is largest: the object and the tool with the largest mean of its squares."""
@@ -152,6 +152,10 @@ class Decider:
         """
         names = tuple(chosen) if name >= min(EVEN, self.rehearsal.possible_name) else ()
         return (*names, UNKNOWN) if name <= max(EVEN, self.rehearsal.possible_unknown) else names
+
+
+def _tell_pattern(pattern: Candidate) -> str:
+    return f"repeats of the same grasps differ {pattern.name}" if pattern.kind == "drift" else pattern.name
 
 
 def choose_alike(trials: Trials, rehearsal: Rehearsal) -> list[str]:

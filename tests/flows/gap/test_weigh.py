@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fast.flows.cli.common import table_text
 from fast.flows.gap import search, weigh
 from fast.flows.gap.search import GapOrder, describe_cpu
 from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
@@ -18,6 +19,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, GraspRow, SimulationRow, TraceRow
 from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
+from fast.models.gap.evidence.candidates import weigh_candidates, weigh_quantities
+from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.records import EffectValue, Trace
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.mean_data import TooLittleDataError
@@ -26,6 +29,7 @@ from fast.tasks.gap.panel import PanelSize
 from fast.tasks.gap.simulated import read_simulated
 from fast.tasks.simulation.plan import SimulationPlan
 from tests.flows.cli.cli_lakes import Fast
+from tests.synthetic.gap import made_up_gap
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, measured_rows, plan_rows, simulated_trace
 
@@ -222,3 +226,16 @@ def test_a_panel_of_a_larger_lake_may_be_asked_for() -> None:
     assert PanelSize(1, 2).objects == 2
     with pytest.raises(UsageError, match="a panel of 1 objects tells nothing, 2 are the least"):
         PanelSize(objects=1)
+
+
+def test_names_of_patterns_look_apart_in_the_printed_table() -> None:
+    """A table cuts what is longer than its cells: of three clocks of a drift all looked the same."""
+    fit = fit_evidence(Problem.of(made_up_gap(3, 3, 0).usable))
+    names = {one.name for one in (*weigh_candidates(fit, ()), *weigh_quantities(fit))}
+    assert len(names) > 30
+    assert set(table_text([{"name": name} for name in names]).split("\n")[2:]) == names
+
+
+def test_a_small_panel_of_the_example_is_weighed(capsys: pytest.CaptureFixture[str]) -> None:
+    """The folder that its lake is unpacked into was taken for one that a person gave for the page."""
+    assert "of the bank" in Fast(capsys)("gap", "--example", "--tools", "2", "--objects", "2", "--dry-run").out

@@ -348,7 +348,7 @@ def test_what_an_alarm_does_not_exclude_is_said(
 
 
 def test_what_repeats_tell_most_is_said(tmp_path: Path) -> None:
-    drift = "repeats of the same grasps differ, as if friction changed over the batch"
+    drift = "repeats of the same grasps differ over the batch, as if friction changed"
     law = LawCurve(
         quantity="friction over that at first",
         state="grasps of the batch before",

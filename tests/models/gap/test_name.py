@@ -172,7 +172,7 @@ def test_what_explains_nothing_falls_out_of_the_model() -> None:
 def test_what_is_not_in_the_catalogue_is_unknown() -> None:
     result = name(world("mullins_softening"), tuple(name for name in NAMES if name != "mullins_softening"))
     assert result.named.kind == "unknown"
-    assert "as if the fingers grew softer or stiffer" in result.named.drift
+    assert "as if fingers grew softer or stiffer" in result.named.drift
 
 
 def test_aliases_of_theta_are_declared_and_never_tried(lag: NamingResult) -> None:

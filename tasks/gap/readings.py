@@ -121,15 +121,18 @@ def _excess_of_tools(lake: Lake, campaign_id: str | None) -> tuple[float, float]
 
 def _are_walls_known(lake: Lake, campaign_id: str | None) -> bool:
     """Whether a person measured both walls and the ribs of every printed tool of a campaign, or of the lake."""
-    where = {"campaign_id": campaign_id} if campaign_id else {}
-    tools = [row for row in lake.records(ToolRow, **where) if row.status == "printed"]
+    tools = _list_printed(lake, campaign_id)
     return bool(tools) and all(getattr(row, f"measured_{name}") is not None for row in tools for name in THICKNESSES)
+
+
+def _list_printed(lake: Lake, campaign_id: str | None) -> list[ToolRow]:
+    where = {"campaign_id": campaign_id} if campaign_id else {}
+    return [row for row in lake.records(ToolRow, **where) if row.status == "printed"]
 
 
 def _find_lot(lake: Lake, campaign_id: str | None) -> str:
     """The lot of all printed tools of a campaign, or of the lake; empty where there is none, or more than one."""
-    where = {"campaign_id": campaign_id} if campaign_id else {}
-    lots = {row.material_lot for row in lake.records(ToolRow, **where) if row.status == "printed"}
+    lots = {row.material_lot for row in _list_printed(lake, campaign_id)}
     return lots.pop() if len(lots) == 1 else ""
 
 

@@ -12,10 +12,10 @@ from fast.models.gap.evaluation.held_out import (
     HeldOut,
     Metrics,
     Prediction,
+    PrintFactors,
     compute_class_errors,
     compute_metrics,
 )
-from fast.models.gap.evaluation.prints import PrintFactors
 from fast.models.gap.findings import Gap
 from fast.models.objects.catalogue import get_object
 

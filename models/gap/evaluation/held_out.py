@@ -9,6 +9,7 @@ from scipy.special import ndtri
 
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
+from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.gap.where.residuals import peaks
 from fast.models.records import Record, Theta
 from fast.models.traces.step_features import STEP_MM
@@ -16,6 +17,8 @@ from fast.models.traces.step_features import STEP_MM
 BLOCKS = ("all held out", "new designs", "new objects", "both new")
 _N_MM_PER_J = 1e3
 _Z90 = float(ndtri(0.95))
+_FARTHEST = 3.0  # standard deviations of a print that one cell may ask for
+_LEAST_CELL_SD = 0.01  # of the logarithm of a cell's forces over the simulated ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,41 @@ class HeldOut:
         left = self.measured_n - (means / counts[:, None])[cell]
         n = counts[cell]
         return np.where(n > 1, (left**2).mean(axis=1) * n / np.maximum(n - 1, 1), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class PrintFactors:
+    """Factor on the simulated forces of m held-out grasps, from the same tool on other objects, and its relative sd.
+
+    Moduli of prints scatter by more than an effect often changes, and no simulator can know them before.
+    """
+
+    factor: np.ndarray
+    sd: np.ndarray
+
+    @staticmethod
+    def of(held_out: HeldOut, simulated_n: np.ndarray) -> "PrintFactors":
+        """Factors of held-out grasps as a simulator has them (m x 120); 1 for a tool on one object.
+
+        The logarithm of a factor has the prior N(0, `TOOL_SD`^2). Cells scatter about their tool by the standard
+        deviation that they show.
+        """
+        pairs = np.stack([held_out.tool, held_out.obj])
+        cells, cell = np.unique(pairs, axis=1, return_inverse=True)
+        along, size = (
+            np.bincount(cell, (other * simulated_n).sum(axis=1)) for other in (held_out.measured_n, simulated_n)
+        )
+        log = np.log(np.maximum(along, 1e-9) / np.maximum(size, 1e-9))
+        log = np.clip(log, -_FARTHEST * TOOL_SD, _FARTHEST * TOOL_SD)
+        _, own = np.unique(cells[0], return_inverse=True)
+        n_cells, total = np.bincount(own)[own], np.bincount(own, log)[own]
+        n_spare = len(log) - own.max() - 1
+        left = float(((log - total / n_cells) ** 2).sum()) / max(n_spare, 1)
+        share = max(left, _LEAST_CELL_SD**2) / TOOL_SD**2 if n_spare else np.inf
+        n_others = n_cells - 1
+        shift = (total - log) / (n_others + share)
+        sd = TOOL_SD / np.sqrt(1.0 + n_others / share)
+        return PrintFactors(np.exp(shift)[cell], sd[cell])
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,9 @@ import numpy as np
 
 from fast.models.gap.evidence.drifts import CLOCKS, QUANTITIES, describe_drift, find_effect, make_basis, place_knots
 from fast.models.gap.evidence.facts import weigh_facts
-from fast.models.gap.evidence.laws import find_level, has_memory, list_law_changes, scale_value
+from fast.models.gap.evidence.laws import find_level, has_memory, list_law_changes, list_secants, scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit
 from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, SMOOTH, compute_rms
-from fast.models.gap.evidence.secants import list_secants
 from fast.models.records import EffectValue
 from fast.models.traces.step_features import STEP_MM
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.models.gap.evidence.candidates import predict_changes
-from fast.models.gap.evidence.laws import scale_value
+from fast.models.gap.evidence.laws import list_secants, scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit
-from fast.models.gap.evidence.secants import list_secants
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.units import spell_name, unit_of

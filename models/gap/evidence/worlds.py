@@ -14,10 +14,9 @@ import numpy as np
 
 from fast.models.gap.evidence.errors import PLACEMENT_SD_MM, TARE_SD_N, Scatter
 from fast.models.gap.evidence.facts import Fact
-from fast.models.gap.evidence.laws import scale_value
+from fast.models.gap.evidence.laws import list_secants, scale_value
 from fast.models.gap.evidence.likelihood import SHARED_SD, THETA_STEPS, Problem
 from fast.models.gap.evidence.reading import KNOTS_MM, OF_BINS, compute_rms
-from fast.models.gap.evidence.secants import list_secants
 from fast.models.gap.fit.law_freedom import LAW_SD
 from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.records import EffectValue

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fast.models.gap.bank.surrogate import FEATURES, N_BINS
 from fast.models.gap.findings import LawCurve, ParameterEstimate
-from fast.models.gap.fit.effect_states import read_state
 from fast.models.gap.fit.fit import Axis, Fit, axes_of
 from fast.models.gap.fit.whitened_features import IS_LIFT
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.effects.states import State
+from fast.models.traces.step_features import CENTRES_MM, PEAK
 
 LAW_SD = 0.3  # of h: how far the bench's law is from the catalogue's, relative to the effect
 LENGTH_SHARE = 1.0 / 3.0  # of the range of states
@@ -30,6 +31,7 @@ _N_STATES = 25
 _STEP = 1e-3  # of finite differences, of a coordinate
 _CHANGE = "change of the force over the largest of the grasp"
 _LEAST_CHANGE = 0.02  # of the largest: states in which the effect changes less do not count for its range
+_LIFT_AT_PEAK, _PEAK, _TAIL = (FEATURES.index(name) for name in ("lift_at_peak_mm", PEAK, "tail_n_mm"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +52,13 @@ class LawFreedom:
     root: np.ndarray
 
     @staticmethod
-    def of(fit: Fit, effect: str, change: np.ndarray | None = None) -> "LawFreedom | None":
-        """The freedom of an effect at a fit; None if it has no law, or changes nothing here.
-
-        change: m x f, of the features; by default what the effect of the fit changes.
-        """
+    def of(fit: Fit, effect: str) -> "LawFreedom | None":
+        """The freedom of an effect at a fit; None if it has no law, or changes nothing here."""
         state = CATALOGUE[effect].state
         if state is None:
             return None
-        change = compute_change(fit, effect) if change is None else change
+        others = [value for value in fit.effects if value.effect != effect]
+        change = fit.predict_features() - fit.predict_features(others)
         at, size = state.place(read_state(fit, state)), np.abs(fit.features.whiten(change))
         seen = size > _LEAST_CHANGE * size.max()
         if not seen.any() or np.ptp(at[seen]) < 1e-9:
@@ -76,16 +76,6 @@ class LawFreedom:
     def columns(self, fit: Fit) -> np.ndarray:
         """Columns of a fit (k x m x f, whitened and weighted)."""
         return np.asarray(fit.features.whiten(self.basis(self.at) * self.change) * fit.weight)
-
-    def add_to(self, fit: Fit) -> Fit:
-        """The fit with this freedom as further columns, before those of the effects' parameters."""
-        return fit.add_columns(self.columns(fit), LAW_SD)
-
-
-def compute_change(fit: Fit, effect: str) -> np.ndarray:
-    """What an effect of a fit changes in the features there, m x f."""
-    others = [value for value in fit.effects if value.effect != effect]
-    return fit.predict_features() - fit.predict_features(others)
 
 
 def free_law(fit: Fit, effect: str, *, is_apart: bool = False) -> Fit:
@@ -137,7 +127,7 @@ def compute_law_curve(fit: Fit, effect: str) -> LawCurve | None:
     freedom = LawFreedom.of(fit, effect)
     if freedom is None:
         return None
-    freed = freedom.add_to(fit)
+    freed = fit.add_columns(freedom.columns(fit), LAW_SD)
     places = np.linspace(freedom.knots[0], freedom.knots[-1], _N_STATES)
     states = freedom.state.state_at(places)
     quantity = CATALOGUE[effect].quantity
@@ -203,3 +193,41 @@ def _average_changes(fit: Fit, freedom: LawFreedom, places: np.ndarray) -> np.nd
     near = np.exp(-0.5 * ((freedom.at[..., None] - places) / (0.5 * LENGTH_SHARE * np.ptp(freedom.knots))) ** 2)
     near = near * (freedom.seen & ~IS_LIFT)[..., None]
     return np.asarray(np.einsum("cmf,mfk->ck", share, near) / near.sum(axis=(0, 1)))
+
+
+def read_state(fit: Fit, state: State) -> np.ndarray:
+    """The state at every feature of every grasp of a fit, m x f."""
+    if not callable(state.read):
+        along = {"lift": _read_lift, "held": _read_lift_time, "force": _read_force, "level": _read_level}
+        return along[state.read](fit)
+    grasps = fit.features.surrogate.grasps
+    rows = zip(grasps.tool, grasps.setup, grasps.contexts, strict=True)
+    values = np.array([state.read(grasps.designs[tool], grasps.setups[at], context) for tool, at, context in rows])
+    return np.repeat(values[:, None], len(FEATURES), axis=1)
+
+
+def _read_lift(fit: Fit) -> np.ndarray:
+    """Lift that a feature is about, mm."""
+    lift_mm = np.tile([CENTRES_MM.get(name, 0.0) for name in FEATURES], (len(fit.raw), 1))
+    lift_mm[:, [_LIFT_AT_PEAK, _PEAK]] = np.clip(fit.modelled[:, [_LIFT_AT_PEAK]], 0.0, None)
+    return lift_mm
+
+
+def _read_lift_time(fit: Fit) -> np.ndarray:
+    """Time of a feature since the end of closing, s."""
+    grasps = fit.features.surrogate.grasps
+    dwell_s = np.array([setup.dwell_s for setup in grasps.setups])[grasps.setup]
+    return np.asarray(_read_lift(fit) / grasps.lift_speed_mm_per_s[:, None] + dwell_s[:, None])
+
+
+def _read_level(fit: Fit) -> np.ndarray:
+    """Root mean square force of a grasp over the bins of its lift, N."""
+    level_n = np.sqrt((fit.modelled[:, :N_BINS] ** 2).mean(axis=1))
+    return np.repeat(level_n[:, None], len(FEATURES), axis=1)
+
+
+def _read_force(fit: Fit) -> np.ndarray:
+    """Size of the force where a feature is taken, N; of lengths and areas that of the peak."""
+    force_n = np.abs(fit.modelled)
+    force_n[:, [_LIFT_AT_PEAK, _TAIL]] = force_n[:, [_PEAK]]
+    return force_n

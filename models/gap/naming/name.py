@@ -103,7 +103,8 @@ def name_effect(
     evidence = fit_evidence(Problem.of(usable, fit.effects, data.facts))
     weighed = weigh_candidates(evidence, list(families))
     if alarm is None:
-        alarm = raise_alarm(rehearsal, weighed[0].nats, evidence)
+        size = weighed[0].nats, evidence.omnibus
+        alarm = Alarm(rehearsal.is_alarm(*size), rehearsal.judge_gap(*size), rehearsal.measure_over_line(*size))
     trials = Trials(evidence, tuple(weighed), ())
     evident = max((one.nats for one in weighed if one.kind == "effect"), default=0.0)
     if alarm.is_raised or evident > rehearsal.suspicion_line:
@@ -117,15 +118,6 @@ def name_effect(
         candidates=_report_candidates(alarm, named, name, trials, rehearsal),
         decider=decider,
         dropped=_drop_effects(evidence),
-    )
-
-
-def raise_alarm(rehearsal: Rehearsal, nats: float, fit: EvidenceFit) -> Alarm:
-    """Whether this evidence, or what is left of the fit as a whole, is an alarm."""
-    return Alarm(
-        is_raised=rehearsal.is_alarm(nats, fit.omnibus),
-        gap=rehearsal.judge_gap(nats, fit.omnibus),
-        over_line=rehearsal.measure_over_line(nats, fit.omnibus),
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.challenge.hidden.worlds import WorldKey, Worlds
-from fast.models.gap.evidence.secants import list_secants
+from fast.models.gap.evidence.laws import list_secants
 from fast.models.gap.fit.fit import Fit, axes_of
 from fast.models.gap.fit.law_freedom import compute_law_curve, estimate_freed_parameters
 from fast.models.gap.fit.recalibrate import recalibrate

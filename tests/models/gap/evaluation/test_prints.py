@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fast.models.gap.evaluation.evaluate import measure_change
-from fast.models.gap.evaluation.held_out import HeldOut
-from fast.models.gap.evaluation.prints import PrintFactors
+from fast.models.gap.evaluation.held_out import HeldOut, PrintFactors
 from fast.models.gap.fit.recalibrate import TOOL_SD
 from tests.synthetic.gap import GapTruth, made_up_gap
 

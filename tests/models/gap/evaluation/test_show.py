@@ -3,8 +3,14 @@ import pytest
 
 from fast.models.errors import UsageError
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
-from fast.models.gap.evaluation.held_out import HeldOut, Prediction, _intervals, add_scatter, compute_metrics
-from fast.models.gap.evaluation.prints import PrintFactors
+from fast.models.gap.evaluation.held_out import (
+    HeldOut,
+    Prediction,
+    PrintFactors,
+    _intervals,
+    add_scatter,
+    compute_metrics,
+)
 from fast.models.gap.where.residuals import Residuals
 from fast.models.records import EffectValue
 from tests.studies.gap.baselines import predict_baselines

@@ -5,50 +5,48 @@ import operator
 import re
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from typing import TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from fast.models.design.fin_ray import FinRay
-from fast.models.records import GraspSetup, Placement, Record, Theta
+from fast.models.records import Record
 from fast.models.units import unit_of
 
 _EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)
 _CLOCKS_APART = timedelta(days=1)  # of two labs, time zones that nobody wrote down included
 MOST_FORCE_N = 2000.0  # ten times the paper's load cell
 _LEAST_PEAK_N = -5.0  # noise and zero of a load cell that nobody tared; what is lower was counted downwards
-_BENCH = re.compile(r"[a-z0-9][a-z0-9-]{0,40}")
-_HASH = re.compile(r"[0-9A-Za-z]{1,64}")
+NAME = r"[a-z0-9][a-z0-9-]{0,40}"  # of labs and benches
 _LARGEST_INTEGER = 2**53  # what spreadsheets and JSON keep exactly
+T = TypeVar("T")
 _Holds = Callable[[float, float], bool]
 
 
-def design_number(name: str) -> Callable[[str], float]:
-    """Reader of a design parameter, within its range (a whole number for the rib count)."""
-    limit = limits(FinRay, name)
+def number_of(record_type: type[Record], name: str) -> Callable[[str], float]:
+    """Reader of a field of a record: a number within its range, whole where the field is."""
+    limit, is_whole = limits(record_type, name), record_type.model_fields[name].annotation is int
 
     def read(text: str) -> float:
         value = number_or_nan(text)
-        if not math.isfinite(value) or (name == "rib_count" and value != int(value)):
+        is_within = all(holds(value, bound) for _, holds, bound in _bounds(record_type, name))
+        if not math.isfinite(value) or not is_within or (is_whole and value != int(value)):
             raise ValueError(limit)
-        return int(value) if name == "rib_count" else value
+        return int(value) if is_whole else value
 
     return read
 
 
-def optional_number(name: str) -> Callable[[str], float | None]:
-    """Reader of a column of simulations.csv: a number within its range, or nothing."""
-    limit = limits(Theta, name) if name in Theta.model_fields else "must be a finite number, in N."
+def finite_number(text: str) -> float:
+    """A force in N, whatever it is."""
+    value = number_or_nan(text)
+    if not math.isfinite(value):
+        raise ValueError("must be a finite number, in N.")
+    return value
 
-    def read(text: str) -> float | None:
-        if not text:
-            return None
-        value = number_or_nan(text)
-        bounds = _bounds(Theta, name) if name in Theta.model_fields else []
-        if not math.isfinite(value) or not all(holds(value, bound) for _, holds, bound in bounds):
-            raise ValueError(limit)
-        return value
 
-    return read
+def optional(read: Callable[[str], T], default: T | None = None) -> Callable[[str], T | None]:
+    """Reader of a cell that may be empty, which stands for the default."""
+    return lambda text: read(text) if text else default
 
 
 def one_of(*known: str) -> Callable[[str], str]:
@@ -62,50 +60,26 @@ def one_of(*known: str) -> Callable[[str], str]:
     return read
 
 
-def bench_name(text: str) -> str:
-    """The name of the bench that made a grasp; empty: `real`, a bench that nobody named."""
-    if text and not _BENCH.fullmatch(text):
-        raise ValueError("must be virtual, real, or a name of at most 41 of a-z, 0-9 and -.")
-    return text or "real"
+def word(pattern: str, limit: str) -> Callable[[str], str]:
+    """Reader of a word that fits a pattern."""
+
+    def read(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise ValueError(limit)
+        return text
+
+    return read
 
 
-def lab_name(text: str) -> str | None:
-    """The name of the lab that made a grasp; or nothing."""
-    if text and not _BENCH.fullmatch(text):
-        raise ValueError("must be a name of at most 41 of a-z, 0-9 and -, or empty.")
-    return text or None
+lab_name = optional(word(NAME, "must be a name of at most 41 of a-z, 0-9 and -, or empty."))
 
 
-def optional_hash(text: str) -> str | None:
-    """The hash of a virtual world; or nothing."""
-    if text and not _HASH.fullmatch(text):
-        raise ValueError("must be a hash of letters and digits, or empty.")
-    return text or None
-
-
-def optional_force(text: str) -> float | None:
-    """A peak force of a grasp without samples, N; or nothing."""
-    if not text:
-        return None
+def peak_force(text: str) -> float:
+    """A peak force of a grasp without samples, N."""
     value = number_or_nan(text)
     if not _LEAST_PEAK_N <= value <= MOST_FORCE_N:
         raise ValueError(f"must be a number from {_LEAST_PEAK_N:g} to {MOST_FORCE_N:g} N; look at unit and sign.")
     return value
-
-
-def optional_setting(name: str) -> Callable[[str], float | None]:
-    """Reader of how a grasp was made: a number of its setup, or of the placement, within its range; or nothing."""
-    record_type = GraspSetup if name in GraspSetup.model_fields else Placement
-
-    def read(text: str) -> float | None:
-        if not text:
-            return None
-        value = number_or_nan(text)
-        if not math.isfinite(value) or not all(holds(value, bound) for _, holds, bound in _bounds(record_type, name)):
-            raise ValueError(limits(record_type, name))
-        return value
-
-    return read
 
 
 def limits(record_type: type[Record], name: str) -> str:

@@ -14,20 +14,19 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from fast.lake.handoff.cells import (
-    bench_name,
-    design_number,
+    NAME,
     fidelity,
+    finite_number,
     integer,
     lab_name,
-    limits,
+    number_of,
     number_or_nan,
     one_of,
     one_of_designs,
-    optional_force,
-    optional_hash,
-    optional_number,
-    optional_setting,
+    optional,
+    peak_force,
     time,
+    word,
 )
 from fast.lake.handoff.format import (
     DESIGN_COLUMNS,
@@ -40,11 +39,13 @@ from fast.lake.handoff.format import (
     RECIPE_COLUMNS,
     SETTING_COLUMNS,
     SIMULATION_COLUMNS,
+    THETA_COLUMNS,
     TOOL_COLUMNS,
 )
 from fast.lake.handoff.samples import check_samples, needs_samples, read_traces
 from fast.lake.handoff.tables import HandoffError, Reader, Table, new_id, read_csv
 from fast.lake.tables.material import MaterialRow
+from fast.lake.tables.requests import PLACEMENT
 from fast.models.design.families import read_design
 from fast.models.design.fin_ray import FinRay
 from fast.models.design.recipe import Recipe
@@ -53,7 +54,7 @@ from fast.models.errors import FastError, UsageError
 from fast.models.material import MaterialMeasurement
 from fast.models.objects.catalogue import OBJECTS, find_object
 from fast.models.objects.rigid import RigidObject
-from fast.models.records import Design, Trace
+from fast.models.records import Design, GraspSetup, Placement, Theta, Trace
 
 _MOST_SHAPES_BYTES = 400_000_000
 
@@ -163,11 +164,9 @@ def _read_designs(reader: Reader) -> dict[str, Design | None]:
             if design_id:
                 designs[design_id] = _design_of_family(reader, table, place)
             continue
-        values = {name: reader.cell(table, name, place, design_number(name)) for name in PARAMETERS}
-        given = {name: value for name, value in values.items() if value is not None}
-        design = _design(reader, table, place, given) if len(given) == len(PARAMETERS) else None
+        values = {name: reader.cell(table, name, place, number_of(FinRay, name)) for name in PARAMETERS}
         if design_id:
-            designs[design_id] = design
+            designs[design_id] = None if None in values.values() else FinRay.model_validate(values)
     return designs
 
 
@@ -185,16 +184,6 @@ def _design_of_family(reader: Reader, table: Table, place: int) -> Design | None
         limit = "must be a JSON object with the parameters of the family."
         reader.fault(table.name, table.rows[place], "parameters_json", cells["parameters_json"][:80], limit)
     return None
-
-
-def _design(reader: Reader, table: Table, place: int, values: dict[str, float]) -> Design | None:
-    try:
-        return FinRay.model_validate(values)
-    except ValidationError as error:
-        for wrong in error.errors():
-            name = str(wrong["loc"][0])
-            reader.fault(table.name, table.rows[place], name, table.columns[name][place], limits(FinRay, name))
-        return None
 
 
 def _read_objects(reader: Reader) -> list[RigidObject]:
@@ -255,16 +244,16 @@ def _read_grasps(reader: Reader, design_ids: set[str], own_objects: set[int]) ->
         "fidelity": fidelity,
         "tool_id": str,
         "started_at": time,
-        "order": lambda text: integer(None, None)(text) if text else None,
+        "order": optional(integer(None, None)),
     }
     for place in range(len(table.rows)):
         grasp_id = new_id(reader, table, "grasp_id", place, grasps)
         values = {name: reader.cell(table, name, place, read) for name, read in readers.items()}
         given = [name for name in SETTING_COLUMNS if name in table.columns]
-        found = {name: reader.cell(table, name, place, optional_setting(name)) for name in given}
+        found = {name: reader.cell(table, name, place, SETTING_CELLS[name]) for name in given}
         values["settings"] = {name: value for name, value in found.items() if value is not None}
         values["request_id"] = table.columns["request_id"][place] if "request_id" in table.columns else ""
-        for name, read in _ENDS.items():
+        for name, read in END_CELLS.items():
             if name in table.columns:
                 values[name] = reader.cell(table, name, place, read)
         if values["fidelity"] == "real" and not values["tool_id"]:
@@ -274,16 +263,21 @@ def _read_grasps(reader: Reader, design_ids: set[str], own_objects: set[int]) ->
     return grasps
 
 
-_ENDS: dict[str, Callable[[str], Any]] = {
+END_CELLS: dict[str, Callable[[str], Any]] = {
     "lab": lab_name,
-    "bench": bench_name,
-    "world_hash": optional_hash,
-    "attempt": lambda text: integer(0, 1000)(text) if text else 0,
+    "bench": optional(word(NAME, "must be virtual, real, or a name of at most 41 of a-z, 0-9 and -."), "real"),
+    "world_hash": optional(word("[0-9A-Za-z]{1,64}", "must be a hash of letters and digits, or empty.")),
+    "attempt": optional(integer(0, 1000), 0),
     "status": one_of("ok", "failed"),
     "reason": str,
-    "peak_force_n": optional_force,
+    "peak_force_n": optional(peak_force),
     "software": str,
 }
+SETTING_CELLS = {
+    name: optional(number_of(Placement if name in PLACEMENT else GraspSetup, name)) for name in SETTING_COLUMNS
+}
+SIMULATION_CELLS = {name: optional(number_of(Theta, name)) for name in THETA_COLUMNS}
+SIMULATION_CELLS["contact_force_n"] = optional(finite_number)
 
 
 def _read_tools(reader: Reader) -> list[dict[str, Any]]:
@@ -297,28 +291,26 @@ def _read_tools(reader: Reader) -> list[dict[str, Any]]:
     for place in range(len(table.rows)):
         tool_id = new_id(reader, table, "tool_id", place, found)
         values: dict[str, Any] = {name: cells[place] for name, cells in table.columns.items()}
-        values |= {name: reader.cell(table, name, place, _optional_size) for name in numbers if name in values}
+        values |= {name: reader.cell(table, name, place, optional(_size)) for name in numbers if name in values}
         if "status" in values:
             values["status"] = reader.cell(table, "status", place, one_of("printed", "rejected"))
         if "recipe_json" in values:
-            values["recipe_json"] = reader.cell(table, "recipe_json", place, _optional_recipe)
+            values["recipe_json"] = reader.cell(table, "recipe_json", place, optional(_recipe, ""))
         if tool_id:
             found[tool_id] = values
     return list(found.values())
 
 
-def _optional_recipe(text: str) -> str:
-    if not text:
-        return ""
+def _recipe(text: str) -> str:
     try:
         return Recipe.model_validate_json(text).content_json
     except ValidationError as error:
         raise ValueError("must be a recipe as JSON, as `fast lake export` writes it, or empty.") from error
 
 
-def _optional_size(text: str) -> float | None:
-    value = number_or_nan(text) if text else None
-    if value is not None and not 0 < value <= 1000:
+def _size(text: str) -> float:
+    value = number_or_nan(text)
+    if not 0 < value <= 1000:
         raise ValueError("must be a number above 0 and at most 1000, or empty.")
     return value
 
@@ -353,7 +345,7 @@ def _read_simulations(
         if grasp_id and grasps.get(grasp_id, (0, {}))[1].get("fidelity") != "sim":
             reader.fault(table.name, row, "grasp_id", grasp_id, "must be a grasp of grasps.csv with fidelity sim.")
         present = [name for name in SIMULATION_COLUMNS[1:] if name in table.columns]
-        values = {name: reader.cell(table, name, place, optional_number(name)) for name in present}
+        values = {name: reader.cell(table, name, place, SIMULATION_CELLS[name]) for name in present}
         found[grasp_id or f"row {row}"] = values
     return found
 

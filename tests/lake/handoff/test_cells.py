@@ -6,31 +6,33 @@ from typing import Any
 import pytest
 
 from fast.lake.handoff import cells
+from fast.lake.handoff.files import END_CELLS, SETTING_CELLS, SIMULATION_CELLS
+from fast.models.design.fin_ray import FinRay
 
 
 @pytest.mark.parametrize(
     ("read", "text", "value"),
     [
-        (cells.bench_name, "", "real"),
-        (cells.bench_name, "ur5-left", "ur5-left"),
+        (END_CELLS["bench"], "", "real"),
+        (END_CELLS["bench"], "ur5-left", "ur5-left"),
         (cells.lab_name, "", None),
         (cells.lab_name, "a" * 41, "a" * 41),
-        (cells.optional_hash, "", None),
-        (cells.optional_hash, "W1", "W1"),
-        (cells.optional_force, "", None),
-        (cells.optional_force, "-5", -5.0),
-        (cells.optional_force, "2000", 2000.0),
+        (END_CELLS["world_hash"], "", None),
+        (END_CELLS["world_hash"], "W1", "W1"),
+        (END_CELLS["peak_force_n"], "", None),
+        (END_CELLS["peak_force_n"], "-5", -5.0),
+        (END_CELLS["peak_force_n"], "2000", 2000.0),
         (cells.one_of("nominal", "placed"), "", "nominal"),
         (cells.one_of("nominal", "placed"), "placed", "placed"),
         (cells.integer(0, 9), "0", 0),
         (cells.integer(0, 9), "9.0", 9),
         (cells.integer(1, None), str(2**53), 2**53),
-        (cells.design_number("rib_count"), "10", 10),
-        (cells.design_number("height_mm"), "120", 120.0),
-        (cells.optional_number("poisson_ratio"), "", None),
-        (cells.optional_number("contact_force_n"), "-3.5", -3.5),
-        (cells.optional_setting("dwell_s"), "", None),
-        (cells.optional_setting("offset_x_mm"), "-1", -1.0),
+        (cells.number_of(FinRay, "rib_count"), "10", 10),
+        (cells.number_of(FinRay, "height_mm"), "120", 120.0),
+        (SIMULATION_CELLS["poisson_ratio"], "", None),
+        (SIMULATION_CELLS["contact_force_n"], "-3.5", -3.5),
+        (SETTING_CELLS["dwell_s"], "", None),
+        (SETTING_CELLS["offset_x_mm"], "-1", -1.0),
         (cells.one_of_designs({"D1"}), "D1", "D1"),
         (cells.fidelity, "sim", "sim"),
         (cells.time, "", None),
@@ -45,20 +47,20 @@ def test_a_cell_has_its_value(read: Any, text: str, value: object) -> None:
 @pytest.mark.parametrize(
     ("read", "text", "limit"),
     [
-        (cells.bench_name, "UR 5", "must be virtual, real, or a name of at most 41 of a-z, 0-9 and -."),
+        (END_CELLS["bench"], "UR 5", "must be virtual, real, or a name of at most 41 of a-z, 0-9 and -."),
         (cells.lab_name, "a" * 42, "must be a name of at most 41 of a-z, 0-9 and -, or empty."),
-        (cells.optional_hash, "W 1", "must be a hash of letters and digits, or empty."),
-        (cells.optional_force, "2000.1", "must be a number from -5 to 2000 N; look at unit and sign."),
-        (cells.optional_force, "-5.1", "must be a number from -5 to 2000 N; look at unit and sign."),
-        (cells.optional_force, "1_0", "must be a number from -5 to 2000 N; look at unit and sign."),
-        (cells.optional_force, "nan", "must be a number from -5 to 2000 N; look at unit and sign."),
+        (END_CELLS["world_hash"], "W 1", "must be a hash of letters and digits, or empty."),
+        (END_CELLS["peak_force_n"], "2000.1", "must be a number from -5 to 2000 N; look at unit and sign."),
+        (END_CELLS["peak_force_n"], "-5.1", "must be a number from -5 to 2000 N; look at unit and sign."),
+        (END_CELLS["peak_force_n"], "1_0", "must be a number from -5 to 2000 N; look at unit and sign."),
+        (END_CELLS["peak_force_n"], "nan", "must be a number from -5 to 2000 N; look at unit and sign."),
         (cells.one_of("nominal", "placed"), "off", "must be nominal or placed, or empty for nominal."),
         (cells.integer(0, 9), "10", "must be an integer from 0 to 9."),
         (cells.integer(0, 9), "0.5", "must be an integer from 0 to 9."),
         (cells.integer(1, None), "0", "must be an integer of at least 1."),
         (cells.integer(1, None), str(2**53 + 2), f"must be an integer of at most {2**53}."),
-        (cells.design_number("rib_count"), "2.5", "must be an integer, at least 1 and at most 10."),
-        (cells.optional_number("contact_force_n"), "inf", "must be a finite number, in N."),
+        (cells.number_of(FinRay, "rib_count"), "2.5", "must be an integer, at least 1 and at most 10."),
+        (SIMULATION_CELLS["contact_force_n"], "inf", "must be a finite number, in N."),
         (cells.one_of_designs({"D1"}), "D2", "must be a design_id of designs.csv, or of a design in the lake."),
         (cells.fidelity, "", "must be `real` or `sim`."),
         (cells.time, "1999-12-31T23:59:59Z", "must be from 2000 to now; correct the date, or leave it empty."),
@@ -80,7 +82,7 @@ def test_clocks_of_two_labs_may_differ_by_a_day() -> None:
 
 @pytest.mark.parametrize(("name", "low", "high"), [("young_modulus_mpa", "0.49", "0.5"), ("friction", "-0.01", "0.01")])
 def test_theta_keeps_the_bounds_of_its_record(name: str, low: str, high: str) -> None:
-    read = cells.optional_number(name)
+    read = SIMULATION_CELLS[name]
     assert read(high) == float(high)
     with pytest.raises(ValueError, match=r"^must be a number, "):
         read(low)

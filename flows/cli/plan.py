@@ -33,7 +33,7 @@ def plan(
     json: AsJson = False,
 ) -> None:
     """Time per tool and batch, grasps per hour beside the paper's 240, and the parts that dominate. Nothing moves."""
-    from fast.hardware.cell.cycle_time import total_parts
+    from fast.hardware.cell.cycle_time import add_up
 
     objects, setup = _what(config)
     asked = {"order": order, "repeats_order": repeats_order}
@@ -55,7 +55,9 @@ def plan(
         "tool_s": [factor * time.total_s for time in times],
         "batch_s": factor * sum(time.total_s for time in times),
         "order_costs_s_per_grasp": factor * (modelled_s - shortest_s),
-        "parts_s_per_grasp": {name: factor * s / n_grasps for name, s in total_parts(times).items()},
+        "parts_s_per_grasp": {
+            name: factor * s / n_grasps for name, s in add_up(time.parts_s for time in times).items()
+        },
     }
     show(data, _text(data), json)
 

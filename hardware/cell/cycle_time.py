@@ -33,27 +33,7 @@ _LOCK_S = 0.18  # valve, travel of the lock, and the poll that finds it
 _STOP_LIFT_S = 0.05
 
 Point = tuple[float, float, float]
-
-
-class Parts(defaultdict[str, float]):
-    """Time by what it is spent on, in s."""
-
-    def __init__(self, **parts: float) -> None:
-        super().__init__(float, **parts)
-
-    def add(self, other: Mapping[str, float]) -> None:
-        """Add part by part."""
-        for name, spent_s in other.items():
-            self[name] += spent_s
-
-    @property
-    def total_s(self) -> float:
-        """All parts."""
-        return sum(self.values())
-
-    def longest_first(self) -> dict[str, float]:
-        """What dominates comes first; nothing is listed that takes no time."""
-        return {name: self[name] for name in sorted(self, key=lambda name: -self[name]) if self[name] > 0}
+Parts = Mapping[str, float]  # time by what it is spent on, in s
 
 
 @dataclass(frozen=True)
@@ -68,16 +48,6 @@ class PlanTime:
     def total_s(self) -> float:
         """Tool change and all items."""
         return self.tool_change_s + sum(self.item_s)
-
-    @property
-    def mean_grasp_s(self) -> float:
-        """Of one item, with its share of the tool change; 0 for an empty plan."""
-        return self.total_s / len(self.item_s) if self.item_s else 0.0
-
-    @property
-    def grasps_per_hour(self) -> float:
-        """Theoretical rate: nothing fails, nobody waits."""
-        return 3600.0 / self.mean_grasp_s if self.item_s else 0.0
 
 
 def plan_time(
@@ -99,10 +69,8 @@ def plan_time(
     change_s = model.pick(slot, slot if from_slot is None else from_slot)
     spent = [model.item(item, setup) for item in items]
     change_s += model.dock(slot)
-    total = Parts(tool_change=change_s)
-    for parts in spent:
-        total.add(parts)
-    return PlanTime(change_s, tuple(parts.total_s for parts in spent), total.longest_first())
+    total = add_up([{"tool_change": change_s}, *spent])
+    return PlanTime(change_s, tuple(sum(parts.values()) for parts in spent), total)
 
 
 def plan_asked_minutes(requests: Sequence[GraspRequest], designs: Mapping[str, Design]) -> float:
@@ -115,12 +83,13 @@ def plan_asked_minutes(requests: Sequence[GraspRequest], designs: Mapping[str, D
     return sum(plan_time(tool, 0, group, GraspSetup()).total_s for tool, group in tools) / 60.0
 
 
-def total_parts(times: Iterable[PlanTime]) -> dict[str, float]:
-    """Parts of several tools together, longest first."""
-    total = Parts()
-    for time in times:
-        total.add(time.parts_s)
-    return total.longest_first()
+def add_up(parts: Iterable[Parts]) -> dict[str, float]:
+    """Sums part by part; what dominates comes first, and nothing is listed that takes no time."""
+    total: defaultdict[str, float] = defaultdict(float)
+    for one in parts:
+        for name, spent_s in one.items():
+            total[name] += spent_s
+    return {name: total[name] for name in sorted(total, key=lambda name: -total[name]) if total[name] > 0}
 
 
 class _Model:
@@ -151,20 +120,16 @@ class _Model:
         object_id = item[0] if isinstance(item, tuple) else item.object_id
         if isinstance(item, GraspRequest):
             setup = item.setup
-        parts = self._approach(object_id, placement)
-        parts.add(self._grip_and_lift(object_id, setup))
-        parts["release_check"] += RELEASE_CHECK_S
-        return parts
+        approach = self._approach(object_id, placement)
+        return {**approach, **self._grip_and_lift(object_id, setup), "release_check": RELEASE_CHECK_S}
 
     def _approach(self, object_id: int, placement: Placement) -> Parts:
         layout = self._layout
         place = layout.grasp_xy_mm(object_id, placement) if layout.has_place(object_id) else layout.free_xy_mm
-        parts = Parts(tare=BASELINE_S)
-        if place != self._at[:2]:
-            travel_z_mm = layout.travel_z_mm(self._design)
-            parts["travel"] += self._to_z(max(travel_z_mm, self._at[2])) + self._to_xy(place)
-            parts["settle"] += SETTLE_S
-        return parts
+        if place == self._at[:2]:
+            return {"tare": BASELINE_S}
+        travel_s = self._to_z(max(layout.travel_z_mm(self._design), self._at[2])) + self._to_xy(place)
+        return {"tare": BASELINE_S, "travel": travel_s, "settle": SETTLE_S}
 
     def _grip_and_lift(self, object_id: int, setup: GraspSetup) -> Parts:
         grasp_z_mm = self._layout.grasp_z_mm(self._design, setup)
@@ -175,9 +140,13 @@ class _Model:
         lift_s = math.ceil(ideal_s / POSITION_PERIOD_S) * POSITION_PERIOD_S
         self._at = (*self._at[:2], grasp_z_mm + min(lift_s * speed, setup.max_lift_mm))
         closed_s = math.ceil((closing_s(setup) + CLOSED_SETTLE_S) / 0.0125) * 0.0125
-        return Parts(
-            descend=down_s, air=_GRIP_S + _VENT_S, close=closed_s, dwell=setup.dwell_s, lift=lift_s + _STOP_LIFT_S
-        )
+        return {
+            "descend": down_s,
+            "air": _GRIP_S + _VENT_S,
+            "close": closed_s,
+            "dwell": setup.dwell_s,
+            "lift": lift_s + _STOP_LIFT_S,
+        }
 
     def _to_z(self, z_mm: float) -> float:
         return self._move((*self._at[:2], z_mm))

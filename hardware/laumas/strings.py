@@ -94,12 +94,6 @@ def encode_plain(string: WeightString) -> bytes:
     return _characters(string) + b"\r\n"
 
 
-def encode_checked(string: WeightString) -> bytes:
-    r"""`&T` gross `P` gross `\` check CR."""
-    body = b"T" + _characters(string) + b"P" + _characters(string)
-    return b"&" + body + b"\\" + check_of(body) + b"\r"
-
-
 def _characters(string: WeightString) -> bytes:
     if string.alarm:
         return string.alarm.encode("ascii")[:N_CHARACTERS].center(N_CHARACTERS)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fast.flows.report.calibration.data import Evidence, StoredCalibration, write_archive
-from fast.flows.report.calibration.posterior_figures import Markers, pairs_figure, theta_history_figure
+from fast.flows.report.calibration.posterior_figures import pairs_figure, theta_history_figure
 from fast.flows.report.calibration.sections import (
     draw_agreement,
     draw_chains,
@@ -38,13 +38,12 @@ def write_calibration_report(
     out: Path,
     *,
     evidence: Evidence | None = None,
-    markers: Markers | None = None,
     n_predicted: int = N_DRAWS,
 ) -> Path:
     """Write the page of a calibration into the folder `out`, with figures, numbers and `data/posterior.nc`.
 
-    `evidence` is what it learned from; by default it is read from the lake. `markers` are named points for the pair
-    plot, of some or all of theta. `n_predicted` draws are used for predictions. Returns the path of `out/index.html`.
+    `evidence` is what it learned from; by default it is read from the lake. `n_predicted` draws are used
+    for predictions. Returns the path of `out/index.html`.
 
     Raises:
         UsageError: there is no such calibration, or the folder cannot be written.
@@ -54,10 +53,10 @@ def write_calibration_report(
     data = calibration.evidence.fitted if calibration.evidence else None
     write_archive(folder.root / "data" / "posterior.nc", calibration.result, calibration_id, data)
     template = "flows/report/calibration/page.html.j2"
-    return write_page(folder, template, lambda folder: _prepare_page(calibration, markers, folder))
+    return write_page(folder, template, lambda folder: _prepare_page(calibration, folder))
 
 
-def _prepare_page(calibration: StoredCalibration, markers: Markers | None, folder: Folder) -> dict[str, Any]:
+def _prepare_page(calibration: StoredCalibration, folder: Folder) -> dict[str, Any]:
     result, past = calibration.result, calibration.past
     names, correlations = correlate_ranks(result)
     folder.numbers("parameters", [{"parameter": n, **s.model_dump()} for n, s in calibration.summary.items()])
@@ -67,7 +66,7 @@ def _prepare_page(calibration: StoredCalibration, markers: Markers | None, folde
         "parameters": list_parameters(calibration),
         "trust": {"r_hat": max(result.r_hat[n] for n in THETA), "ess": min(result.ess_bulk[n] for n in THETA)},
         "limits": {"r_hat": f"{R_HAT_LIMIT:g}", "ess": f"{ESS_LIMIT:.0f}", "k_hat": f"{K_HAT_LIMIT:g}"},
-        "pairs": folder.draw("calibration_pairs", pairs_figure(result, markers), for_print=True),
+        "pairs": folder.draw("calibration_pairs", pairs_figure(result), for_print=True),
         "ridge": correlations[names.index("young_modulus_mpa"), names.index("friction")],
         "is_printed_prior": result.settings.priors == ThetaPriors(),
         "agreement": draw_agreement(calibration, folder),

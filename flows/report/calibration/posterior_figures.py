@@ -1,26 +1,23 @@
 """Figures of the draws: Fig. 4 of the paper, densities of one parameter, chains, and theta over time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fast.flows.report.style import BEST, FAINT, FIRST, MUTED, SIMULATED, WIDTH_IN, new_axes, new_figure
+from fast.flows.report.style import BEST, FAINT, MUTED, WIDTH_IN, new_axes, new_figure
 from fast.models.calibration.inference.parameter import estimate_density, estimate_density_map, find_prior
 from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.inference.summary import correlate_ranks
 from fast.models.calibration.means.problem import THETA
 from fast.tasks.calibration.drift import PastCalibration
 
-Markers = Mapping[str, Mapping[str, float]]
-
 LABELS = {"young_modulus_mpa": "Young's modulus (MPa)", "friction": "friction", "poisson_ratio": "Poisson's ratio"}
 SHARES = (0.9, 0.5)  # of the draws inside the contours
 _SHOWN = (0.001, 0.995)  # quantiles of the draws at the ends of an axis
 _N_DOTS = 1500
-_MARKERS = (("X", FIRST), ("D", SIMULATED), ("s", MUTED))
 _DENSITY_SHOWN = 0.995  # quantile of the draws at the end of an axis
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#5f6670", "#b2a400")
 _N_SHOWN = 400  # draws of a chain in a trace
@@ -38,14 +35,11 @@ _PANELS = (
 )
 
 
-def pairs_figure(result: CalibrationResult, markers: Markers | None = None) -> Figure:
-    """Margins on the diagonal, contours of highest density below it, rank correlations above.
-
-    `markers` are named points, of some or all of theta: a hidden truth, values measured in another way.
-    """
+def pairs_figure(result: CalibrationResult) -> Figure:
+    """Margins on the diagonal, contours of highest density below it, rank correlations above."""
     figure = new_figure(5.6, 5.4)
     axes = figure.subplots(len(THETA), len(THETA))
-    limits = {name: _limits(result.of(name), markers, name) for name in THETA}
+    limits = {name: _limits(result.of(name)) for name in THETA}
     for row, y_name in enumerate(THETA):
         for column, x_name in enumerate(THETA):
             panel = axes[row, column]
@@ -58,16 +52,13 @@ def pairs_figure(result: CalibrationResult, markers: Markers | None = None) -> F
                 _correlation(panel, result, x_name, y_name)
                 continue
             panel.set_xlim(*limits[x_name])
-            _mark(panel, markers or {}, x_name, None if row == column else y_name)
             _label(panel, row, column, x_name, y_name)
-    _legend(figure, axes[0, 0], axes[1, 0])
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=4, handlelength=1.6)
     return figure
 
 
-def _limits(draws: np.ndarray, markers: Markers | None, name: str) -> tuple[float, float]:
+def _limits(draws: np.ndarray) -> tuple[float, float]:
     low, high = np.quantile(draws, _SHOWN)
-    marked = [point[name] for point in (markers or {}).values() if name in point]
-    low, high = min(low, *marked, high), max(high, *marked, low)
     margin = 0.04 * (high - low)
     return float(low - margin), float(high + margin)
 
@@ -104,15 +95,6 @@ def _correlation(axes: Axes, result: CalibrationResult, x_name: str, y_name: str
     axes.set_axis_off()
 
 
-def _mark(axes: Axes, markers: Markers, x_name: str, y_name: str | None) -> None:
-    for (name, point), (marker, colour) in zip(markers.items(), _MARKERS, strict=False):
-        if y_name is None and x_name in point:
-            axes.axvline(point[x_name], color=colour, linewidth=1.3, label=name)
-        elif y_name is not None and x_name in point and y_name in point:
-            axes.plot(point[x_name], point[y_name], marker, color=colour, markersize=6.5, markeredgecolor="white",
-                      markeredgewidth=0.8, label=name)  # fmt: skip
-
-
 def _label(axes: Axes, row: int, column: int, x_name: str, y_name: str) -> None:
     if row == len(THETA) - 1:
         axes.set_xlabel(LABELS[x_name])
@@ -122,14 +104,6 @@ def _label(axes: Axes, row: int, column: int, x_name: str, y_name: str) -> None:
         axes.set_ylabel(LABELS[y_name])
     elif row != column:
         axes.tick_params(labelleft=False)
-
-
-def _legend(figure: Figure, margin: Axes, joint: Axes) -> None:
-    lines, labels = margin.get_legend_handles_labels()
-    for line, label in zip(*joint.get_legend_handles_labels(), strict=True):
-        if label in labels:
-            lines[labels.index(label)] = line
-    figure.legend(lines, labels, loc="outside upper left", ncols=4, handlelength=1.6)
 
 
 def density_figure(draws: np.ndarray, x_label: str, prior: "scipy.stats.rv_continuous | None" = None) -> Figure:

@@ -14,7 +14,7 @@ from fast.hardware.laumas.continuous import ContinuousTransmitter
 from fast.hardware.laumas.strings import (
     StringReader,
     WeightString,
-    encode_checked,
+    check_of,
     encode_plain,
     least_baud_rate,
     parse_line,
@@ -29,6 +29,13 @@ from fast.models.errors import DeviceError
 from fast.models.units import force_n_from_kg
 
 KILOGRAM = Scale(0.001, "kg")
+
+
+def encode_checked(string: WeightString) -> bytes:
+    r"""`&T` gross `P` gross `\` check CR, which other instruments of the family send."""
+    weight = encode_plain(string).strip(b"\r\n")
+    body = b"T" + weight + b"P" + weight
+    return b"&" + body + b"\\" + check_of(body) + b"\r"
 
 
 @pytest.mark.parametrize(

@@ -15,14 +15,6 @@ app = App(name="print", help="Print sheets, and the word of the person who print
 
 V = TypeVar("V")
 
-MEASURES = {
-    "front": "measured_front_thickness_mm",
-    "back": "measured_back_thickness_mm",
-    "rib": "measured_rib_thickness_mm",
-    "hardness": "hardness_shore_a",
-}
-
-
 Batch = Annotated[str, Parameter(help="Batch, e.g. quick/B01 (or B01 when the lake has one campaign).")]
 
 
@@ -133,7 +125,7 @@ def measured(
     """Say what callipers and durometer gave of a printed tool, also after it was measured on the bench."""
     from fast.lake.store import Lake
     from fast.models.errors import UsageError
-    from fast.tasks.bench.measured_tools import measure_printed, take_back_measured
+    from fast.tasks.bench.measured_tools import MEASURES, measure_printed, take_back_measured
 
     if undo == bool(values):
         raise UsageError("give what was measured, or --undo and no numbers; nothing was written.")
@@ -253,7 +245,7 @@ def _read_measures(pairs: str, place: str) -> "MeasuredTool":
     """
     from fast.models.errors import UsageError
     from fast.models.validation import closest, load_record
-    from fast.tasks.bench.measured_tools import MeasuredTool
+    from fast.tasks.bench.measured_tools import MEASURES, MeasuredTool
 
     values: dict[str, float] = {}
     for pair in pairs.split(","):

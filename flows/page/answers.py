@@ -20,7 +20,7 @@ from fast.models.units import spell_count
 from fast.models.validation import load_record
 from fast.tasks.bench.machine_files.format import MachineFormat
 from fast.tasks.bench.machine_files.guess import parse_format
-from fast.tasks.bench.measured_tools import MeasuredTool
+from fast.tasks.bench.measured_tools import MEASURES, MeasuredTool
 from fast.tasks.bench.mount import plan_rack
 from fast.tasks.bench.mounting import Mounting, confirm_mounting
 from fast.tasks.bench.print import PrintConfirmation, Printed, confirm_print, open_slots
@@ -30,12 +30,6 @@ from fast.tasks.gap.readings import take_back_reading, write_reading
 
 WAY = "the box *so it is*"
 _SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".asc")
-_MEASURES = {
-    "front": "measured_front_thickness_mm",
-    "back": "measured_back_thickness_mm",
-    "rib": "measured_rib_thickness_mm",
-    "hardness": "hardness_shore_a",
-}
 
 
 def answer_print(lake: Lake, campaign_id: str, batch: int, form: Mapping[str, str], operator: str) -> str:
@@ -63,7 +57,7 @@ def answer_print(lake: Lake, campaign_id: str, batch: int, form: Mapping[str, st
             continue
         if form.get(f"reason-{slot}"):
             raise UsageError(f"{label} is said to be good, and why it is not; choose one. Nothing was written.")
-        measured = {key: form[f"{name}-{slot}"] for name, key in _MEASURES.items() if form.get(f"{name}-{slot}")}
+        measured = {key: form[f"{name}-{slot}"] for name, key in MEASURES.items() if form.get(f"{name}-{slot}")}
         if measured:
             numbers = {key: read_number(label, text) for key, text in measured.items()}
             word["measured"][slot] = load_record(MeasuredTool, numbers, label)

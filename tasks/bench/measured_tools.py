@@ -15,11 +15,17 @@ from fast.models.question import Question, settle
 from fast.models.records import Design, Record
 from fast.tasks.campaign.campaign import stored_provenance
 from fast.tasks.campaign.requests import append_event
-from fast.tasks.campaign.state import THICKNESSES, load_designs
+from fast.tasks.campaign.state import load_designs
 
 MEASURED = "tool_measured"  # kind of events
 WALLS = {"front wall": "front_thickness_mm", "back wall": "back_thickness_mm", "ribs": "rib_thickness_mm"}
-_COLUMNS = (*(f"measured_{name}" for name in THICKNESSES), "hardness_shore_a", "sure")
+MEASURES = {
+    "front": "measured_front_thickness_mm",
+    "back": "measured_back_thickness_mm",
+    "rib": "measured_rib_thickness_mm",
+    "hardness": "hardness_shore_a",
+}  # by what people call them
+_COLUMNS = (*MEASURES.values(), "sure")
 
 
 class MeasuredTool(Record):

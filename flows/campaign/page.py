@@ -12,6 +12,7 @@ from uuid import UUID
 from prefect import get_client
 from prefect.artifacts import create_markdown_artifact, create_progress_artifact
 from prefect.client.schemas.actions import ArtifactUpdate
+from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 
 from fast.flows.campaign.forecast import Forecast, forecast
 from fast.flows.campaign.progress import MOST_CPU, Workload, count_work
@@ -81,7 +82,8 @@ class CampaignPage:
 
     def _write(self) -> None:
         text = self.text()
-        with get_client(sync_client=True) as client:
+        # At once or not at all: the campaign waits for it, and so do those who ask it to pause.
+        with temporary_settings({PREFECT_CLIENT_MAX_RETRIES: 0}), get_client(sync_client=True) as client:
             client.update_artifact(self._page, ArtifactUpdate(data=text))
             client.update_artifact(self._progress, ArtifactUpdate(data=round(100.0 * self._load.fraction, 1)))
 

@@ -9,6 +9,8 @@ from uuid import UUID
 
 import psutil
 
+from fast.tasks.simulation.pool import follow_parent
+
 logger = logging.getLogger(__name__)
 
 _TAG = re.compile(r"process:(?P<host>.+):(?P<pid>\d+):(?P<started_s>\d+)")
@@ -62,7 +64,10 @@ def is_process_alive(pid: int, started_s: int | None = None) -> bool:
 
 
 def mark_run() -> None:
-    """Have the flow run that this process does carry its tag; without a server it goes without."""
+    """Have the flow run that this process does carry its tag, and pause when the worker that began it is gone.
+
+    Without a server it goes without the tag.
+    """
     from httpx import HTTPError
     from prefect import get_client
     from prefect.runtime import flow_run
@@ -70,6 +75,7 @@ def mark_run() -> None:
     run_id = flow_run.get_id()
     if run_id is None:
         return
+    follow_parent(os.getppid(), is_asked=True)  # the worker; without it nobody would hear of this process again
     kept = [tag for tag in flow_run.get_tags() if not _TAG.fullmatch(tag)]
     try:
         with get_client(sync_client=True) as client:

@@ -122,12 +122,18 @@ def _start_worker(parent_pid: int) -> None:
     follow_parent(parent_pid)
 
 
-def follow_parent(parent_pid: int, poll_s: float = 1.0) -> None:
-    """Make this process exit soon after the one that started it is gone, even by SIGKILL."""
+def follow_parent(parent_pid: int, poll_s: float = 1.0, is_asked: bool = False) -> None:
+    """Make this process exit soon after the one that started it is gone, even by SIGKILL.
+
+    `is_asked`: it is sent SIGTERM in place of that, since it has something to bring to an end.
+    """
 
     def watch() -> None:
         while os.getppid() == parent_pid:
             time.sleep(poll_s)
-        os._exit(1)
+        if is_asked:
+            os.kill(os.getpid(), signal.SIGTERM)
+        else:
+            os._exit(1)
 
     threading.Thread(target=watch, daemon=True, name="follow-parent").start()

@@ -1,8 +1,12 @@
 """When the campaign's page is written: soon after something happened, seldom otherwise, and never dearly."""
 
+import socket
+import time
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
+from prefect.settings import PREFECT_API_URL, PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 
 from fast.flows.campaign import page as campaign_page
 from fast.flows.campaign.page import INTERVAL_S, QUIET_S, CampaignPage
@@ -83,3 +87,17 @@ def test_a_server_that_does_not_answer_harms_no_campaign(page, clock, monkeypatc
     monkeypatch.setattr(page, "_write", fail)
     page.update(now=True)
     assert "the campaign's page was not written: gone" in caplog.text
+
+
+def test_a_server_that_is_gone_holds_up_no_campaign(page, clock, monkeypatch, caplog):
+    """Prefect's client tries again for four minutes, in which a campaign heard nobody."""
+    monkeypatch.setattr(page, "_write", partial(CampaignPage._write, page))
+    page._load = SimpleNamespace(fraction=0.5)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    settings = {PREFECT_API_URL: f"http://127.0.0.1:{port}/api", PREFECT_CLIENT_MAX_RETRIES: 7}
+    began_s = time.monotonic()
+    with temporary_settings(settings):
+        page.update(now=True)
+    assert time.monotonic() - began_s < 20.0
+    assert "the campaign's page was not written: [Errno 111] Connection refused" in caplog.text

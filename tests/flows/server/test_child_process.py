@@ -3,7 +3,10 @@
 import os
 import signal
 import socket
+import subprocess
+import sys
 
+import psutil
 import pytest
 
 from fast.flows.server import child_process
@@ -47,3 +50,33 @@ def test_a_port_that_is_taken_is_named():
         port = taken.getsockname()[1]
         with pytest.raises(FastError, match=f"port {port} of 127.0.0.1 cannot be used"):
             _listen(LOOPBACK, port)
+
+
+FOLLOWER = """
+import os, signal, sys, time
+from fast.tasks.simulation.pool import follow_parent
+
+if len(sys.argv) > 1:
+    def hear(number, frame):
+        open(sys.argv[1], "w").write("heard")
+        sys.exit()
+    signal.signal(signal.SIGTERM, hear)
+    follow_parent(os.getppid(), poll_s=0.05, is_asked=True)
+    print(os.getpid(), flush=True)
+    time.sleep(60)
+else:
+    import subprocess
+    subprocess.run([sys.executable, __file__, "heard.txt"])
+"""
+
+
+def test_a_run_is_asked_to_end_when_its_worker_is_killed(tmp_path):
+    """It was left alone with a server that is gone: minutes in which the bench belonged to nobody who answers."""
+    script = tmp_path / "follower.py"
+    script.write_text(FOLLOWER)
+    with subprocess.Popen([sys.executable, script], cwd=tmp_path, stdout=subprocess.PIPE, text=True) as worker:
+        assert worker.stdout is not None
+        run = psutil.Process(int(worker.stdout.readline()))
+        worker.kill()
+    run.wait(LIMIT_S)
+    assert (tmp_path / "heard.txt").read_text() == "heard"

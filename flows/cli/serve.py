@@ -83,6 +83,8 @@ def serve(
 def _tend(lab: "Lab", asked: threading.Event) -> None:
     while not asked.wait(TEND_S):
         lab.tend(tell)
+    if lab.is_working:
+        tell("what the worker does is brought to an end: a campaign pauses after the grasp in hand")
 
 
 def _check_server_wanted(host: str, port: int, option: str = "--port") -> None:

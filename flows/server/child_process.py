@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
+import psutil
+
 from fast.models.own_code import FOLDER
 
 CHECKOUT = Path(__file__).resolve().parents[2]
@@ -73,6 +75,10 @@ class ChildProcess:
             return False
         self.start()
         return True
+
+    def list_children(self) -> list[psutil.Process]:
+        """What the process has started, and still runs."""
+        return psutil.Process(self.pid).children() if self.is_alive() else []
 
     def stop(self) -> None:
         """End the process, by force when it does not listen."""

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
+
 from fast.flows.server.access import address_for_person
 from fast.flows.server.child_process import CHECKOUT, ChildProcess
 from fast.flows.server.crashed_runs import end_crashed_runs
@@ -31,6 +33,7 @@ from fast.flows.server.server import (
 from fast.flows.server.worker_process import POOL
 from fast.lake.store import Lake
 from fast.models.errors import FastError
+from fast.tasks.simulation.pool import ASKED_S
 
 POOL_LIMIT_S = 300.0
 DEPLOY_LIMIT_S = 600.0
@@ -114,11 +117,18 @@ class Lab:
                 tell(sentence)
 
     def close(self) -> None:
-        """Stop the page, the worker, then the server."""
+        """Stop the page and the worker, wait for its runs, which pause without it, then stop the server."""
         self._page.close()
+        runs = self._worker.list_children()
         self._worker.stop()
+        psutil.wait_procs(runs, ASKED_S)
         if self._server is not None:
             stop_server(self._lake.root, self._server)
+
+    @property
+    def is_working(self) -> bool:
+        """Whether the worker does any run."""
+        return bool(self._worker.list_children())
 
     @property
     def pids(self) -> tuple[int, int]:

@@ -4,12 +4,17 @@ import logging
 import os
 import re
 import socket
+import sys
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from uuid import UUID
 
 import psutil
 
 from fast.tasks.simulation.pool import follow_parent
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 logger = logging.getLogger(__name__)
 
@@ -63,6 +68,12 @@ def is_process_alive(pid: int, started_s: int | None = None) -> bool:
         return True
 
 
+def _drop_output(console: "Console") -> None:
+    """What the run says goes nowhere when its worker, which reads it, is gone; rich would end it in the midst."""
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def mark_run() -> None:
     """Have the flow run that this process does carry its tag, and pause when the worker that began it is gone.
 
@@ -71,10 +82,12 @@ def mark_run() -> None:
     from httpx import HTTPError
     from prefect import get_client
     from prefect.runtime import flow_run
+    from rich.console import Console
 
     run_id = flow_run.get_id()
     if run_id is None:
         return
+    Console.on_broken_pipe = _drop_output  # type: ignore[assignment, method-assign]
     follow_parent(os.getppid(), is_asked=True)  # the worker; without it nobody would hear of this process again
     kept = [tag for tag in flow_run.get_tags() if not _TAG.fullmatch(tag)]
     try:

@@ -114,8 +114,7 @@ def check_config(lake: Lake, text: str, base: str) -> Checked:
     path = _write(lake, text, base, f".check-{os.getpid()}")
     try:
         config = load_config(path)
-        # One that is started as it is keeps the paths that it has.
-        is_known(lake, config if (same := _find_same(lake, text)) is None else load_config(same))
+        is_known(lake, config)
     except FastError as error:
         sentence = str(error).replace(str(path), "the config").replace("campaign config `the config`", "the config")
         return Checked(text, (Fault(_find_line(text, sentence), sentence),))

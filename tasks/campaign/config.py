@@ -33,6 +33,7 @@ from fast.tasks.campaign.settings import (
 LOT_SUFFIX = ".toml"
 RECIPE = "recipe"  # key of `[print]` that names a recipe file
 BODIES = ("compliant", "rigid")
+_FILES = ("bench.world", "bench.real", "material", "designs")  # keys of the science that name a file
 NAME = r"^[a-z0-9][a-z0-9-]{0,40}$"
 _ROUNDING_MM = 1e-6
 _N_TRIED = 4  # designs drawn of a space that is not the paper's, to see whether they can be made
@@ -316,14 +317,27 @@ def _cause(error: OSError | UnicodeDecodeError) -> str:
 
 
 def differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """`section.key old -> new` for every value in which two configs differ."""
+    """`section.key old -> new` for every value in which two configs differ.
+
+    A file is the same where one path ends as the other does, as `../worlds/a.toml` and `/lab/worlds/a.toml` do: which
+    folder a path of the lake is relative to is not kept.
+    """
     flat_old, flat_new = dict(_flatten(old)), dict(_flatten(new))
-    keys = sorted(flat_old.keys() | flat_new.keys())
-    return [
-        f"{key} {canonical_json(flat_old.get(key))} -> {canonical_json(flat_new.get(key))}"
-        for key in keys
-        if flat_old.get(key) != flat_new.get(key)
-    ]
+    changes = []
+    for key in sorted(flat_old.keys() | flat_new.keys()):
+        before, after = flat_old.get(key), flat_new.get(key)
+        if before != after and not (key in _FILES and _may_be_same_file(before, after)):
+            changes.append(f"{key} {canonical_json(before)} -> {canonical_json(after)}")
+    return changes
+
+
+def _may_be_same_file(one: str | None, other: str | None) -> bool:
+    """Whether two paths, without their steps up, end the same as far as the shorter goes."""
+    if one is None or other is None:
+        return False
+    parts = [[part for part in Path(name).parts if part != ".."] for name in (one, other)]
+    n = min(len(found) for found in parts)
+    return parts[0][-n:] == parts[1][-n:]
 
 
 def _flatten(data: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

@@ -12,8 +12,11 @@ from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow, ToolRow
+from fast.tasks.campaign.campaign import Campaign
+from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
+from fast.tasks.campaign.setup import register
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake, write_config
 from tests.flows.page.lab_page import ADDRESS, Browser
 from tests.flows.synthetic_lake import build
@@ -297,7 +300,17 @@ def test_a_config_that_is_started_again_as_it_is_is_the_same(lake):
     text = write_config(folder).read_text()
     assert start.check_config(lake, text, "lake/quick.toml").faults == ()
     (fault,) = start.check_config(lake, re.sub(r"(?m)^seed = \d+", "seed = 77", text), "lake/quick.toml").faults
-    assert "was started with another config" in fault.sentence
+    assert "was started with another config (seed 1 -> 77);" in fault.sentence
+
+
+def test_a_campaign_of_a_terminal_grows_on_the_page_which_writes_its_config_elsewhere(tmp_path):
+    lake, text = Lake.open(tmp_path / "lake", create=True), (ROOT / "campaigns" / "quick.toml").read_text()
+    register(Campaign(lake, load_config(ROOT / "campaigns" / "quick.toml")), text)
+    more = re.sub(r"(?m)^guided_batches = \d+", "guided_batches = 9", text)
+    assert more != text
+    assert start.check_config(lake, more, "quick.toml").faults == ()
+    (fault,) = start.check_config(lake, more.replace("worlds/quick", "worlds/paper"), "quick.toml").faults
+    assert "bench.world" in fault.sentence
 
 
 def test_no_print_is_forecast_of_a_campaign_that_nobody_runs(lake):

@@ -135,6 +135,23 @@ def test_differences_name_what_changed():
     assert differences({"a": {"b": 1, "c": 2}}, {"a": {"b": 1, "c": 3}}) == ["a.c 2 -> 3"]
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "n_changes"),
+    [
+        ("../worlds/quick.toml", "/lab/worlds/quick.toml", 0),
+        ("/lab/worlds/quick.toml", "./worlds/quick.toml", 0),
+        ("../worlds/quick.toml", "/lab/worlds/paper.toml", 1),
+        ("../worlds/quick.toml", "/lab/others/quick.toml", 1),
+        ("/lab/worlds/quick.toml", None, 1),
+    ],
+)
+def test_a_file_of_a_config_is_the_same_where_its_paths_end_alike(before, after, n_changes):
+    old, new = {"bench": {"world": before}}, {"bench": {"world": after}}
+    assert len(differences(old, new)) == len(differences(new, old)) == n_changes
+    if n_changes == 0:
+        assert differences({"name": before}, {"name": after})  # what is no file is compared by its letters
+
+
 def test_cells_are_the_same_for_a_seed_and_cover_everything():
     plan = ObjectPlan(ids=(3, 1, 2), repeats=2, order="random")
     assert plan.cells(5) == plan.cells(5)

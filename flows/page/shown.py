@@ -8,6 +8,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from fast.flows.page import by_hand, results, start
+from fast.flows.page.jobs import list_jobs
 from fast.flows.page.lab import LabPage
 from fast.flows.page.notes import MOST_PHOTO_BYTES, keep_note, keep_photo
 from fast.flows.page.todo import list_campaigns
@@ -105,7 +106,7 @@ def add_start(app: FastAPI, page: LabPage) -> None:
             base = base if base in configs else next(iter(configs), "")
             text = start.read_config(lake, base).text if base else ""
             tools = results.list_tools(lake)
-            return {"jobs": start.list_jobs(lake), "configs": configs, "base": base, "text": text, "tools": tools}
+            return {"jobs": list_jobs(lake), "configs": configs, "base": base, "text": text, "tools": tools}
 
         shown = await run_in_threadpool(read)
         return await page.show(request, "start.html", "start", objects=list_known(), **shown)

@@ -6,16 +6,14 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from fast.flows.campaign.status import read_campaign
 from fast.flows.page.by_hand import find_lent, run_on_lent
 from fast.flows.page.strip import LastStart, read_last_start, read_strip
-from fast.flows.page.worker import find_worker, require_worker, start_on_worker
+from fast.flows.page.worker import require_worker, start_on_worker
 from fast.flows.server.child_process import CHECKOUT
-from fast.flows.server.server import address_for_others, ask_server
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError, UsageError
@@ -31,9 +29,6 @@ JOBS = {
     "calibration": ("recalibrate/recalibrate", "calibrate the simulator with the newest measurements"),
     "search": ("close-gap/close_gap", "search for what the simulator misses"),
 }
-_OPEN = ["SCHEDULED", "PENDING", "RUNNING", "PAUSED"]
-_WAITING_FLOWS = ("print", "mount", "reading")
-_FLOWS = {"recalibrate": "calibration", "close-gap": "search for what the simulator misses", "simulate": "simulations"}
 _RELATIVE = re.compile(
     r'^(?P<head>\s*(?:world|real|material|designs|recipe)\s*=\s*)"(?P<path>[^"/~][^"]*)"(?P<tail>.*)$', re.M
 )
@@ -75,15 +70,6 @@ class Checked:
             if fault.line is not None:
                 told[fault.line] = f"{told.get(fault.line, '')} {fault.sentence}".strip()
         return [(number, line, told.get(number, "")) for number, line in enumerate(self.text.splitlines(), start=1)]
-
-
-@dataclass(frozen=True)
-class Job:
-    """A run of the queue."""
-
-    name: str
-    state: str
-    since: str
 
 
 def list_configs(lake: Lake) -> list[str]:
@@ -214,45 +200,6 @@ def start_job(lake: Lake, job: str, campaign_id: str, operator: str) -> str:
     return f"In the queue: {words}{f' ({campaign_id})' if campaign_id else ''}."
 
 
-def list_jobs(lake: Lake) -> list[Job] | None:
-    """What the worker does and will do, forms left aside; None where no worker stands."""
-    api = find_worker(lake)
-    if api is None:
-        return None
-    which = {"flow_runs": {"state": {"type": {"any_": _OPEN}}}, "sort": "EXPECTED_START_TIME_ASC", "limit": 50}
-    try:
-        runs = ask_server(api, "/flow_runs/filter", which)
-        flows = {flow["id"]: flow["name"] for flow in ask_server(api, "/flows/filter", {})}
-    except (OSError, ValueError):
-        return None
-    here = address_for_others(lake)
-    own = [run for run in runs if run["parameters"].get("lake", here) == here]
-    jobs: dict[str, Job] = {}
-    for run in own:
-        flow = flows.get(run["flow_id"], run["name"])
-        if flow in _WAITING_FLOWS:
-            continue
-        is_planned = run["auto_scheduled"] and run["state"]["type"] == "SCHEDULED"
-        state = "planned" if is_planned else run["state"]["name"].lower()
-        at = run.get("start_time") or run.get("expected_start_time")
-        name = _name_job(flow, run)
-        # Of what comes every day, the next time alone; of a campaign, one of its two flows.
-        jobs.setdefault(flow if is_planned else f"{name} {state}", Job(name, state, _clock(at)))
-    return list(jobs.values())
-
-
-def _name_job(flow: str, run: Mapping[str, Any]) -> str:
-    """What a run does; Prefect gives it a name of ours when it begins, until then one like `sage-petrel`."""
-    told = run["parameters"]
-    if flow == "run-campaign":
-        return f"campaign {Path(told.get('config', '')).stem}"
-    if flow == "report":
-        return f"report of {told.get('campaign', '')}"
-    if flow == "lend":
-        return f"a virtual bench, moved by hand by {told.get('holder', '')}"
-    return _FLOWS.get(flow, str(run["name"]))
-
-
 def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, Any]:
     """One grasp of a tool of the lake, or of the best published finger, with its picture; in a worker process.
 
@@ -374,7 +321,3 @@ def _summarize(config: CampaignConfig) -> str:
         f"campaign {config.campaign_id} on {bench}: {n_tools} tools in {schedule.guided_batches + 1} stages, "
         f"{n_tools * objects.n_grasps} grasps, {n_sims} simulated designs on {len(objects.object_ids)} objects each"
     )
-
-
-def _clock(text: str | None) -> str:
-    return "" if not text else datetime.fromisoformat(text).astimezone().strftime("%H:%M")

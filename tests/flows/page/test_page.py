@@ -5,7 +5,7 @@ import re
 import pytest
 
 from fast.flows.campaign.status import read_status
-from fast.flows.page import start
+from fast.flows.page import jobs, start
 from fast.flows.server.access import Role
 from fast.flows.server.server import address_for_others
 from fast.hardware.parts.safe_state import Verb
@@ -325,9 +325,37 @@ def test_the_queue_says_what_waits_in_words_of_ours(lake, monkeypatch):
     waiting = {"name": "sage-petrel", "auto_scheduled": False, "expected_start_time": None}
     runs = [{"id": "1", "flow_id": "f", "parameters": told, "state": {"type": "SCHEDULED", "name": "Late"}, **waiting}]
     answers = {"/flow_runs/filter": runs, "/flows/filter": [{"id": "f", "name": "run-campaign"}]}
-    monkeypatch.setattr(start, "find_worker", lambda lake: object())
-    monkeypatch.setattr(start, "ask_server", lambda api, path, body: answers[path])
-    assert [(job.name, job.state) for job in start.list_jobs(lake)] == [("campaign b1", "late")]
+    monkeypatch.setattr(jobs, "find_worker", lambda lake: object())
+    monkeypatch.setattr(
+        jobs, "ask_server", lambda api, path, body: [] if "END" in body.get("sort", "") else answers[path]
+    )
+    assert [(job.name, job.state) for job in jobs.list_jobs(lake)] == [("campaign b1", "late")]
+
+
+def test_the_queue_says_why_a_job_failed_until_one_of_its_kind_succeeds(lake, monkeypatch):
+    def ended(campaign, kind, message):
+        told = {"campaign": campaign, "lake": address_for_others(lake)}
+        return {
+            "name": "sage-petrel",
+            "flow_id": "f",
+            "parameters": told,
+            "state": {"type": kind, "name": kind.title(), "message": message},
+            "end_time": "2026-03-01T10:30:00+00:00",
+        }
+
+    def answer(api, path, body):
+        if path == "/flows/filter":
+            return [{"id": "f", "name": "report"}]
+        return runs if body["sort"] == "END_TIME_DESC" else []
+
+    runs = [ended("b1", "FAILED", "the disk is full."), ended("b1", "COMPLETED", "report x")]
+    runs += [ended("b2", "COMPLETED", "report y"), ended("b2", "CRASHED", "gone")]
+    monkeypatch.setattr(jobs, "find_worker", lambda lake: object())
+    monkeypatch.setattr(jobs, "ask_server", answer)
+    assert [(job.name, job.state, job.reason) for job in jobs.list_jobs(lake)] == [
+        ("report of b1", "failed", "the disk is full.")
+    ]
+    assert "the disk is full." in Browser(lake).see("/start")
 
 
 def test_notes_and_photos_stay_with_a_tool(lake):

@@ -1,0 +1,92 @@
+"""The queue of the tab Start: what the worker does and will do, and what of its last work failed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from fast.flows.page.worker import find_worker
+from fast.flows.server.access import Api
+from fast.flows.server.server import address_for_others, ask_server
+from fast.lake.store import Lake
+
+_OPEN = ["SCHEDULED", "PENDING", "RUNNING", "PAUSED"]
+_FAILED = ["FAILED", "CRASHED"]
+_TOLD_FOR = timedelta(days=1)  # a failure that nobody mended by then is no news
+_WAITING_FLOWS = ("print", "mount", "reading")
+_FLOWS = {"recalibrate": "calibration", "close-gap": "search for what the simulator misses", "simulate": "simulations"}
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run of the queue; `reason`: the sentence of one that failed."""
+
+    name: str
+    state: str
+    since: str
+    reason: str = ""
+
+
+def list_jobs(lake: Lake) -> list[Job] | None:
+    """What the worker does and will do, and what failed, forms left aside; None where no worker stands."""
+    api = find_worker(lake)
+    if api is None:
+        return None
+    try:
+        flows = {flow["id"]: flow["name"] for flow in ask_server(api, "/flows/filter", {})}
+        return [*_list_open(api, flows, lake), *_list_failed(api, flows, lake)]
+    except (OSError, ValueError):
+        return None
+
+
+def _list_open(api: Api, flows: Mapping[str, str], lake: Lake) -> list[Job]:
+    which = {"flow_runs": {"state": {"type": {"any_": _OPEN}}}, "sort": "EXPECTED_START_TIME_ASC", "limit": 50}
+    jobs: dict[str, Job] = {}
+    for run in _read_runs(api, which, lake):
+        flow = flows.get(run["flow_id"], run["name"])
+        if flow in _WAITING_FLOWS:
+            continue
+        is_planned = run["auto_scheduled"] and run["state"]["type"] == "SCHEDULED"
+        state = "planned" if is_planned else run["state"]["name"].lower()
+        at = run.get("start_time") or run.get("expected_start_time")
+        name = _name_job(flow, run)
+        # Of what comes every day, the next time alone; of a campaign, one of its two flows.
+        jobs.setdefault(flow if is_planned else f"{name} {state}", Job(name, state, _clock(at)))
+    return list(jobs.values())
+
+
+def _list_failed(api: Api, flows: Mapping[str, str], lake: Lake) -> list[Job]:
+    """Jobs whose last run of this day failed, the newest first."""
+    ended = {"state": {"type": {"any_": [*_FAILED, "COMPLETED"]}}, "deployment_id": {"is_null_": False}}
+    ended |= {"end_time": {"after_": (datetime.now(UTC) - _TOLD_FOR).isoformat()}}
+    last: dict[str, dict[str, Any]] = {}
+    for run in _read_runs(api, {"flow_runs": ended, "sort": "END_TIME_DESC", "limit": 200}, lake):
+        last.setdefault(_name_job(flows.get(run["flow_id"], run["name"]), run), run)
+    return [
+        Job(name, "failed", _clock(run["end_time"]), run["state"].get("message") or "")
+        for name, run in last.items()
+        if run["state"]["type"] in _FAILED
+    ]
+
+
+def _read_runs(api: Api, which: dict[str, Any], lake: Lake) -> list[dict[str, Any]]:
+    """Runs of this lake that the server has."""
+    here = address_for_others(lake)
+    return [run for run in ask_server(api, "/flow_runs/filter", which) if run["parameters"].get("lake", here) == here]
+
+
+def _name_job(flow: str, run: Mapping[str, Any]) -> str:
+    """What a run does; Prefect gives it a name of ours when it begins, until then one like `sage-petrel`."""
+    told = run["parameters"]
+    if flow == "run-campaign":
+        return f"campaign {Path(told.get('config', '')).stem}"
+    if flow == "report":
+        return f"report of {told.get('campaign', '')}"
+    if flow == "lend":
+        return f"a virtual bench, moved by hand by {told.get('holder', '')}"
+    return _FLOWS.get(flow, str(run["name"]))
+
+
+def _clock(text: str | None) -> str:
+    return "" if not text else datetime.fromisoformat(text).astimezone().strftime("%H:%M")

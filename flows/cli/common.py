@@ -44,6 +44,22 @@ def show(data: Any, text: str, as_json: bool) -> None:
     say(json.dumps(data, indent=2, default=str) if as_json else text)
 
 
+def write_out(option: str, path: Path, content: bytes) -> None:
+    """Write the one file that an option names, whole or not at all.
+
+    Raises:
+        UsageError: it cannot be written; an older file of its name is as it was.
+    """
+    from fast.lake.storage.files import write_file
+    from fast.models.errors import UsageError, tell_cause
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, content)
+    except OSError as error:
+        raise UsageError(f"{option} `{path}` cannot be written: {tell_cause(error)}; give another file.") from error
+
+
 def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None, width: int | None = None) -> str:
     """Rows as an aligned plain-text table; numbers to the right, long values cut.
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import AsJson, show, table_text, tell
+from fast.flows.cli.common import AsJson, show, table_text, tell, write_out
 
 AT_LEAST_ONE = Number(gte=1)
 WIDTH = 100  # columns of text
@@ -69,9 +70,10 @@ def compare(
     if figure is not None:
         from fast.flows.report.style import figure_style
 
-        figure.parent.mkdir(parents=True, exist_ok=True)
+        picture = BytesIO()
         with figure_style():
-            campaigns_figure(runs, REFERENCE).savefig(figure, dpi=160)
+            campaigns_figure(runs, REFERENCE).savefig(picture, format=figure.suffix[1:] or "png", dpi=160)
+        write_out("--figure", figure, picture.getvalue())
         tell(f"{figure} drawn")
 
 

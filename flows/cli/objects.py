@@ -1,11 +1,12 @@
 """`fast objects`: the 36 test objects and own ones: list, check, draw, print, add."""
 
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from cyclopts import App, Parameter
 
-from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show, table_text, write_out
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
@@ -75,8 +76,9 @@ def draw(
 
     found = [find_object(text, lake) for text in objects]
     _check_suffix(out, ".png")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    draw_objects(found).savefig(out)
+    picture = BytesIO()
+    draw_objects(found).savefig(picture, format="png")
+    write_out("--out", out, picture.getvalue())
     show({"written": str(out), "objects": [obj.object_id for obj in found]}, f"wrote {out}", json)
 
 
@@ -95,8 +97,7 @@ def print_object(
     found = find_object(object, lake)
     _check_suffix(out, ".stl")
     mesh = printable_mesh(found)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    mesh.export(out)
+    write_out("--out", out, cast(bytes, mesh.export(file_type="stl")))
     size = " x ".join(f"{mm:.1f}" for mm in mesh.extents)
     data = {"written": str(out), "size_mm": [float(mm) for mm in mesh.extents], "volume_mm3": float(mesh.volume)}
     show(data, f"wrote {out}: {found.name} on its mount, {size} mm, {mesh.volume / 1000:.1f} cm3", json)

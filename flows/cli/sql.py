@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell, write_out
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -71,10 +71,7 @@ def sql(
     if out is None:
         say(content.decode().rstrip("\n"))
         return
-    try:
-        out.write_bytes(content)
-    except OSError as error:
-        raise UsageError(f"--out `{out}` cannot be written: {error.strerror}; give another file.") from error
+    write_out("--out", out, content)
     tell(f"{spell_count(table.num_rows, 'row')} written to {out}")
 
 

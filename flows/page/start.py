@@ -15,6 +15,7 @@ from fast.flows.page.strip import LastStart, read_last_start, read_strip
 from fast.flows.page.worker import require_worker, start_on_worker
 from fast.flows.server.child_process import CHECKOUT
 from fast.lake.leases import holder_of
+from fast.lake.storage.files import write_file
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError, UsageError
 from fast.tasks.bench.ways_on import choose_way
@@ -287,9 +288,7 @@ def _write(lake: Lake, text: str, base: str, name: str) -> Path:
 
     path = _own_folder(lake) / f"{name}.toml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(_RELATIVE.sub(place, text), encoding="utf-8")
-    os.replace(part, path)
+    write_file(path, _RELATIVE.sub(place, text).encode())
     return path
 
 

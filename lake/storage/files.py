@@ -218,6 +218,25 @@ def _column_fault(held: pa.Schema, wanted: pa.Schema) -> str | None:
     return f"has the unknown column `{unknown[0]}`" if unknown else None
 
 
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file so that readers see it whole, or the older one of its name; a device or a pipe is written to.
+
+    Raises:
+        OSError: the disk is full or broken, or the folder closed.
+    """
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
+    final = path.resolve()  # a link stays one
+    staged = final.with_name(f"{TEMPORARY_PREFIX}{os.getpid()}-{final.name}")
+    try:
+        staged.write_bytes(content)
+        os.replace(staged, final)
+    except OSError:
+        discard([staged])
+        raise
+
+
 def discard(files: list[Path]) -> None:
     """Remove files that may not exist; one that cannot be removed is left for `fast lake check`."""
     for file in files:

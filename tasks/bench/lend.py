@@ -8,7 +8,6 @@ at a time, and who wants it asks.
 import contextlib
 import json
 import logging
-import os
 import queue
 import threading
 import time
@@ -26,6 +25,7 @@ from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import exclusive, holder_of
 from fast.lake.order import OLDEST_FIRST
 from fast.lake.query.engine import Mark
+from fast.lake.storage.files import write_file
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import FastError, UsageError
@@ -268,9 +268,7 @@ def _write_reading(path: Path, hand: Hand) -> None:
         values: dict[str, Any] = asdict(hand.read())
     except FastError as error:
         values = {"fault": str(error)}
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(values))
-    os.replace(part, path)
+    write_file(path, json.dumps(values).encode())
 
 
 class _Orders:

@@ -1,6 +1,5 @@
 """The human step: write what is printed, and record what a person says became of it."""
 
-import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 from pydantic import Field
 
 from fast.hardware.parts.layout import N_SLOTS
+from fast.lake.storage.files import write_file
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow, CampaignRow, ProposalRow, ToolRow
 from fast.models.design.recipe import Recipe
@@ -113,13 +113,6 @@ def ensure_tray(lake: Lake, campaign_id: str, batch: int) -> Path:
     folder = print_folder(lake, campaign_id, batch)
     sheet = folder / SHEET
     return sheet if sheet.exists() else write_tray(lake, campaign_id, batch, folder)
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a file so that readers see it whole or not at all."""
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
 
 
 def confirm_print(

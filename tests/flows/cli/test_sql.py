@@ -1,8 +1,10 @@
 """`fast sql`: what can be asked, and questions from standard input."""
 
 import csv
+import errno
 import io
 import json
+from pathlib import Path
 
 import pytest
 
@@ -64,3 +66,25 @@ def test_json_has_iso_times_and_null_for_no_number(fast):
 def test_lists_become_json_text_in_a_csv(fast):
     answer = fast("sql", "SELECT [1.5, NULL] AS a, {'b': 'x'} AS c, NULL::INTEGER[] AS d", "--format", "csv")
     assert list(csv.reader(io.StringIO(answer.out)))[1] == ["[1.5, null]", '{"b": "x"}', ""]
+
+
+def test_a_full_disk_leaves_the_older_file_of_that_name_and_nothing_else(fast, tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    fast("sql", "SELECT 1 AS a", "--out", path)
+    (tmp_path / "link.csv").symlink_to(path)
+    write = Path.write_bytes
+
+    def fill(path, content):
+        write(path, content[:1])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr(Path, "write_bytes", fill)
+        said = fast.refused("sql", "SELECT 2 AS a", "--out", path)
+    assert f"--out `{path}` cannot be written: No space left on device; give another file." in said
+    assert path.read_text() == '"a"\n1\n'
+    assert sorted(one.name for one in tmp_path.glob("*.csv")) == ["a.csv", "link.csv"]
+    assert not list(tmp_path.glob(".*csv"))
+    fast("sql", "SELECT 2 AS a", "--out", tmp_path / "link.csv")
+    assert path.read_text() == '"a"\n2\n'
+    assert fast("sql", "SELECT 3 AS a", "--out", "/dev/null", "--format", "csv").status == 0

@@ -244,8 +244,8 @@ def _read_measures(pairs: str, place: str) -> "MeasuredTool":
         ConfigError: a number is out of its range.
     """
     from fast.models.errors import UsageError
-    from fast.models.validation import closest, load_record
-    from fast.tasks.bench.measured_tools import MEASURES, MeasuredTool
+    from fast.models.validation import closest
+    from fast.tasks.bench.measured_tools import MEASURES, read_measured
 
     values: dict[str, float] = {}
     for pair in pairs.split(","):
@@ -253,7 +253,7 @@ def _read_measures(pairs: str, place: str) -> "MeasuredTool":
         if name not in MEASURES:
             raise UsageError(f"{place}: unknown measure `{name}`; {closest(name, list(MEASURES))}")
         try:
-            values[MEASURES[name]] = float(number)
+            values[name] = float(number)
         except ValueError as error:
             raise UsageError(f"{place}: `{number}` is not a number; write e.g. front=2.61.") from error
-    return load_record(MeasuredTool, values, place.replace("`", ""))
+    return read_measured(values, place)

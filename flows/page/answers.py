@@ -20,7 +20,7 @@ from fast.models.units import spell_count
 from fast.models.validation import load_record
 from fast.tasks.bench.machine_files.format import MachineFormat
 from fast.tasks.bench.machine_files.guess import parse_format
-from fast.tasks.bench.measured_tools import MEASURES, MeasuredTool
+from fast.tasks.bench.measured_tools import MEASURES, read_measured
 from fast.tasks.bench.mount import plan_rack
 from fast.tasks.bench.mounting import Mounting, confirm_mounting
 from fast.tasks.bench.print import PrintConfirmation, Printed, confirm_print, open_slots
@@ -57,10 +57,10 @@ def answer_print(lake: Lake, campaign_id: str, batch: int, form: Mapping[str, st
             continue
         if form.get(f"reason-{slot}"):
             raise UsageError(f"{label} is said to be good, and why it is not; choose one. Nothing was written.")
-        measured = {key: form[f"{name}-{slot}"] for name, key in MEASURES.items() if form.get(f"{name}-{slot}")}
+        measured = {name: form[f"{name}-{slot}"] for name in MEASURES if form.get(f"{name}-{slot}")}
         if measured:
-            numbers = {key: read_number(label, text) for key, text in measured.items()}
-            word["measured"][slot] = load_record(MeasuredTool, numbers, label)
+            numbers = {name: read_number(label, text) for name, text in measured.items()}
+            word["measured"][slot] = read_measured(numbers, label)
         if form.get(f"rack-{slot}", "") not in ("", str(slot)):
             word["mounted"][slot] = _read_slot(label, form[f"rack-{slot}"])
     done = confirm_print(lake, campaign_id, batch, load_record(PrintConfirmation, word, "the form"), way=WAY)

@@ -1,6 +1,7 @@
 """What callipers and durometer gave of printed tools: asked about where it is strange, kept, taken back."""
 
 from collections.abc import Mapping, Sequence
+from math import inf
 from typing import Any
 
 from pydantic import Field
@@ -9,7 +10,7 @@ from fast.lake.query.lots import read_lot_rows
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, ProposalRow, ToolRow
 from fast.models.design.measured import Wall, find_hardness_questions, find_wall_questions
-from fast.models.errors import UsageError
+from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import tool_label
 from fast.models.question import Question, settle
 from fast.models.records import Design, Record
@@ -35,6 +36,20 @@ class MeasuredTool(Record):
     measured_back_thickness_mm: float | None = Field(default=None, gt=0)
     measured_rib_thickness_mm: float | None = Field(default=None, gt=0)
     hardness_shore_a: float | None = Field(default=None, gt=0)
+
+
+def read_measured(numbers: Mapping[str, float], source: str) -> MeasuredTool:
+    """What was measured of a tool, of numbers by what people call them; `source` names the tool in messages.
+
+    Raises:
+        ConfigError: a number is not above 0, or not finite.
+    """
+    words = {f"measured_{column}": wall for wall, column in WALLS.items()}
+    for name, value in numbers.items():
+        if not 0 < value < inf:
+            what, unit = words.get(MEASURES[name], name), "Shore A" if name == "hardness" else "mm"
+            raise ConfigError(f"{source} {what}: {value:g} {unit}, it must be above 0 {unit}; measure it again.")
+    return MeasuredTool(**{MEASURES[name]: value for name, value in numbers.items()})
 
 
 def measure_printed(

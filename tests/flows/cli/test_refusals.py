@@ -171,6 +171,14 @@ def test_wrong_words_get_a_sentence(fast, words, said):
             ["print", "confirm", "B01", "--operator", "ada", "--measured", "0:front=9"],
             "B01T0 front wall: 9 mm, drawn 2.23 mm (a wall has 1 to 5 mm)",
         ),
+        (
+            ["print", "confirm", "B01", "--operator", "ada", "--measured", "0:front=0"],
+            "--measured `0:front=0` front wall: 0 mm, it must be above 0 mm; measure it again.",
+        ),
+        (
+            ["print", "confirm", "B01", "--operator", "ada", "--measured", "0:hardness=nan"],
+            "hardness: nan Shore A, it must be above 0 Shore A",
+        ),
         (["print", "confirm", "B01", "--operator", "ada", "--measured", "0:frnt=2"], "did you mean `front`?"),
         (["print", "confirm", "B01", "--operator", "ada", "--measured", "0:front=x"], "`x` is not a number"),
         (["sql", "FROM grasp"], "There is no table or view `grasp`; did you mean `grasps`?"),

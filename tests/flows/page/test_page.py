@@ -78,7 +78,10 @@ def test_a_person_is_asked_for_prints_and_the_same_rows_are_written_as_by_the_co
     status, words = browser.say("/todo/print", form)
     assert (status, "say why" in words) == (409, True)
     assert lake.rows(ToolRow) == []
-    form |= {f"reason-{slots[0]}": "tip torn", f"front-{slots[1]}": "4.7"}
+    form |= {f"reason-{slots[0]}": "tip torn", f"front-{slots[1]}": "0"}
+    status, words = browser.say("/todo/print", form)
+    assert (status, f"B01T{slots[1]} front wall: 0 mm, it must be above 0 mm" in words) == (409, True)
+    form[f"front-{slots[1]}"] = "4.7"
     status, words = browser.say("/todo/print", form)
     assert status == 409
     assert "so it is" in words

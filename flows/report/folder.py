@@ -16,7 +16,7 @@ from fast.flows.report.campaign.queries import Result
 from fast.flows.report.style import figure_style, save_svg
 from fast.lake.query.sql import csv_bytes
 from fast.lake.storage.files import discard
-from fast.models.errors import FastError, UsageError
+from fast.models.errors import FastError, UsageError, tell_cause
 from fast.tasks.templates import render
 
 _LOG = logging.getLogger(__name__)
@@ -34,7 +34,9 @@ class Folder:
             for name in ("figures", "data"):
                 (root / name).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise UsageError(f"The report folder {root} cannot be written ({error}); give another one.") from error
+            raise UsageError(
+                f"The report folder {root} cannot be written ({tell_cause(error)}); give another one."
+            ) from error
 
     def draw(self, name: str, figure: Figure, *, for_print: bool = False, kind: str | None = None) -> str:
         """Save a figure as SVG, and as PNG where it may be printed; returns its address in the page.

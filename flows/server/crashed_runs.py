@@ -126,7 +126,7 @@ def _declare(api: Api, run: Run, worker_since: datetime | None) -> str | None:
     }
     for task_run in ask_server(api, "/task_runs/filter", question):
         _set_state(api, "task_runs", task_run["id"], state, reason)
-    return f"run {run['name']} was cancelled" if state == "CANCELLED" else f"run {run['name']} has crashed: {reason}"
+    return f"{_title(run)} was cancelled" if state == "CANCELLED" else f"{_title(run)} has crashed: {reason}"
 
 
 def _set_state(api: Api, kind: str, run_id: str, state: str, reason: str) -> None:
@@ -154,14 +154,20 @@ def _continue(api: Api, runs: list[Run], hour_limit: int) -> str | None:
         return None
     recent = [run for run in runs if CONTINUES in run["tags"] and _time(run["created"]) > now - timedelta(hours=1)]
     if len(recent) >= hour_limit:
-        logger.warning("%s has crashed and was continued %d times within an hour: no more", last["name"], len(recent))
+        logger.warning("%s has crashed and was continued %d times within an hour: no more", _title(last), len(recent))
         return None
     new = {"parameters": last["parameters"], "tags": [CONTINUES], "idempotency_key": f"continues-{last['id']}"}
     try:
         ask_server(api, f"/deployments/{last['deployment_id']}/create_flow_run", new)
     except urllib.error.HTTPError as error:
-        return f"run {last['name']} has crashed and its deployment starts no other: {error.reason}"
-    return f"run {last['name']} has crashed and is continued"
+        return f"{_title(last)} has crashed and its deployment starts no other: {error.reason}"
+    return f"{_title(last)} has crashed and is continued"
+
+
+def _title(run: Run) -> str:
+    """`run NAME`; names such as `run campaigns/quick.toml` say so themselves."""
+    name = str(run["name"])
+    return name if name.startswith("run ") else f"run {name}"
 
 
 def _time(text: str) -> datetime:

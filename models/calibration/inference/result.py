@@ -22,7 +22,7 @@ CORRELATION_LIMIT = 0.7
 GRAVITY_N_PER_KG = 9.81
 _UNIT_TOLERANCE = 0.4  # of the logarithm: how near a factor counts as suspected
 _FAR_SD = 2.0  # prior standard deviations of ln E that call for a suspicion
-_WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "friction", "poisson_ratio": "Poisson ratio"}
+_WORDS = {"young_modulus_mpa": "Young's modulus", "friction": "friction", "poisson_ratio": "Poisson's ratio"}
 _UNITS = {"young_modulus_mpa": " MPa", "friction": "", "poisson_ratio": ""}
 
 
@@ -206,7 +206,7 @@ def _overlap_sentences(priors: ThetaPriors, flat: Mapping[str, np.ndarray]) -> l
         common = summarise(flat[name], find_prior(name, priors)).overlap
         if common is not None and common > OVERLAP_LIMIT:
             found.append(
-                f"the measurements say little about the {_WORDS[name]}: posterior and prior overlap by "
+                f"the measurements say little about {_WORDS[name]}: posterior and prior overlap by "
                 f"{spell_share(common)}; measure designs that depend on it, or calibrate on traces."
             )
     return found

@@ -249,7 +249,7 @@ def test_unknown_campaign_is_one_sentence(lake, tmp_path):
 
 def test_unwritable_folder_is_one_sentence(lake, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(UsageError, match="cannot be written"):
+    with pytest.raises(UsageError, match=r"out cannot be written \(Not a directory\); give another one\."):
         write_report(lake, "demo", tmp_path / "file" / "out")
 
 

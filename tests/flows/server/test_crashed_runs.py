@@ -135,13 +135,13 @@ def test_a_run_that_a_worker_had_taken_and_not_started_has_died_with_it(state, a
 def test_a_dead_run_and_its_tasks_are_crashed_and_a_live_one_is_left(asked):
     server = asked(run(1, tags=[GONE.tag]), run(2, tags=[OWN.tag]))
     (sentence,) = end_crashed_runs("").sentences
-    assert sentence.startswith("run run 1 has crashed: its process")
+    assert sentence.startswith("run 1 has crashed: its process")
     assert set(server.crashed) == {"run-1", "task-1"}
 
 
 def test_a_crashed_campaign_is_continued_once_with_the_same_parameters(asked):
     server = asked(run(1, tags=[GONE.tag]))
-    assert end_crashed_runs("", and_continue=True).continued == ["run run 1 has crashed and is continued"]
+    assert end_crashed_runs("", and_continue=True).continued == ["run 1 has crashed and is continued"]
     assert [r["parameters"] for r in server.runs] == [{"config": "a.toml"}] * 2
     assert end_crashed_runs("", and_continue=True).sentences == []
     assert len(server.runs) == 2
@@ -158,7 +158,7 @@ def test_what_a_person_ended_or_forgot_is_not_continued(asked, last):
 
 def test_a_run_that_a_person_cancels_is_cancelled_when_its_process_is_gone(asked):
     server = asked(run(1, "CANCELLING", [GONE.tag]))
-    assert end_crashed_runs("", and_continue=True).sentences == ["run run 1 was cancelled"]
+    assert end_crashed_runs("", and_continue=True).sentences == ["run 1 was cancelled"]
     assert [found["state"]["type"] for found in server.runs] == ["CANCELLED"]
 
 

@@ -14,6 +14,7 @@ from fast.flows.page.by_hand import find_lent, run_on_lent
 from fast.flows.page.strip import LastStart, read_last_start, read_strip
 from fast.flows.page.worker import require_worker, start_on_worker
 from fast.flows.server.child_process import CHECKOUT
+from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.lake.leases import holder_of
 from fast.lake.storage.files import write_file
 from fast.lake.store import Lake
@@ -74,9 +75,9 @@ class Checked:
 
 
 def list_configs(lake: Lake) -> list[str]:
-    """Configs to start from: those that come with FAST, and those that were kept here."""
+    """Configs to start from: those that were kept here, those of the folder of `fast serve`, and those of FAST."""
     own = sorted(path.name for path in _own_folder(lake).glob("*.toml"))
-    coming = sorted(path.name for path in (CHECKOUT / "campaigns").glob("*.toml"))
+    coming = sorted({path.name for folder in _list_folders() for path in folder.glob("*.toml")})
     first = ["quick.toml"] if "quick.toml" in coming else []
     return [*(f"lake/{name}" for name in own), *first, *(name for name in coming if name not in first)]
 
@@ -265,11 +266,19 @@ def _own_folder(lake: Lake) -> Path:
     return lake.root / "outputs" / "configs"
 
 
+def _list_folders() -> list[Path]:
+    """Folders of configs; of two files with one name, that of the first is meant, as by the worker (`find_config`)."""
+    served = os.environ.get(FOLDER_VARIABLE)
+    return [folder / "campaigns" for folder in ([Path(served)] if served else []) + [CHECKOUT]]
+
+
 def _find_config(lake: Lake, name: str) -> Path:
     if name not in list_configs(lake):
         raise UsageError(f"there is no config `{name}`; choose one of the list.")
     folder, _, file = name.rpartition("/")
-    return (_own_folder(lake) if folder == "lake" else CHECKOUT / "campaigns") / file
+    if folder == "lake":
+        return _own_folder(lake) / file
+    return next(path for near in _list_folders() if (path := near / file).is_file())
 
 
 def _find_same(lake: Lake, text: str) -> Path | None:
@@ -280,11 +289,11 @@ def _find_same(lake: Lake, text: str) -> Path | None:
 
 def _write(lake: Lake, text: str, base: str, name: str) -> Path:
     """Write a config beside those of the lake; files that it names are looked for where its base names them."""
-    near = _find_config(lake, base).parent if base in list_configs(lake) else CHECKOUT / "campaigns"
+    folders = [_find_config(lake, base).parent] if base in list_configs(lake) else _list_folders()
 
     def place(match: re.Match[str]) -> str:
-        path = near / match["path"]
-        return f'{match["head"]}"{path.resolve()}"{match["tail"]}' if path.exists() else match[0]
+        path = next((path for near in folders if (path := near / match["path"]).exists()), None)
+        return match[0] if path is None else f'{match["head"]}"{path.resolve()}"{match["tail"]}'
 
     path = _own_folder(lake) / f"{name}.toml"
     path.parent.mkdir(parents=True, exist_ok=True)

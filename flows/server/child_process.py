@@ -78,7 +78,10 @@ class ChildProcess:
 
     def list_children(self) -> list[psutil.Process]:
         """What the process has started, and still runs."""
-        return psutil.Process(self.pid).children() if self.is_alive() else []
+        try:
+            return psutil.Process(self.pid).children() if self.is_alive() else []
+        except psutil.NoSuchProcess:
+            return []
 
     def stop(self) -> None:
         """End the process, by force when it does not listen."""

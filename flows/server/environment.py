@@ -20,6 +20,7 @@ OWN_PREFIX = f"FAST_{PREFIX}"
 SERVER_VARIABLE = f"{OWN_PREFIX}API_URL"
 LOGIN_VARIABLE = f"{OWN_PREFIX}API_AUTH_STRING"
 FOLDER_VARIABLE = "FAST_SERVED_FROM"  # the folder of `fast serve`, for page and worker: paths of configs start there
+LAB_VARIABLE = "FAST_LAB"  # process id of `fast serve`, for what its worker does
 DATABASE_VARIABLE = f"{OWN_PREFIX}API_DATABASE_CONNECTION_URL"  # a lab's own, such as PostgreSQL
 
 OFFLINE = {

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +14,15 @@ import psutil
 from fast.flows.server.access import address_for_person
 from fast.flows.server.child_process import CHECKOUT, ChildProcess
 from fast.flows.server.crashed_runs import end_crashed_runs
-from fast.flows.server.environment import FOLDER_VARIABLE, LOGIN_VARIABLE, SERVER_VARIABLE, make_environment
+from fast.flows.server.environment import (
+    FOLDER_VARIABLE,
+    LAB_VARIABLE,
+    LOGIN_VARIABLE,
+    SERVER_VARIABLE,
+    make_environment,
+)
 from fast.flows.server.page_port import PageServer, find_page, listen
+from fast.flows.server.run_process import ASKED_S
 from fast.flows.server.server import (
     LOOPBACK,
     address_for_others,
@@ -33,7 +40,6 @@ from fast.flows.server.server import (
 from fast.flows.server.worker_process import POOL
 from fast.lake.store import Lake
 from fast.models.errors import FastError
-from fast.tasks.simulation.pool import ASKED_S
 
 POOL_LIMIT_S = 300.0
 DEPLOY_LIMIT_S = 600.0
@@ -61,6 +67,7 @@ class Lab:
         self._lake = lake
         self._swept_s = 0.0
         self._server: ChildProcess | None = None
+        self._runs: list[psutil.Process] = []
         with in_turn(lake.root):
             api = reach_named_server()
             if api is None:
@@ -75,6 +82,7 @@ class Lab:
             SERVER_VARIABLE: self.api.url,
             "FAST_CHECKOUT": str(CHECKOUT),
             FOLDER_VARIABLE: os.getcwd(),
+            LAB_VARIABLE: str(os.getpid()),
             "FAST_LAKE": address_for_others(lake),
         }
         if self.api.login:
@@ -107,6 +115,7 @@ class Lab:
         if self._server is not None and self._server.restart_if_dead():
             note_server(self._lake.root, self._server)
             tell(f"the Prefect server had died and was started again; its log is {self._server.log_path}")
+        self.find_runs()
         if self._worker.restart_if_dead():
             tell(f"the worker had died and was started again; its log is {self._worker.log_path}")
         # A server that is still starting would hold this up, and with it the start of the worker.
@@ -117,18 +126,21 @@ class Lab:
                 tell(sentence)
 
     def close(self) -> None:
-        """Stop the page and the worker, wait for its runs, which pause without it, then stop the server."""
+        """Stop the page and the worker, ask its runs to pause and wait for them, then stop the server."""
         self._page.close()
-        runs = self._worker.list_children()
+        runs = self.find_runs()
         self._worker.stop()
+        for run in runs:
+            with suppress(psutil.NoSuchProcess):
+                run.terminate()
         psutil.wait_procs(runs, ASKED_S)
         if self._server is not None:
             stop_server(self._lake.root, self._server)
 
-    @property
-    def is_working(self) -> bool:
-        """Whether the worker does any run."""
-        return bool(self._worker.list_children())
+    def find_runs(self) -> list[psutil.Process]:
+        """Processes of the runs that the worker, or one that died before it, has begun and that go on."""
+        self._runs = [run for run in {*self._runs, *self._worker.list_children()} if run.is_running()]
+        return self._runs
 
     @property
     def pids(self) -> tuple[int, int]:

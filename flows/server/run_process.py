@@ -3,20 +3,25 @@
 import logging
 import os
 import re
+import signal
 import socket
 import sys
+import threading
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from uuid import UUID
 
 import psutil
 
-from fast.tasks.simulation.pool import follow_parent
+from fast.flows.server.environment import LAB_VARIABLE
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 logger = logging.getLogger(__name__)
+
+ASKED_S = 120.0  # a grasp takes 20 s; a run would tell a server that is gone for four minutes how it ended
 
 _TAG = re.compile(r"process:(?P<host>.+):(?P<pid>\d+):(?P<started_s>\d+)")
 _SAME_START_S = 2  # clocks of /proc are read to whole ticks
@@ -74,8 +79,24 @@ def _drop_output(console: "Console") -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
+def follow_lab(lab_pid: int, poll_s: float = 1.0) -> None:
+    """Send this process SIGTERM when the `fast serve` that began it is gone, even by SIGKILL; end it `ASKED_S` later.
+
+    A worker that is gone is started again, and its runs go on.
+    """
+
+    def watch() -> None:
+        while is_process_alive(lab_pid):
+            time.sleep(poll_s)
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(ASKED_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True, name="follow-lab").start()
+
+
 def mark_run() -> None:
-    """Have the flow run that this process does carry its tag, and pause when the worker that began it is gone.
+    """Have the flow run that this process does carry its tag, and pause when the lab that began it is gone.
 
     Without a server it goes without the tag.
     """
@@ -88,7 +109,8 @@ def mark_run() -> None:
     if run_id is None:
         return
     Console.on_broken_pipe = _drop_output  # type: ignore[assignment, method-assign]
-    follow_parent(os.getppid(), is_asked=True)  # the worker; without it nobody would hear of this process again
+    if LAB_VARIABLE in os.environ:
+        follow_lab(int(os.environ[LAB_VARIABLE]))
     kept = [tag for tag in flow_run.get_tags() if not _TAG.fullmatch(tag)]
     try:
         with get_client(sync_client=True) as client:

@@ -17,8 +17,6 @@ from fast.models.own_code import look_here
 
 logger = logging.getLogger(__name__)
 
-ASKED_S = 120.0  # a grasp takes 20 s; a run would tell a server that is gone for four minutes how it ended
-
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -124,18 +122,12 @@ def _start_worker(parent_pid: int) -> None:
     follow_parent(parent_pid)
 
 
-def follow_parent(parent_pid: int, poll_s: float = 1.0, is_asked: bool = False) -> None:
-    """Make this process exit soon after the one that started it is gone, even by SIGKILL.
-
-    `is_asked`: it is sent SIGTERM first, and has `ASKED_S` to bring to an end what it does.
-    """
+def follow_parent(parent_pid: int, poll_s: float = 1.0) -> None:
+    """Make this process exit soon after the one that started it is gone, even by SIGKILL."""
 
     def watch() -> None:
         while os.getppid() == parent_pid:
             time.sleep(poll_s)
-        if is_asked:
-            os.kill(os.getpid(), signal.SIGTERM)
-            time.sleep(ASKED_S)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True, name="follow-parent").start()

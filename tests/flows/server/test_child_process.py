@@ -54,14 +54,14 @@ def test_a_port_that_is_taken_is_named():
 
 FOLLOWER = """
 import os, signal, sys, time
-from fast.tasks.simulation.pool import follow_parent
+from fast.flows.server.run_process import follow_lab
 
 if len(sys.argv) > 1:
     def hear(number, frame):
         open(sys.argv[1], "w").write("heard")
         sys.exit()
     signal.signal(signal.SIGTERM, hear)
-    follow_parent(os.getppid(), poll_s=0.05, is_asked=True)
+    follow_lab(os.getppid(), poll_s=0.05)
     print(os.getpid(), flush=True)
     time.sleep(60)
 else:
@@ -70,13 +70,13 @@ else:
 """
 
 
-def test_a_run_is_asked_to_end_when_its_worker_is_killed(tmp_path):
+def test_a_run_is_asked_to_end_when_its_lab_is_killed(tmp_path):
     """It was left alone with a server that is gone: minutes in which the bench belonged to nobody who answers."""
     script = tmp_path / "follower.py"
     script.write_text(FOLLOWER)
-    with subprocess.Popen([sys.executable, script], cwd=tmp_path, stdout=subprocess.PIPE, text=True) as worker:
-        assert worker.stdout is not None
-        run = psutil.Process(int(worker.stdout.readline()))
-        worker.kill()
+    with subprocess.Popen([sys.executable, script], cwd=tmp_path, stdout=subprocess.PIPE, text=True) as lab:
+        assert lab.stdout is not None
+        run = psutil.Process(int(lab.stdout.readline()))
+        lab.kill()
     run.wait(LIMIT_S)
     assert (tmp_path / "heard.txt").read_text() == "heard"

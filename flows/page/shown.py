@@ -8,6 +8,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from fast.flows.page import by_hand, results, start
+from fast.flows.page.configs import list_configs, read_config
 from fast.flows.page.jobs import list_jobs
 from fast.flows.page.lab import LabPage
 from fast.flows.page.notes import MOST_PHOTO_BYTES, keep_note, keep_photo
@@ -101,12 +102,12 @@ def add_start(app: FastAPI, page: LabPage) -> None:
 
     async def show_start(request: Request) -> Response:
         def read() -> dict[str, object]:
-            configs = start.list_configs(lake)
+            names = list_configs(lake)
             base = request.query_params.get("base", "")
-            base = base if base in configs else next(iter(configs), "")
-            text = start.read_config(lake, base).text if base else ""
+            base = base if base in names else next(iter(names), "")
+            text = read_config(lake, base) if base else ""
             tools = results.list_tools(lake)
-            return {"jobs": list_jobs(lake), "configs": configs, "base": base, "text": text, "tools": tools}
+            return {"jobs": list_jobs(lake), "configs": names, "base": base, "text": text, "tools": tools}
 
         shown = await run_in_threadpool(read)
         return await page.show(request, "start.html", "start", objects=list_known(), **shown)

@@ -11,12 +11,10 @@ from typing import Any
 
 from fast.flows.campaign.status import read_campaign
 from fast.flows.page.by_hand import find_lent, run_on_lent
+from fast.flows.page.configs import find_same, keep_config
 from fast.flows.page.strip import LastStart, read_last_start, read_strip
 from fast.flows.page.worker import require_worker, start_on_worker
-from fast.flows.server.child_process import CHECKOUT
-from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.lake.leases import holder_of
-from fast.lake.storage.files import write_file
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError, UsageError
 from fast.tasks.bench.ways_on import choose_way
@@ -31,18 +29,7 @@ JOBS = {
     "calibration": ("recalibrate/recalibrate", "calibrate the simulator with the newest measurements"),
     "search": ("close-gap/close_gap", "search for what the simulator misses"),
 }
-_RELATIVE = re.compile(
-    r'^(?P<head>\s*(?:world|real|material|designs|recipe)\s*=\s*)"(?P<path>[^"/~][^"]*)"(?P<tail>.*)$', re.M
-)
 _LONGEST_CONFIG = 100_000
-
-
-@dataclass(frozen=True)
-class Config:
-    """A config that may be started: where it is, and its text."""
-
-    name: str
-    text: str
 
 
 @dataclass(frozen=True)
@@ -74,32 +61,11 @@ class Checked:
         return [(number, line, told.get(number, "")) for number, line in enumerate(self.text.splitlines(), start=1)]
 
 
-def list_configs(lake: Lake) -> list[str]:
-    """Configs to start from: those that were kept here, those of the folder of `fast serve`, and those of FAST."""
-    own = sorted(path.name for path in _own_folder(lake).glob("*.toml"))
-    coming = sorted({path.name for folder in _list_folders() for path in folder.glob("*.toml")})
-    first = ["quick.toml"] if "quick.toml" in coming else []
-    return [*(f"lake/{name}" for name in own), *first, *(name for name in coming if name not in first)]
-
-
-def read_config(lake: Lake, name: str) -> Config:
-    """A config by its name in the list.
-
-    Raises:
-        UsageError: it is not in the list.
-    """
-    path = _find_config(lake, name)
-    try:
-        return Config(name, path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"{name} cannot be read ({error}); choose another.") from error
-
-
 def check_config(lake: Lake, text: str, base: str) -> Checked:
     """What is wrong with a config, by line, or what it would be. `base`: the config that it was made of."""
     if len(text) > _LONGEST_CONFIG:
         return Checked(text[:_LONGEST_CONFIG], (Fault(None, f"more than {_LONGEST_CONFIG} letters are no config."),))
-    path = _write(lake, text, base, f".check-{os.getpid()}")
+    path = keep_config(lake, text, base, f".check-{os.getpid()}")
     try:
         config = load_config(path)
         is_known(lake, config)
@@ -127,7 +93,7 @@ def start_campaign(lake: Lake, form: Mapping[str, str], operator: str) -> str:
         raise UsageError(f"campaign {name} is being run already ({holder.words}); nothing was started.")
     if not is_real:
         require_worker(lake)
-    path = _find_same(lake, text) or _write(lake, text, base, name)
+    path = find_same(lake, text) or keep_config(lake, text, base, name)
     if is_real:
         return run_on_lent(lake, path, operator)
     parameters = {"config": str(path.resolve()), "auto_print": form.get("auto_print") == "on"}
@@ -260,45 +226,6 @@ def simulate_one(lake_address: str, tool_id: str, object_id: int) -> dict[str, A
         "version_id": version.version_id,
         "traces": [{"label": "simulated", "colour": 2, "simulated": True, "lift": lift, "force": force}],
     }
-
-
-def _own_folder(lake: Lake) -> Path:
-    return lake.root / "outputs" / "configs"
-
-
-def _list_folders() -> list[Path]:
-    """Folders of configs; of two files with one name, that of the first is meant, as by the worker (`find_config`)."""
-    served = os.environ.get(FOLDER_VARIABLE)
-    return [folder / "campaigns" for folder in ([Path(served)] if served else []) + [CHECKOUT]]
-
-
-def _find_config(lake: Lake, name: str) -> Path:
-    if name not in list_configs(lake):
-        raise UsageError(f"there is no config `{name}`; choose one of the list.")
-    folder, _, file = name.rpartition("/")
-    if folder == "lake":
-        return _own_folder(lake) / file
-    return next(path for near in _list_folders() if (path := near / file).is_file())
-
-
-def _find_same(lake: Lake, text: str) -> Path | None:
-    """The config of the list with this very text, if there is one."""
-    paths = (_find_config(lake, name) for name in list_configs(lake))
-    return next((path for path in paths if path.read_text(encoding="utf-8-sig").strip() == text.strip()), None)
-
-
-def _write(lake: Lake, text: str, base: str, name: str) -> Path:
-    """Write a config beside those of the lake; files that it names are looked for where its base names them."""
-    folders = [_find_config(lake, base).parent] if base in list_configs(lake) else _list_folders()
-
-    def place(match: re.Match[str]) -> str:
-        path = next((path for near in folders if (path := near / match["path"]).exists()), None)
-        return match[0] if path is None else f'{match["head"]}"{path.resolve()}"{match["tail"]}'
-
-    path = _own_folder(lake) / f"{name}.toml"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_file(path, _RELATIVE.sub(place, text).encode())
-    return path
 
 
 def _find_line(text: str, sentence: str) -> int | None:

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from fast.flows.campaign.status import read_status
-from fast.flows.page import jobs, start
+from fast.flows.page import configs, jobs, start
 from fast.flows.server.access import Role
 from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.flows.server.server import address_for_others
@@ -18,7 +18,7 @@ from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from fast.tasks.campaign.setup import register
-from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake, write_config
+from tests.flows.cli.cli_lakes import ROOT, WORLD, Fast, proposed_lake, write_config
 from tests.flows.page.lab_page import ADDRESS, Browser
 from tests.flows.synthetic_lake import build
 
@@ -318,12 +318,34 @@ def test_configs_of_the_folder_of_the_lab_are_offered_before_those_of_the_progra
     lake = Lake.open(tmp_path / "lake", create=True)
     assert start.check_config(lake, text, "quick.toml").faults  # the program has no such world
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    assert {"ours.toml", "quick.toml", "paper.toml"} <= set(names := start.list_configs(lake))
+    assert {"ours.toml", "quick.toml", "paper.toml"} <= set(names := configs.list_configs(lake))
     assert len(names) == len(set(names))
-    assert start.read_config(lake, "quick.toml").text == text
-    assert start.read_config(lake, "paper.toml").text == (ROOT / "campaigns" / "paper.toml").read_text()
+    assert configs.read_config(lake, "quick.toml") == text
+    assert configs.read_config(lake, "paper.toml") == (ROOT / "campaigns" / "paper.toml").read_text()
     for base in ("ours.toml", ""):
         assert start.check_config(lake, f"{text}\n", base).faults == ()
+
+
+def test_own_objects_of_a_config_are_found_where_it_names_them(tmp_path, monkeypatch):
+    """They stand in a list of several lines, and as keys where their numbers are told."""
+    folder = tmp_path / "campaigns"
+    (folder / "rods").mkdir(parents=True)
+    for name, length_mm in (("thin", 30), ("rods/lab's", 40)):
+        part = f'shape = "cylinder"\ndiameter_mm = 20\nlength_mm = {length_mm}\n'
+        (folder / f"{name}.toml").write_text(f'name = "rod {length_mm}"\n[[parts]]\n{part}')
+    files = 'ids = [2]\nfiles = [\n  "rods/lab\'s.toml",  # not "quick.toml"\n  \'thin.toml\',\n]'
+    quick = (ROOT / "campaigns" / "quick.toml").read_text().replace("../worlds/quick.toml", str(WORLD))
+    text = re.sub(r"(?m)^ids = .*", lambda _: files, quick)
+    (folder / "own.toml").write_text(text)
+    numbers = load_config(folder / "own.toml").objects.file_ids
+    text += "[objects.file_ids]\n" + "".join(f'"{name}" = {number}\n' for name, number in numbers.items())
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    lake = Lake.open(tmp_path / "lake", create=True)
+    assert start.check_config(lake, text, "own.toml").faults == ()
+    kept = load_config(configs.keep_config(lake, text, "own.toml", "mine")).objects
+    assert kept.files == (str(folder / "rods" / "lab's.toml"), str(folder / "thin.toml"))
+    assert kept.file_ids == dict(zip(kept.files, numbers.values(), strict=True))
+    assert start.check_config(lake, configs.read_config(lake, "lake/mine.toml"), "lake/mine.toml").faults == ()
 
 
 def test_a_campaign_of_a_terminal_grows_on_the_page_which_writes_its_config_elsewhere(tmp_path):

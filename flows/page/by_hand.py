@@ -10,8 +10,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from fast.flows.campaign.lend import find_bench_file
+from fast.flows.page.configs import find_world
 from fast.flows.page.worker import start_on_worker
-from fast.flows.server.child_process import CHECKOUT
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
@@ -45,7 +45,7 @@ def mark_lent(lent: LentBench | None) -> str:
 
 
 def order_bench(lake: Lake, form: Mapping[str, str], operator: str) -> str:
-    """Order something of the bench that is lent; where none is, the worker lends a virtual one.
+    """Order something of the bench that is lent; where none is, the worker lends the campaign's virtual one.
 
     Raises:
         StaleOrderError: the bench that was seen is not lent any more.
@@ -53,9 +53,9 @@ def order_bench(lake: Lake, form: Mapping[str, str], operator: str) -> str:
     """
     verb, session = form.get("verb", ""), form.get("session", "")
     if verb == "take" and not session and read_lent(lake) is None:
-        world = str(CHECKOUT / "worlds" / "quick.toml")
-        start_on_worker(lake, "lend/lend", {"holder": operator, "world": world}, operator)
-        return "A virtual bench is connected and homed within a minute."
+        world = find_world(lake, form.get("campaign", ""))
+        start_on_worker(lake, "lend/lend", {"holder": operator, "world": str(world)}, operator)
+        return f"The virtual bench of {world.name} is connected and homed within a minute."
     values: dict[str, Any] = {"session": session, "operator": operator, "verb": verb}
     if verb == "step":
         step: dict[str, Any] = {name: form[name] for name in ("axis", "distance_mm") if name in form}

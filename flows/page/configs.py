@@ -3,13 +3,16 @@
 import json
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
+from fast.flows.page.strip import read_last_start
 from fast.flows.server.child_process import CHECKOUT
 from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.lake.storage.files import write_file
 from fast.lake.store import Lake
-from fast.models.errors import UsageError
+from fast.models.errors import FastError, UsageError
+from fast.tasks.campaign.config import load_config, world_path
 
 # A text with a dot in quotes names a file where there is one: alone, in a list, or as a key of `objects.file_ids`.
 _NAMED_FILE = re.compile(r"""\"([^"/~\n][^"\n]*\.[^"\n]*)\"|'([^'/~\n][^'\n]*\.[^'\n]*)'""")
@@ -53,6 +56,20 @@ def keep_config(lake: Lake, text: str, base: str, name: str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_file(path, _NAMED_FILE.sub(place, text).encode())
     return path
+
+
+def find_world(lake: Lake, campaign_id: str) -> Path:
+    """The world file of a campaign's virtual bench; without one, that of the first config of the list that has one.
+
+    Raises:
+        UsageError: none has.
+    """
+    start = read_last_start(lake, campaign_id)
+    first = [Path(start.config)] if start is not None and start.config else []
+    for path in [*first, *(_find_config(lake, name) for name in list_configs(lake))]:
+        with suppress(FastError):
+            return world_path(path, load_config(path))
+    raise UsageError("no config that can be used names a world, so there is no virtual bench; add one to campaigns/.")
 
 
 def _own_folder(lake: Lake) -> Path:

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from fast.flows.campaign.status import read_status
-from fast.flows.page import configs, jobs, start
+from fast.flows.page import by_hand, configs, jobs, start
 from fast.flows.server.access import Role
 from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.flows.server.server import address_for_others
@@ -18,7 +18,7 @@ from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from fast.tasks.campaign.setup import register
-from tests.flows.cli.cli_lakes import ROOT, WORLD, Fast, proposed_lake, write_config
+from tests.flows.cli.cli_lakes import QUICK, ROOT, WORLD, Fast, proposed_lake, write_config
 from tests.flows.page.lab_page import ADDRESS, Browser
 from tests.flows.synthetic_lake import build
 
@@ -346,6 +346,25 @@ def test_own_objects_of_a_config_are_found_where_it_names_them(tmp_path, monkeyp
     assert kept.files == (str(folder / "rods" / "lab's.toml"), str(folder / "thin.toml"))
     assert kept.file_ids == dict(zip(kept.files, numbers.values(), strict=True))
     assert start.check_config(lake, configs.read_config(lake, "lake/mine.toml"), "lake/mine.toml").faults == ()
+
+
+def test_the_virtual_bench_is_that_of_the_campaign_else_of_the_lab(tmp_path, monkeypatch):
+    lake = Lake.open(proposed_lake(tmp_path))
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    (tmp_path / "campaigns").mkdir()
+    for name in ("lab", "mine"):
+        (tmp_path / f"{name}.toml").write_text(WORLD.read_text())
+    (tmp_path / "campaigns" / "quick.toml").write_text(QUICK.replace("world.toml", "../lab.toml"))
+    (tmp_path / "begun.toml").write_text(QUICK.replace("world.toml", "mine.toml"))
+    assert configs.find_world(lake, "") == tmp_path / "lab.toml"
+    append_event(lake, campaign_of(lake), STARTED, "begun", run="R1", config=str(tmp_path / "begun.toml"))
+    assert configs.find_world(lake, campaign_of(lake)) == tmp_path / "mine.toml"
+    orders = []
+    monkeypatch.setattr(by_hand, "start_on_worker", lambda *order: orders.append(order))
+    form = {"verb": "take", "session": "", "campaign": campaign_of(lake)}
+    status, words = Browser(lake).say("/bench/order", form)
+    assert (status, "mine.toml" in words) == (204, True)
+    assert [order[2]["world"] for order in orders] == [str(tmp_path / "mine.toml")]
 
 
 def test_a_campaign_of_a_terminal_grows_on_the_page_which_writes_its_config_elsewhere(tmp_path):

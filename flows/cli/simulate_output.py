@@ -1,10 +1,13 @@
 """What `fast simulate --out` writes: numbers, trace, pictures and a Rerun recording of one grasp."""
 
 import csv
+import io
 import json
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from fast.flows.cli.common import write_out
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,9 +43,9 @@ def write_outputs(
 
     title = f"{design.design_id} on object {obj.object_id}, {obj.name}{describe_placement(placement)}"
     files = [out / name for name in ("result.json", "trace.csv", "trace.png", "grasp.png", "grasp.rrd")]
+    write_out("--out", files[0], f"{json.dumps({**data, 'design': design.content}, indent=2)}\n".encode())
+    write_out("--out", files[1], _csv(result.trace).encode())
     try:
-        files[0].write_text(json.dumps({**data, "design": design.content}, indent=2) + "\n")
-        files[1].write_text(_csv(result.trace))
         _draw(out, place(obj, placement), result, recording, title)
         files[-1:-1] = _write_slopes(out, result, title)
     except OSError as error:
@@ -63,7 +66,7 @@ def _write_slopes(out: Path, result: "GraspSimulation", title: str) -> list[Path
     columns = [trace.time_s, trace.lift_mm, *(slope.force_n for slope in by.values())]
     head = ["time_s", "lift_mm", *(f"{name} ({slope.unit})" for name, slope in by.items())]
     rows = [",".join("" if isnan(number) else f"{number:.6g}" for number in row) for row in zip(*columns, strict=True)]
-    table.write_text("\n".join([",".join(head), *rows]) + "\n")
+    write_out("--out", table, "\n".join([",".join(head), *rows, ""]).encode())
     with figure_style():
         draw_peak_changes(result, title).savefig(picture, dpi=PIXELS_PER_INCH)
     return [table, picture]
@@ -75,13 +78,11 @@ def write_table(path: Path, rows: "Sequence[dict[str, Any]]") -> Path:
     Raises:
         UsageError: the file cannot be written.
     """
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise unwritable("--out", path, error) from error
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_out("--out", path, text.getvalue().encode())
     return path
 
 

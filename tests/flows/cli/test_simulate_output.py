@@ -1,6 +1,7 @@
 """Pictures and recording of a simulated grasp, and pictures of traces."""
 
 import csv
+import errno
 import json
 from collections import defaultdict
 from dataclasses import replace
@@ -12,11 +13,12 @@ from matplotlib.image import imread
 from rerun.chunk import RrdReader
 
 from fast.flows.cli.main import run
-from fast.flows.cli.simulate_output import write_outputs
+from fast.flows.cli.simulate_output import write_outputs, write_table
 from fast.flows.report.grasp_frames import GraspFrames, five_instants
 from fast.flows.report.slopes import peak_changes
 from fast.flows.viewer.simulation import LONGEST_ARROW_MM, choose_arrow_mm_per_n
 from fast.models.design.space import BEST_PUBLISHED
+from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.records import GraspSetup, GraspSimulation, Placement, Slope, Slopes
 from fast.models.simulation.grasp import simulate_grasp
@@ -158,3 +160,18 @@ def test_simulate_takes_the_best_design_by_name(tmp_path: Path, capsys: pytest.C
     assert run([*words.split(), "--export-calculix", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out)["design_id"] == BEST_PUBLISHED.design_id
     assert {file.name for file in tmp_path.iterdir()} == {"closing.inp", "expected.json", "README.md"}
+
+
+def test_a_full_disk_leaves_the_older_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_table(tmp_path / "designs.csv", [{"name": "a", "mean_n": 1.5}, {"name": "b", "mean_n": None}])
+    before = path.read_text()
+    assert before == "name,mean_n\na,1.5\nb,\n"
+
+    def fill(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.replace", fill)
+    with pytest.raises(UsageError, match=r"--out `.*designs.csv` cannot be written: No space left on device"):
+        write_table(path, [{"name": "c"}])
+    assert [one.name for one in tmp_path.iterdir()] == ["designs.csv"]
+    assert path.read_text() == before

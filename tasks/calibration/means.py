@@ -13,8 +13,8 @@ import numpy as np
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, SimulatorVersionRow
-from fast.models.calibration.inference.result import CalibrationResult
-from fast.models.calibration.inference.settings import CalibrationSettings, read_settings
+from fast.models.calibration.inference.result import CalibrationResult, find_unit_warnings
+from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors, read_settings
 from fast.models.calibration.means.checks import Score, is_held_out, score
 from fast.models.calibration.means.predict import predict_simulated
 from fast.models.calibration.means.problem import CalibrationProblem
@@ -36,6 +36,8 @@ from fast.tasks.simulation.plan import SimulationPlan
 
 # Why a calibration with imported simulations makes no simulator version.
 OF_IMPORTED = "theta is that of the simulator whose results were imported, which FAST cannot run"
+
+_NEAR_FRICTION = 2.0  # times as large, or as small
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +122,10 @@ def compare_means(
     """What a calibration compares, of what was measured and simulated; `seed` draws the held-out designs.
 
     Raises:
-        UsageError: there is too little to learn from.
+        UsageError: there is too little to learn from, or the forces are not in N.
     """
     problem = make_problem(measured, simulated, base, print_scatter)
+    in_other_units = _check_unit(problem, base)
     held_out = is_held_out(list(measured.design_ids), seed)
     held_back = OF_IMPORTED if simulated.is_imported else ""
     return MeanData(
@@ -130,13 +133,31 @@ def compare_means(
         base,
         measured.grasp_ids,
         simulated.simulation_ids,
-        measured.warnings,
+        (*measured.warnings, *in_other_units),
         measured=measured,
         simulated=simulated,
         problem=problem,
         held_out=held_out,
         held_back=held_back,
     )
+
+
+def _check_unit(problem: CalibrationProblem, base: SimulatorVersion) -> list[str]:
+    """What Young's modulus with which simulated means are as large as the measured ones says about their unit.
+
+    By medians, of simulations whose friction is near that of `base` if there are any.
+
+    Raises:
+        UsageError: a factor of about 1000 is suspected.
+    """
+    modulus_mpa, friction = problem.theta_sim[:, 0], problem.theta_sim[:, 1]
+    is_near = np.abs(np.log(friction / base.theta.friction)) < np.log(_NEAR_FRICTION)
+    is_near |= not is_near.any()
+    force_per_mpa = float(np.median((problem.y_sim / modulus_mpa)[is_near]))
+    measured_n = float(np.median(problem.y_real))
+    if min(force_per_mpa, measured_n) <= 0.0:
+        return []
+    return find_unit_warnings(measured_n / force_per_mpa, ThetaPriors())
 
 
 def regather(lake: Lake, calibration_id: str) -> MeanData | None:

@@ -96,6 +96,30 @@ def test_simulated_means_are_those_of_each_theta(kept):
     assert per_mpa.max() / per_mpa.min() < 0.2 * problem.y_sim.max() / problem.y_sim.min()
 
 
+@pytest.mark.parametrize(("n", "said"), [(1.0, ""), (1 / 9.80665, "in N, not in kg"), (1000 / 9.80665, "the unit")])
+def test_means_in_kg_or_g_are_warned_of(tmp_path, n, said):
+    assert [said in warning for warning in gather(lake_in_units(tmp_path, n), None, None, 0).warnings] == [True] * (
+        said != ""
+    )
+
+
+def test_means_in_mn_or_kn_are_refused(tmp_path):
+    for name, n in (("mN", 1000.0), ("kN", 0.001)):
+        with pytest.raises(UsageError, match="a factor of about 1000 is suspected in the unit of the forces: give"):
+            gather(lake_in_units(tmp_path / name, n), None, None, 0)
+
+
+def lake_in_units(root, n):
+    """A lake whose measured forces are n times what they are in N."""
+    lake = Lake.open(root / "lake", create=True)
+    measured = [
+        row.model_copy(update={"peak_force_n": n * row.peak_force_n}) if isinstance(row, GraspRow) else row
+        for row in measured_rows(15)
+    ]
+    lake.append([*measured, *simulated_rows(40)], PROVENANCE)
+    return lake
+
+
 def test_missing_simulations_are_imputed_per_mpa(tmp_path):
     lake = calibration_lake(tmp_path / "lake", n_tools=6, n_points=30)
     softest = min(lake.records(SimulatorVersionRow), key=lambda row: row.young_modulus_mpa)

@@ -134,6 +134,8 @@ def run(words: list[str] | None, command_line: App = app) -> int:
             raise
         return _fail(f"a file name is too long ({str(error.filename)[:40]}...); give a shorter one.", 2)
     except SystemExit as asked:
+        if isinstance(asked.__context__, BrokenPipeError):  # rich, which prints help: the reader has what it wants
+            return 0
         return asked.code if isinstance(asked.code, int) else 1
     except Exception as error:
         from fast.models.errors import FastError

@@ -204,6 +204,9 @@ def test_a_reader_that_goes_away_is_no_bug(tmp_path):
     command = f"set -o pipefail; {sys.executable} -m {sql} --format csv --lake {lake} | head -1"
     done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, '"range"\n', "")
+    help_text = f"set -o pipefail; {sys.executable} -m fast.flows.cli.main --help | true"
+    done = subprocess.run(["bash", "-c", help_text], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,16 @@ from fast.flows.page.worker import find_worker
 from fast.flows.server.access import Api
 from fast.flows.server.server import address_for_others, ask_server
 from fast.lake.store import Lake
+from fast.tasks.campaign.requests import STARTED
 
 _OPEN = ["SCHEDULED", "PENDING", "RUNNING", "PAUSED"]
 _FAILED = ["FAILED", "CRASHED"]
 _TOLD_FOR = timedelta(days=1)  # a failure that nobody mended by then is no news
 _WAITING_FLOWS = ("print", "mount", "reading")
+_BEGUN = f"""
+    SELECT payload_json ->> '$.config' AS config, max(created_at) AS begun_at FROM events
+    WHERE kind = '{STARTED}' AND config IS NOT NULL GROUP BY config ORDER BY begun_at
+"""
 _FLOWS = {"recalibrate": "calibration", "close-gap": "search for what the simulator misses", "simulate": "simulations"}
 
 
@@ -57,16 +62,18 @@ def _list_open(api: Api, flows: Mapping[str, str], lake: Lake) -> list[Job]:
 
 
 def _list_failed(api: Api, flows: Mapping[str, str], lake: Lake) -> list[Job]:
-    """Jobs whose last run of this day failed, the newest first."""
+    """Jobs whose last run of this day failed, the newest first; of campaigns those that nobody began again since."""
     ended = {"state": {"type": {"any_": [*_FAILED, "COMPLETED"]}}, "deployment_id": {"is_null_": False}}
     ended |= {"end_time": {"after_": (datetime.now(UTC) - _TOLD_FOR).isoformat()}}
     last: dict[str, dict[str, Any]] = {}
     for run in _read_runs(api, {"flow_runs": ended, "sort": "END_TIME_DESC", "limit": 200}, lake):
         last.setdefault(_name_job(flows.get(run["flow_id"], run["name"]), run), run)
+    begun = {f"campaign {Path(row['config']).stem}": row["begun_at"] for row in lake.query(_BEGUN).to_pylist()}
     return [
         Job(name, "failed", _clock(run["end_time"]), run["state"].get("message") or "")
         for name, run in last.items()
         if run["state"]["type"] in _FAILED
+        and not (name in begun and datetime.fromisoformat(run["end_time"]) < begun[name])
     ]
 
 

@@ -1,6 +1,7 @@
 """The page's routes: what they show of a lake, what they write, and whom they refuse."""
 
 import re
+from datetime import UTC, datetime
 
 import pytest
 
@@ -420,6 +421,20 @@ def test_the_queue_says_why_a_job_failed_until_one_of_its_kind_succeeds(lake, mo
         ("report of b1", "failed", "the disk is full.")
     ]
     assert "the disk is full." in Browser(lake).see("/start")
+
+
+def test_a_campaign_that_failed_and_was_begun_again_since_is_no_news(lake, monkeypatch):
+    told = {"config": "/lab/campaigns/b1.toml", "lake": address_for_others(lake)}
+    state = {"type": "FAILED", "name": "Failed", "message": "the bench stopped."}
+    run = {"name": "sage-petrel", "flow_id": "f", "parameters": told, "state": state}
+    run["end_time"] = datetime.now(UTC).isoformat()
+    answers = {"/flows/filter": [{"id": "f", "name": "run-campaign"}], "END_TIME_DESC": [run]}
+    monkeypatch.setattr(jobs, "find_worker", lambda lake: object())
+    monkeypatch.setattr(jobs, "ask_server", lambda api, path, body: answers.get(body.get("sort", path), []))
+    append_event(lake, "b2", STARTED, "begun", config="/lab/campaigns/b2.toml")
+    assert [(job.name, job.reason) for job in jobs.list_jobs(lake)] == [("campaign b1", "the bench stopped.")]
+    append_event(lake, "b1", STARTED, "begun", config="/lab/campaigns/b1.toml")
+    assert jobs.list_jobs(lake) == []
 
 
 def test_notes_and_photos_stay_with_a_tool(lake):

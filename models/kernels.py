@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
-from fast.models.solver_code import VARIABLE, source_stamp
+from fast.models.solver_code import VARIABLE, remove_old_kernels, source_stamp
 
 logger = logging.getLogger(__name__)
 TELL_EVERY_S, LOOK_S = 8.0, 0.2
@@ -49,6 +49,7 @@ def _compile(call_kernels: Callable[[], object]) -> None:
             call_kernels()
             with suppress(OSError):
                 ready.touch()
+            remove_old_kernels(folder)
 
 
 @contextmanager

@@ -6,12 +6,14 @@ sources of the chapters with kernels makes every state of these compile its own,
 """
 
 import atexit
+import fcntl
 import hashlib
 import logging
 import os
 import shutil
 import tempfile
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +23,9 @@ logger = logging.getLogger(__name__)
 VARIABLE = "NUMBA_CACHE_DIR"
 _DISABLE = "NUMBA_DISABLE_JIT"
 _FIGURES = "MPLCONFIGDIR"
+_KERNELS = "kernels-"  # and which sources they are of
+_USED = "used"  # touched and locked by each process that uses a folder
+_KEPT = 3
 _KERNEL_SOURCES = ("gaussian_process", "objects", "simulation", "traces")
 _SOLVER_SOURCES = ("design", "objects", "records.py", "simulation")
 
@@ -58,11 +63,44 @@ def use_cache_of(package: Path) -> None:
         logger.warning("%s is left aside: the simulator has to be compiled.", _DISABLE)
     os.environ[_DISABLE] = "0"
     given = os.environ.get(VARIABLE)
-    if given and _can_write(Path(given)):
-        return
-    os.environ[VARIABLE] = str(cache_folder(package) / f"kernels-{source_stamp(package)}")
-    if given:
-        logger.warning("%s is %s, which cannot be written; %s is used.", VARIABLE, given, os.environ[VARIABLE])
+    if not (given and _can_write(Path(given))):
+        os.environ[VARIABLE] = str(cache_folder(package) / f"{_KERNELS}{source_stamp(package)}")
+        if given:
+            logger.warning("%s is %s, which cannot be written; %s is used.", VARIABLE, given, os.environ[VARIABLE])
+    _hold(Path(os.environ[VARIABLE]))
+
+
+def _hold(folder: Path) -> None:
+    """Say that this process, and what it forks, uses a folder of kernels: nobody removes it as long as they live."""
+    if folder.name.startswith(_KERNELS):
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            file = os.open(folder / _USED, os.O_RDWR | os.O_CREAT, 0o644)  # open until the process ends
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            os.utime(file)
+
+
+def remove_old_kernels(folder: Path) -> None:
+    """Remove folders beside that of this process, but for those in use and the few that were used last."""
+    if not folder.name.startswith(_KERNELS):
+        return  # one that a person chose
+    with suppress(OSError):
+        others = sorted((path for path in folder.parent.glob(f"{_KERNELS}*") if path != folder), key=_used_at)
+        for other in others[:-_KEPT]:
+            _remove_unused(other)
+
+
+def _remove_unused(folder: Path) -> None:
+    with suppress(OSError), (folder / _USED).open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # At once gone for a process that begins just now, and found again by the next if this one is killed.
+        gone = folder.rename(folder.with_name(f"{_KERNELS}old-{os.getpid()}-{folder.name}"))
+        shutil.rmtree(gone)
+
+
+def _used_at(folder: Path) -> float:
+    used = folder / _USED
+    return (used if used.exists() else folder).stat().st_mtime
 
 
 def cache_folder(package: Path) -> Path:

@@ -2,11 +2,20 @@
 
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from fast.models.solver_code import _KERNEL_SOURCES, VARIABLE, cache_folder, source_stamp, use_cache_of
+from fast.models.solver_code import (
+    _KERNEL_SOURCES,
+    VARIABLE,
+    cache_folder,
+    remove_old_kernels,
+    source_stamp,
+    use_cache_of,
+)
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -51,6 +60,31 @@ def test_a_chosen_cache_is_respected(package: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.delenv(VARIABLE)
     use_cache_of(package)
     assert source_stamp(package) in os.environ[VARIABLE]
+
+
+def test_old_kernels_are_removed_but_for_those_in_use_and_the_last(tmp_path: Path) -> None:
+    """A process holds the folder of its sources until it ends, also by SIGKILL."""
+    folders = [tmp_path / f"kernels-{number}" for number in range(7)]
+    for at_s, folder in enumerate(folders):
+        folder.mkdir()
+        (folder / "used").touch()
+        os.utime(folder / "used", (at_s, at_s))
+    (tmp_path / "matplotlib").mkdir()
+    code = "import fast.models, sys; print(flush=True); sys.stdin.read()"
+    environment = {**os.environ, VARIABLE: str(folders[1])}
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        os.utime(folders[1] / "used", (1, 1))
+        remove_old_kernels(folders[0])
+        assert {path.name for path in tmp_path.iterdir()} == {"matplotlib", *(f"kernels-{n}" for n in (0, 1, 4, 5, 6))}
+        process.kill()
+    remove_old_kernels(folders[0])
+    assert {path.name for path in tmp_path.iterdir()} == {"matplotlib", *(f"kernels-{n}" for n in (0, 4, 5, 6))}
+    remove_old_kernels(tmp_path / "chosen")
+    assert folders[0].exists()
 
 
 def test_a_cache_that_cannot_be_written_is_replaced_and_said(package: Path, monkeypatch, caplog) -> None:

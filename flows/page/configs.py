@@ -40,8 +40,10 @@ def read_config(lake: Lake, name: str) -> str:
 
 def find_same(lake: Lake, text: str) -> Path | None:
     """The config of the list with this very text, if there is one."""
-    paths = (_find_config(lake, name) for name in list_configs(lake))
-    return next((path for path in paths if path.read_text(encoding="utf-8-sig").strip() == text.strip()), None)
+    for path in (_find_config(lake, name) for name in list_configs(lake)):
+        if path.read_bytes().decode("utf-8-sig", "replace").strip() == text.strip():
+            return path
+    return None
 
 
 def keep_config(lake: Lake, text: str, base: str, name: str) -> Path:

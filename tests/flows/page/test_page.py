@@ -325,6 +325,8 @@ def test_configs_of_the_folder_of_the_lab_are_offered_before_those_of_the_progra
     assert configs.read_config(lake, "paper.toml") == (ROOT / "campaigns" / "paper.toml").read_text()
     for base in ("ours.toml", ""):
         assert start.check_config(lake, f"{text}\n", base).faults == ()
+    (tmp_path / "campaigns" / "latin.toml").write_bytes("# Köln".encode("latin-1"))
+    assert configs.find_same(lake, f"{text}\n") == tmp_path / "campaigns" / "quick.toml"
 
 
 def test_own_objects_of_a_config_are_found_where_it_names_them(tmp_path, monkeypatch):

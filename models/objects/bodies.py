@@ -1,4 +1,4 @@
-"""Bodies of one object that do not touch: one of them would float when the object is printed."""
+"""Bodies of one object: those that overlap become one solid, and none may float when the object is printed."""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations, product
@@ -13,6 +13,8 @@ from fast.models.errors import ConfigError
 from fast.models.objects.distance import distance
 from fast.models.objects.primitives import bounds
 
+_NO_VOLUME = 1e-6  # of the largest body: two sheets back to back
+_STICKS_OUT = 1e-3  # of a cavity's volume, that may lie outside by rounding
 TOUCH_MM = 0.5  # bodies whose surfaces are this near are one
 _MOST_BODIES = 100
 _N_POINTS = 20_000  # of all surfaces together
@@ -37,6 +39,62 @@ def check_one_piece(mesh: trimesh.Trimesh, source: str) -> None:
     gaps_mm = _find_gaps_mm(mesh, body_of, n_bodies)
     _, group_of = connected_components(gaps_mm <= TOUCH_MM, directed=False)
     _check_groups(group_of, gaps_mm, source, lambda group: _is_within(mesh, group_of[body_of] == group))
+
+
+def join_bodies(mesh: trimesh.Trimesh, source: str) -> trimesh.Trimesh:
+    """The solid of a closed mesh in mm: bodies that overlap are one, and lose the faces that lie inside of it.
+
+    A body that is turned inside out is a cavity of the smallest body that it lies in.
+
+    Raises:
+        ConfigError: a body is no clean solid, or is turned inside out and lies in none.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):  # what has no volume has no centre
+        single = _without_doubles(mesh)
+        bodies = single.split(only_watertight=False)
+        if len(bodies) == 1:
+            return single
+        least_mm3 = _NO_VOLUME * max(abs(body.volume) for body in bodies)
+        solids = sorted((body for body in bodies if body.volume > least_mm3), key=lambda body: float(body.volume))
+        cavities = [body for body in bodies if body.volume < -least_mm3]
+        for cavity in cavities:
+            cavity.invert()
+        if not all(body.is_volume for body in (*solids, *cavities)):
+            raise ConfigError(
+                f"{source}: one of its bodies is no clean solid (its own faces meet or cross), so they cannot be made "
+                "one; join them in the program that made it."
+            )
+    within: list[list[trimesh.Trimesh]] = [[] for _ in solids]
+    for cavity in cavities:
+        within[_find_around(cavity, solids, source)].append(cavity)
+    hollow = [
+        trimesh.boolean.difference([solid, *inner], engine="manifold") if inner else solid
+        for solid, inner in zip(solids, within, strict=True)
+    ]
+    return trimesh.boolean.union(hollow, engine="manifold")
+
+
+def _without_doubles(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The mesh without the triangles that it has twice, if it stays closed: a body that was exported twice."""
+    single = mesh.copy()
+    single.update_faces(single.unique_faces())
+    _, n_faces = np.unique(single.edges_sorted, axis=0, return_counts=True)
+    return mesh if (n_faces % 2).any() else single
+
+
+def _find_around(cavity: trimesh.Trimesh, solids: Sequence[trimesh.Trimesh], source: str) -> int:
+    """Number of the first solid that a cavity lies in."""
+    for number, solid in enumerate(solids):
+        (low, high), (from_mm, to_mm) = cavity.bounds, solid.bounds
+        if (low < from_mm - TOUCH_MM).any() or (high > to_mm + TOUCH_MM).any():
+            continue
+        outside = trimesh.boolean.difference([cavity, solid], engine="manifold")
+        if len(outside.faces) == 0 or outside.volume <= _STICKS_OUT * cavity.volume:
+            return number
+    raise ConfigError(
+        f"{source}: a body of it is turned inside out and sticks out of the others, so it may be meant as solid or as "
+        "a hole; turn its faces, or cut the hole, in the program that made it."
+    )
 
 
 def check_parts_touch(parts: Sequence[np.ndarray], source: str) -> None:

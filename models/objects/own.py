@@ -6,7 +6,6 @@ import io
 import re
 import zlib
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import trimesh
@@ -20,7 +19,15 @@ from fast.models.objects.grid import SAME_MM, MeshGrid, looks_round, surface_poi
 from fast.models.objects.parts import Part, Turn, turn_matrix
 from fast.models.objects.primitives import bounds
 from fast.models.objects.rigid import RigidObject
-from fast.models.objects.shape_text import MeshShape, PartsShape, check_mesh, place_parts, read_shape, unpack_mesh
+from fast.models.objects.shape_text import (
+    MeshShape,
+    PartsShape,
+    check_mesh,
+    mesh_of_shape,
+    place_parts,
+    read_shape,
+    unpack_mesh,
+)
 from fast.models.objects.surface import surface_of
 
 OWN_CLASS = "own"
@@ -55,13 +62,14 @@ def object_of_mesh(
     """The object of a watertight mesh in mm: scaled, turned, and stood on the mount with its footprint centred.
 
     Raises:
-        ConfigError: the mesh is not closed, has no volume, too many triangles or bodies that do not touch, or name or
-            size cannot be used.
+        ConfigError: the mesh is not closed, has no volume, too many triangles, bodies that do not touch or cannot be
+            made one solid, or name or size cannot be used.
     """
     stood = _stand(check_mesh(mesh, source), scale, turn_deg)
     _check_size(np.ptp(stood.bounds, axis=0), source)  # before a grid is made for it
     check_one_piece(stood, source)
-    return _of_placed_mesh(name, stood, trimesh.exchange.stl.export_stl(stood), source)
+    packed = base64.b64encode(zlib.compress(trimesh.exchange.stl.export_stl(stood), 9)).decode()
+    return _of_placed_mesh(name, MeshShape(is_round=False, edges="sharp", bodies="joined", stl=packed), source)
 
 
 def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
@@ -74,12 +82,11 @@ def object_of_shape(name: str, shape: str, source: str) -> RigidObject:
         read = read_shape(shape)
         if isinstance(read, PartsShape):
             return _of_parts(name, read, source)
-        stl, edges = unpack_mesh(read), read.edges
-        mesh = trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
+        mesh = trimesh.load_mesh(io.BytesIO(unpack_mesh(read)), file_type="stl")
     except (ValueError, zlib.error, RecursionError) as error:
         raise ConfigError(f"{source}: the shape of `{name}` cannot be read; export it again.") from error
     _check_size(np.ptp(check_mesh(mesh, source).bounds, axis=0), source)
-    return _of_placed_mesh(name, mesh, stl, source, edges)
+    return _of_placed_mesh(name, read, source)
 
 
 def own_id(content: bytes) -> int:
@@ -97,16 +104,14 @@ def _of_parts(name: str, shape: PartsShape, source: str) -> RigidObject:
     return _object(name, shape, canonical_json(shape.model_dump()).encode(), high - low, has_mirrors, source)
 
 
-def _of_placed_mesh(
-    name: str, mesh: trimesh.Trimesh, stl: bytes, source: str, edges: Literal["rounded", "sharp"] = "sharp"
-) -> RigidObject:
-    """The object of a mesh in the object frame, and of the same as a binary STL."""
+def _of_placed_mesh(name: str, shape: MeshShape, source: str) -> RigidObject:
+    """The object of a mesh in the object frame; whether it is round is found out here."""
     _check_name(name, source)  # before a grid is made for it
+    mesh = mesh_of_shape(shape, source)
     mesh_grid, points = MeshGrid.of(mesh), surface_points(mesh)
-    packed = base64.b64encode(zlib.compress(stl, 9)).decode()
-    shape = MeshShape(is_round=looks_round(mesh_grid, points), edges=edges, stl=packed)
+    found = shape.model_copy(update={"is_round": looks_round(mesh_grid, points)})
     has_mirrors = [mesh_grid.has_on_surface(points * signs) for signs in _MIRRORS]
-    return _object(name, shape, stl, np.ptp(mesh.bounds, axis=0), has_mirrors, source)
+    return _object(name, found, unpack_mesh(shape), np.ptp(mesh.bounds, axis=0), has_mirrors, source)
 
 
 def _object(

@@ -15,6 +15,7 @@ import trimesh
 from pydantic import TypeAdapter
 
 from fast.models.errors import ConfigError
+from fast.models.objects.bodies import join_bodies
 from fast.models.objects.grid import MeshGrid
 from fast.models.objects.parts import Part
 from fast.models.objects.primitives import bounds, moved
@@ -27,13 +28,15 @@ GRIDS_KEPT = 36  # up to 30 MB each, 7 as a rule
 class MeshShape(Record):
     """A mesh in the object frame: `stl` is base64 of a zlib stream of a binary STL in mm.
 
-    `edges`: sharp ones are exact (`models.objects.edges`), or rounded as by the first versions, of whose lakes such
-    objects are: what was simulated with them stays comparable.
+    `edges`: sharp ones are exact (`models.objects.edges`), or rounded; `bodies`: those that overlap are joined to one
+    solid, or crossing, with their faces inside of it. Rounded and crossing they were by the first versions, of whose
+    lakes such objects are: what was simulated with them stays comparable.
     """
 
     kind: Literal["mesh"] = "mesh"
     is_round: bool
     edges: Literal["rounded", "sharp"] = "rounded"
+    bodies: Literal["crossing", "joined"] = "crossing"
     stl: str
 
 
@@ -73,9 +76,15 @@ def read_shape(shape: str) -> MeshShape | PartsShape:
     return found
 
 
-def mesh_of_shape(shape: MeshShape) -> trimesh.Trimesh:
-    """The mesh of a shape, in the object frame."""
-    return trimesh.load_mesh(io.BytesIO(unpack_mesh(shape)), file_type="stl")
+def mesh_of_shape(shape: MeshShape, source: str = "a mesh") -> trimesh.Trimesh:
+    """The mesh of a shape, in the object frame.
+
+    Raises:
+        ValueError, zlib.error: it is no mesh.
+        ConfigError: its bodies cannot be joined.
+    """
+    mesh = trimesh.load_mesh(io.BytesIO(unpack_mesh(shape)), file_type="stl")
+    return join_bodies(mesh, source) if shape.bodies == "joined" else mesh
 
 
 def unpack_mesh(shape: MeshShape) -> bytes:

@@ -12,7 +12,7 @@ from fast.models.errors import ConfigError, UsageError
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object
 from fast.models.objects.distance import distance, distance_and_normal
 from fast.models.objects.mount import printable_mesh, unmounted_mesh
-from fast.models.objects.own import object_of_mesh, object_of_parts
+from fast.models.objects.own import object_of_mesh, object_of_parts, object_of_shape
 from fast.models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup
@@ -163,6 +163,45 @@ def test_cavities_and_bodies_that_overlap_are_printed_as_one_piece() -> None:
         printable_mesh(apart)
 
 
+def inside_out(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    mesh.invert()
+    return mesh
+
+
+def depth_mm(meshes: list[trimesh.Trimesh], at_mm: list[tuple[float, float, float]]) -> np.ndarray:
+    obj = object_of_mesh("several", trimesh.util.concatenate(meshes), "several.stl")
+    return -distance(obj.primitives, np.array(at_mm))
+
+
+def test_faces_of_bodies_that_lie_inside_another_are_no_surface() -> None:
+    """Two cubes that overlap are a block of 30 x 20 x 20 mm: a face of each lies 5 mm off its middle."""
+    assert depth_mm([cube(20.0), cube(20.0, 10.0)], [(5.0, 0.0, 10.0), (-5.0, 4.0, 10.0)]) == pytest.approx(
+        [10.0, 6.0], abs=0.01
+    )
+    assert depth_mm([cube(20.0), cube(20.0)], [(0.0, 0.0, 10.0)]) == pytest.approx([10.0], abs=0.01)
+    assert depth_mm([cube(30.0), cube(10.0)], [(5.0, 0.0, 15.0)]) == pytest.approx([10.0], abs=0.01)
+    above = placed((20, 20, 20), (0, 0, 20))
+    assert depth_mm([cube(20.0), above], [(0.0, 0.0, 20.0)]) == pytest.approx([10.0], abs=0.01)
+
+
+def test_a_cavity_stays_hollow_and_a_rib_across_it_solid() -> None:
+    shell = [cube(30.0), inside_out(cube(20.0))]
+    rib = placed((4.0, 4.0, 26.0))
+    at = [(0.0, 0.0, 15.0), (6.0, 0.0, 15.0), (12.5, 0.0, 15.0)]
+    assert depth_mm(shell, at) == pytest.approx([-10.0, -4.0, 2.5], abs=0.01)
+    assert depth_mm([*shell, rib], at) == pytest.approx([2.0, -4.0, 2.5], abs=0.01)
+
+
+def test_an_object_of_an_older_lake_stays_as_it_was() -> None:
+    new = object_of_mesh("double", trimesh.util.concatenate([cube(20.0), cube(20.0, 10.0)]), "x")
+    assert new.shape is not None
+    old = object_of_shape("double", new.shape.replace('"bodies":"joined",', ""), "lake")
+    assert old.object_id == new.object_id
+    inner = np.array([[5.0, 0.0, 10.0]])
+    assert distance(old.primitives, inner) == pytest.approx([0.0], abs=0.1)
+    assert distance(object_of_shape("double", new.shape, "lake").primitives, inner) == pytest.approx([-10.0], abs=0.01)
+
+
 def open_mesh() -> trimesh.Trimesh:
     mesh = SPHERE.copy()
     mesh.update_faces(np.arange(len(mesh.faces)) > 4)
@@ -175,6 +214,11 @@ WRONG = {
     "small": (SPHERE, {"scale": 0.001}, "the fingers need 3 mm at least; scale it up"),
     "flat": (trimesh.creation.box((30.0, 30.0, 0.0)), {}, "no volume"),
     "empty": (trimesh.Trimesh(), {}, "no triangles"),
+    "reversed": (
+        trimesh.util.concatenate([cube(20.0), inside_out(placed((20, 20, 10), (10, 0, 0)))]),
+        {},
+        "a body of it is turned inside out and sticks out of the others, .*; turn its faces, or cut the hole",
+    ),
     "nan": (trimesh.Trimesh(SPHERE.vertices * np.nan, SPHERE.faces, process=False), {}, "not a finite number"),
 }
 

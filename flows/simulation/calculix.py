@@ -12,7 +12,7 @@ from fast.models.errors import UsageError
 from fast.models.objects.distance import distance_and_normal
 from fast.models.objects.primitives import turn_about_z
 from fast.models.objects.rigid import RigidObject
-from fast.models.objects.surface import object_mesh
+from fast.models.objects.surface import surface_of
 from fast.models.records import Design, GraspSetup, Placement
 from fast.models.simulation.grasp import Numerics, simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
@@ -118,7 +118,7 @@ def write_calculix(
 
 
 def _surface(obj: RigidObject, placement: Placement) -> ObjectSurface:
-    mesh = object_mesh(obj, spacing_mm=OBJECT_SPACING_MM)
+    mesh = surface_of(obj.primitives, OBJECT_SPACING_MM)
     vertices = np.asarray(mesh.vertices)
     if placement != CENTRED:
         vertices = vertices @ turn_about_z(placement.yaw_deg).T + offset_mm(placement)

@@ -15,6 +15,7 @@ from fast.models.objects.surface import object_mesh
 from fast.models.records import Design, GraspSetup, Trace
 
 OBJECT_SPACING_MM = 2.0
+CREASE_RAD = np.radians(35.0)  # faces that meet at more are shaded each for itself
 SIDES = {"right": 1.0, "left": -1.0}
 
 
@@ -56,7 +57,10 @@ def draw_object(object_id: int, place_mm: Sequence[float] = (0.0, 0.0, 0.0), col
     Raises:
         UsageError: the catalogue has no such object.
     """
-    mesh = object_mesh(get_object(object_id), spacing_mm=OBJECT_SPACING_MM)
+    obj = get_object(object_id)
+    mesh = object_mesh(obj, spacing_mm=OBJECT_SPACING_MM)
+    if obj.shape is not None:  # which may have sharp edges; those of the 36 are rounded
+        mesh = trimesh.graph.smooth_shade(mesh, angle=CREASE_RAD, facet_minarea=None)
     return rr.Mesh3D(
         vertex_positions=np.asarray(mesh.vertices) + np.array(place_mm),
         vertex_normals=np.asarray(mesh.vertex_normals),

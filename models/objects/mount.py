@@ -1,11 +1,13 @@
 """An object on its mount, as one body to print: a foot on the sheet, a post, and the object on it."""
 
+from contextlib import suppress
+
 import trimesh
 
-from fast.models.errors import UsageError
+from fast.models.errors import ConfigError, UsageError
+from fast.models.objects.bodies import join_bodies
 from fast.models.objects.rigid import RigidObject
-from fast.models.objects.shape_text import MeshShape, mesh_of_shape, read_shape
-from fast.models.objects.surface import object_mesh
+from fast.models.objects.surface import object_mesh, surface_of
 
 MOUNT_HEIGHT_MM = 33.0  # as in `hardware.parts.layout.BenchLayout`, from the sheet to the object's bottom
 POST_DIAMETER_MM = 12.0  # fingers that close to 16 mm pass below the object
@@ -43,25 +45,13 @@ def printable_mesh(obj: RigidObject, mount_height_mm: float = MOUNT_HEIGHT_MM) -
 
 def unmounted_mesh(obj: RigidObject) -> trimesh.Trimesh:
     """Watertight mesh of an object alone, mm; z = 0 is its bottom. Bodies that overlap are one, cavities stay."""
-    own = _own_mesh(obj)
-    if own is None or not own.is_volume:  # what is no clean solid is printed as the simulator sees it
-        return object_mesh(obj, _SPACING_MM)
-    bodies = own.split(only_watertight=False)
-    if len(bodies) == 1:
-        return own
-    solid = trimesh.boolean.union([body for body in bodies if body.volume > 0.0], engine="manifold")
-    cavities = [body for body in bodies if body.volume <= 0.0]
-    for cavity in cavities:
-        cavity.invert()
-    return trimesh.boolean.difference([solid, *cavities], engine="manifold") if cavities else solid
+    with suppress(ConfigError):
+        mesh = join_bodies(object_mesh(obj, _SPACING_MM), obj.name)
+        if mesh.is_volume:
+            return mesh
+    return surface_of(obj.primitives, _SPACING_MM)  # what is no clean solid is printed as the simulator sees it
 
 
 def _count_pieces(mesh: trimesh.Trimesh) -> int:
     """Bodies of a mesh that hang together; a closed cavity is none."""
     return len([body for body in mesh.split(only_watertight=False) if body.volume > 0.0])
-
-
-def _own_mesh(obj: RigidObject) -> trimesh.Trimesh | None:
-    """The mesh from which an own object was made; None where it was not made from one."""
-    read = None if obj.shape is None else read_shape(obj.shape)
-    return mesh_of_shape(read) if isinstance(read, MeshShape) else None

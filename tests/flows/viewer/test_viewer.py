@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from rerun.chunk import RrdReader
 
 from fast.flows.report.campaign.content import Content
@@ -12,13 +13,15 @@ from fast.flows.viewer.bench import place_bench_eye
 from fast.flows.viewer.campaign import choose_full_force_n, choose_tools, find_objects, follow, write_recording
 from fast.flows.viewer.design import find_edges, write_design_recording
 from fast.flows.viewer.grasp import Clock, write_grasp_recording
-from fast.flows.viewer.scene import build_fingers, move_fingers
+from fast.flows.viewer.scene import build_fingers, draw_object, move_fingers
 from fast.hardware.parts.layout import BenchLayout
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, GraspRow
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
+from fast.models.objects.catalogue import register
+from fast.models.objects.own import object_of_mesh
 from fast.models.records import GraspSetup, Trace
 from fast.models.simulation.mesh.build import build_mesh
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
@@ -184,6 +187,17 @@ def test_fingers_hang_tips_down_with_their_faces_to_the_object():
         assert corners[:, 2].min() == pytest.approx(-BEST_PUBLISHED.height_mm, abs=1e-4)
         assert (sign * corners[:, 0]).min() == pytest.approx(0.0, abs=1e-4)
         assert np.ptp(corners[:, 1]) == pytest.approx(BEST_PUBLISHED.width_mm, abs=1e-4)
+
+
+def test_a_mesh_of_ones_own_has_flat_faces_and_sharp_edges():
+    box = trimesh.creation.box((20.0, 24.0, 30.0))
+    obj = object_of_mesh("brick", box, "brick.stl")
+    register(obj)
+    drawn = draw_object(obj.object_id)
+    assert drawn.vertex_normals is not None
+    normals = np.array(drawn.vertex_normals.as_arrow_array().to_pylist())
+    assert len(normals) == 6 * 4
+    np.testing.assert_allclose(np.sort(np.abs(normals), axis=1), np.tile([0.0, 0.0, 1.0], (24, 1)), atol=1e-6)
 
 
 def test_fingers_close_then_rise():

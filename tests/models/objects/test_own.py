@@ -15,6 +15,7 @@ from fast.models.objects.mount import printable_mesh, unmounted_mesh
 from fast.models.objects.own import object_of_mesh, object_of_parts, object_of_shape
 from fast.models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
 from fast.models.objects.rigid import RigidObject
+from fast.models.objects.surface import object_mesh
 from fast.models.records import GraspSetup
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.version import SimulatorVersion
@@ -200,6 +201,15 @@ def test_an_object_of_an_older_lake_stays_as_it_was() -> None:
     inner = np.array([[5.0, 0.0, 10.0]])
     assert distance(old.primitives, inner) == pytest.approx([0.0], abs=0.1)
     assert distance(object_of_shape("double", new.shape, "lake").primitives, inner) == pytest.approx([-10.0], abs=0.01)
+
+
+def test_a_mesh_is_drawn_with_its_own_triangles() -> None:
+    tilted = object_of_mesh("tilted", placed((20, 22, 24)), "x", turn_deg=(20, 35, 10))
+    drawn = object_mesh(tilted)
+    assert len(drawn.faces) == 12
+    assert drawn.volume == pytest.approx(20 * 22 * 24, rel=1e-5)
+    joined = object_of_mesh("joined", trimesh.util.concatenate([cube(20.0), cube(20.0, 10.0)]), "x")
+    assert object_mesh(joined).volume == pytest.approx(1.5 * 20.0**3, rel=1e-5)
 
 
 def open_mesh() -> trimesh.Trimesh:

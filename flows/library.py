@@ -1,6 +1,7 @@
 """FAST from Python: one grasp, a campaign on a bench of one's own, the search for a gap. `import fast` offers them."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -39,12 +40,10 @@ def simulate(
         UsageError: there is no such object, a value is out of its range, or a parameter is unknown or has no slope.
         MeshingFailed, SimulationFailed: this finger cannot be meshed, or the grasp does not converge.
     """
-    from fast.models.objects.rigid import RigidObject
     from fast.models.records import Design
     from fast.models.simulation.grasp import simulate_grasp
-    from fast.tasks.objects import find_object
 
-    met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
+    met = _find_object(grasped, lake)
     return simulate_grasp(_check(design, Design, "design"), met, *_read_given(version, setup), along=along)
 
 
@@ -69,13 +68,11 @@ def grasp_function(
             named twice.
     """
     from fast.models.design.space import BEST_PUBLISHED
-    from fast.models.objects.rigid import RigidObject
     from fast.models.records import Design
     from fast.models.simulation.inputs import GraspInputs
     from fast.models.simulation.slopes.torch_function import PeakFunction
-    from fast.tasks.objects import find_object
 
-    met = grasped if isinstance(grasped, RigidObject) else find_object(str(grasped), lake)
+    met = _find_object(grasped, lake)
     finger = BEST_PUBLISHED if design is None else _check(design, Design, "design")
     return PeakFunction(GraspInputs(finger, met, *_read_given(version, setup)), names)
 
@@ -110,23 +107,45 @@ def simulate_many(
     from fast.models.objects.rigid import RigidObject
     from fast.models.records import Design, Placement
     from fast.tasks.campaign.own_designs import OwnDesign
-    from fast.tasks.objects import find_object
 
     if getattr(current_process(), "_inheriting", False):  # a worker that reads an unguarded script: its parent says so
         raise SystemExit(1)
-    wanted = [designs] if isinstance(designs, Design) else designs
+    wanted = [designs] if isinstance(designs, Design) or not isinstance(designs, Iterable) else designs
     own = [OwnDesign("", f"design {i}", _check(one, Design, f"design {i}")) for i, one in enumerate(wanted)]
-    listed = [objects] if isinstance(objects, RigidObject | int | str) else objects
-    met = [one if isinstance(one, RigidObject) else find_object(str(one), lake) for one in listed]
+    listed = [objects] if isinstance(objects, RigidObject | str) or not isinstance(objects, Iterable) else objects
+    met = [_find_object(one, lake) for one in listed]
     if not own or not met:
         raise UsageError(f"{len(own)} designs and {len(met)} objects are given; give at least one of each.")
-    if not isinstance(workers, int) or not 1 <= workers <= 256:
+    if not isinstance(workers, Integral) or not 1 <= workers <= 256:
         raise UsageError(f"workers is {workers!r}, it must be a whole number from 1 to 256; change it.")
     with Progress(console=Console(stderr=True), transient=True, disable=not show_progress) as display:
         bar = display.add_task("simulated", total=len(own) * len(met))
         reporter = ProgressReporter(print, print, lambda what, bars: display.update(bar, completed=bars[0].done))
         given = (*_read_given(version, setup), Placement())
         return SimulatedGrasps(tuple(simulate_designs(own, met, *given, workers, reporter)))
+
+
+def _find_object(given: Any, lake: Path | str) -> "RigidObject":
+    """The object itself, or the one of this number, name or file.
+
+    Raises:
+        UsageError: it is none of these, or there is no such object.
+    """
+    from fast.models.errors import UsageError
+    from fast.models.objects.rigid import RigidObject
+    from fast.models.validation import plain
+    from fast.tasks.objects import find_object
+
+    if isinstance(given, RigidObject):
+        return given
+    named = plain(given)
+    if isinstance(named, float) and named.is_integer():  # so a row of a data frame has whole numbers
+        named = int(named)
+    if isinstance(named, bool) or not isinstance(named, int | str | Path):
+        raise UsageError(
+            f"the object is {given!r}, it must be a fast.RigidObject, a number, a name or a file; change it."
+        )
+    return find_object(str(named), lake)
 
 
 def _read_given(
@@ -197,7 +216,7 @@ class Campaign:
         is_dry: bool = False,
         may_replace: bool = False,
     ) -> "Taken":
-        """Take measured grasps: mappings, tables of peaks or folders with traces; how many were written.
+        """Take measured grasps: mappings, a data frame, tables of peaks or folders with traces; how many were written.
 
         A mapping has `tool_id`, `object_id`, `repeat`, and `peak_force_n`, `trace` (a `Trace`) or `reason`. `is_dry`:
         only check. `may_replace`: correct what was told before.

@@ -26,6 +26,7 @@ from fast.models.errors import FastError, LakeError, UsageError
 from fast.models.objects.catalogue import add_source
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import Trace
+from fast.models.validation import plain
 
 _LOG = logging.getLogger(__name__)
 LAYOUT_VERSION = 1  # of folders and files; the columns of a table have their own version in each file
@@ -51,6 +52,9 @@ class Lake:
         self._pid = os.getpid()
         self._of_parent: list[object] = []
         add_source(self)  # the own objects of its rows are then known by number, in every process that has the lake
+
+    def __repr__(self) -> str:
+        return f"Lake({self.address!r})"
 
     def __reduce__(self) -> tuple[type["Lake"], tuple[str]]:
         """Pickle as the address; the connection is opened again in the other process."""
@@ -129,6 +133,10 @@ class Lake:
             LakeError: the query is wrong, or a file cannot be read.
         """
         check_reads_only(sql)
+        if isinstance(params, dict):
+            params = {name: plain(value) for name, value in params.items()}
+        elif params is not None:
+            params = [plain(value) for value in params]
         return self._query(sql, params, tables_used(sql), views_used(sql))
 
     def rows(self, table: type[Row], **equals: Any) -> list[dict[str, Any]]:

@@ -132,6 +132,11 @@ def _is_type(part: int | str) -> bool:
     return isinstance(part, str) and (part in ("int", "float", "str", "bool") or bool(_TYPE.fullmatch(part)))
 
 
+def plain(value: Any) -> Any:
+    """The value as Python's own number or text, if it is a scalar of numpy, pandas or torch."""
+    return value.item() if getattr(value, "shape", None) == () else value
+
+
 def is_text(value: str) -> bool:
     """Whether a string can be written and be part of a path: no NUL, and nothing that UTF-8 cannot say."""
     return "\0" not in value and value == value.encode(errors="replace").decode()

@@ -128,9 +128,28 @@ def tell(
         )
     if not how.is_dry:
         enter(campaign, Path(config_path))
-    given: list[Any] = list(told)
+    given = _list_told(told)
     machine = read_format(Path(format_path)) if format_path is not None else None
     return tell_campaign(campaign, given, how, machine)
+
+
+def _list_told(told: Any) -> list[Any]:
+    """What was told, one by one: also the rows of a data frame or Arrow table, and what came without a list.
+
+    Raises:
+        UsageError: something is neither a mapping nor a path.
+    """
+    if isinstance(told, Path | str | Mapping):
+        return [told]
+    ways = (("to_pylist", ()), ("to_dicts", ()), ("to_dict", ("records",)))  # of Arrow, polars and pandas
+    rows = next((getattr(told, way)(*options) for way, options in ways if hasattr(told, way)), told)
+    given = [dict(row) if hasattr(row, "keys") else row for row in rows]
+    for number, one in enumerate(given, start=1):
+        if not isinstance(one, Path | str | dict):
+            raise UsageError(
+                f"grasp {number} is of type {type(one).__name__}; tell mappings, a data frame or paths of files."
+            )
+    return given
 
 
 def tell_campaign(

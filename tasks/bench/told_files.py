@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ from fast.lake.handoff.files import read_handoff
 from fast.lake.tables.campaign import DesignRow
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import list_known
-from fast.models.records import find_setup_id
-from fast.models.validation import closest
+from fast.models.records import Trace, find_setup_id
+from fast.models.validation import closest, plain
 from fast.tasks.bench.machine_files.words import scale_of
 from fast.tasks.bench.told import ToldGrasp
 from fast.tasks.campaign.campaign import Campaign
@@ -21,7 +22,7 @@ from fast.tasks.campaign.csv_file import CsvRow, read_rows
 
 NEEDED = ("tool_id", "object_id", "repeat", "peak_force_n")
 OPTIONAL = ("object", "reason", "started_at")
-
+_MISSING = ("nan", "NaT", "<NA>")  # how data frames write it
 
 _WITH_UNIT = re.compile(r"(?P<number>[^A-Za-z]+?)\s*(?P<unit>[A-Za-z]+)")
 
@@ -112,10 +113,19 @@ def read_rows_of(grasps: Iterable[Mapping[str, Any]]) -> list[ToldGrasp]:
             raise UsageError(f"{place}: `{missing[0]}` is missing; nothing was written: add it.")
         if unknown := [name for name in grasp if name not in known]:
             raise UsageError(f"{place}: unknown key `{unknown[0]}`; the keys are {', '.join(sorted(known))}.")
-        cells = {name: "" if grasp.get(name) is None else str(grasp[name]) for name in (*NEEDED, *OPTIONAL)}
+        cells = {name: _cell(grasp.get(name)) for name in (*NEEDED, *OPTIONAL)}
+        trace = grasp.get("trace")
+        if not isinstance(trace, Trace) and _cell(trace):
+            raise UsageError(f"{place}: trace is of type {type(trace).__name__}, it must be a fast.Trace; change it.")
         one = _read_row(CsvRow(place, ".", cells))
-        told.append(ToldGrasp(**{**vars(one), "trace": grasp.get("trace")}))
+        told.append(replace(one, trace=trace if isinstance(trace, Trace) else None))
     return told
+
+
+def _cell(value: Any) -> str:
+    """The text of a value; empty for None, and for what a data frame has where nothing is known."""
+    text = "" if value is None else str(plain(value))
+    return "" if text in _MISSING else text
 
 
 def read_folder(campaign: Campaign, folder: Path) -> list[ToldGrasp]:

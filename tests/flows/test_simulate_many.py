@@ -73,6 +73,8 @@ def test_it_is_a_table_of_every_design_on_every_object(monkeypatch: pytest.Monke
         ((["best"], ["cube"], 2), "design 0 is of type str, it must be a fast.Design"),
         ((fast.BEST_PUBLISHED.model_copy(update={"rib_count": 80}), "cube", 2), "design 0: `rib_count` is 80"),
         (([fast.BEST_PUBLISHED], ["cubic"], 2), "cubic"),
+        ((None, 2, 2), "design 0 is of type NoneType, it must be a fast.Design"),
+        ((fast.BEST_PUBLISHED, np.int64(99), 2), "object 99 does not exist"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(given: tuple, sentence: str) -> None:

@@ -236,11 +236,16 @@ class Trace:
     force_n: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check that the three channels belong together."""
+        """Make arrays of what was given, and check that the three channels belong together."""
+        for name in ("time_s", "lift_mm", "force_n"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
         if not self.time_s.shape == self.lift_mm.shape == self.force_n.shape or self.time_s.ndim != 1:
             raise ValueError(
                 f"trace channels differ in shape: {self.time_s.shape}, {self.lift_mm.shape}, {self.force_n.shape}"
             )
+
+    def __repr__(self) -> str:
+        return f"Trace({len(self.time_s)} samples, lift_mm to {self.lift_mm.max(initial=0):.1f})"
 
     @property
     def is_lift(self) -> np.ndarray:

@@ -107,8 +107,20 @@ class DesignSpace:
         return (values - self.lower) / self._span
 
     def from_unit(self, points: np.ndarray) -> list[Design]:
-        """Inverse of `to_unit` for an n x d array; levels are rounded to the nearest, the rest to 0.01 um."""
-        values = self.lower + np.asarray(points, dtype=float) * (self.upper - self.lower)
+        """Inverse of `to_unit` for an n x d array; levels are rounded to the nearest, the rest to 0.01 um.
+
+        Raises:
+            UsageError: points have another number of columns, or one is not finite.
+        """
+        given = np.asarray(points, dtype=float)
+        if given.shape[-1:] != (self.n_dims,):
+            raise UsageError(
+                f"points have the shape {given.shape}, the last axis must be the {self.n_dims} parameters "
+                f"{', '.join(self.names)}; change it."
+            )
+        if not np.isfinite(given).all():
+            raise UsageError("points have values that are not finite numbers; leave these points out.")
+        values = self.lower + given * (self.upper - self.lower)
         values = np.clip(np.round(values, _DECIMALS), self.lower, self.upper)
         return [self._design(row) for row in values.reshape(-1, self.n_dims)]
 
@@ -196,8 +208,12 @@ class DesignSpace:
         """The design's parameters as numbers: a choice as its place.
 
         Raises:
-            UsageError: it is of another family.
+            UsageError: it is no design, or of another family.
         """
+        if not isinstance(design, Design):
+            raise UsageError(
+                f"a design is of type {type(design).__name__}, it must be a fast.Design; give a list of them."
+            )
         if type(design) is not self.family:
             raise UsageError(
                 f"design {design.design_id} is of the family `{design.family}`, these are of `{self.family.family}`."

@@ -15,6 +15,7 @@ UNIT_OF_SUFFIX = {
     "_mm3": "mm3",
     "_mm": "mm",
     "_deg": "deg",
+    "_kpa": "kPa",
     "_mpa": "MPa",
     "_psi": "psi",
     "_hz": "Hz",

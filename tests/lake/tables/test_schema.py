@@ -11,6 +11,7 @@ from fast.lake.tables.campaign import (
     FitRow,
     GraspRow,
     SimTraceRow,
+    SimulationRow,
     SimulatorVersionRow,
     TraceRow,
 )
@@ -64,6 +65,10 @@ def test_unit_metadata_agrees_with_the_name(row_type):
     for field in schema_of(row_type):
         written = (field.metadata or {}).get(b"unit", b"").decode() or None
         assert written == unit_of(field.name), field.name
+
+
+def test_a_pressure_has_its_unit():
+    assert schema_of(SimulationRow).field("pressure_kpa").metadata[b"unit"] == b"kPa"
 
 
 def test_types_follow_the_annotations():

@@ -257,9 +257,11 @@ def _can_search_gap(tools: list[dict[str, Any]]) -> bool:
 
 def _next_lines(data: dict[str, Any], lake: Path) -> list[str]:
     """What to open and what to try next, as it can be clicked or typed."""
-    where = (
-        "" if os.environ.get("FAST_LAKE") == str(lake) or lake == DEFAULT_LAKE else f" --lake {shlex.quote(str(lake))}"
-    )
+    from fast.lake.storage.open import storage_at
+
+    address = storage_at(lake).address
+    is_usual = lake == DEFAULT_LAKE or os.environ.get("FAST_LAKE") in (str(lake), address)
+    where = "" if is_usual else f" --lake {shlex.quote(address)}"
     best = data["best_tool"]
     tries = [("what it did, in motion", f"fast view {data['campaign']}{where}")]
     if best:

@@ -234,7 +234,7 @@ def next_(
         lines += [
             "",
             f"sheet: {sheet}",
-            f"then: {shlex.join(['fast', 'lake', 'import', str(out), '--lake', str(lake)])}",
+            f"then: {shlex.join(['fast', 'lake', 'import', str(out), '--lake', found.address])}",
         ]
     asked = [request.model_dump(mode="json") for request in plan.requests]
     show({"grasps": asked, "minutes": plan.minutes, "sheet": sheet}, "\n".join(lines), json)

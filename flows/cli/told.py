@@ -49,7 +49,9 @@ def ask(
     lines = [f"batch {asked.batch_id}: {counted}", "", table_text(rows, width=110)]
     if asked.folder is not None:
         lines += ["", f"wrote {asked.folder}; fill in results.csv, then:"]
-        lines += [shlex.join(["fast", "tell", str(config), str(asked.folder / "results.csv"), "--lake", str(lake)])]
+        lines += [
+            shlex.join(["fast", "tell", str(config), str(asked.folder / "results.csv"), "--lake", Lake(lake).address])
+        ]
     grasps = [grasp.model_dump(include={"tool_id", "object_id", "repeat"}) for grasp in asked.grasps]
     data = {"batch": asked.batch_id, "designs": {k: d.model_dump() for k, d in asked.designs.items()}}
     show(data | {"grasps": grasps, "folder": asked.folder}, "\n".join(lines), json)

@@ -65,7 +65,7 @@ class ObjectStorage:
 
     def is_empty(self) -> bool:
         """See `Storage`."""
-        return not self._asked("could not be read", lambda: self._list(""))
+        return self._asked("could not be read", lambda: not self._list("") and self._store.has_bucket())
 
     def try_writing(self) -> None:
         """See `Storage`."""
@@ -79,7 +79,7 @@ class ObjectStorage:
 
     def make(self, marker: str) -> None:
         """See `Storage`."""
-        if not self.is_empty() and self.marker() is None:
+        if self._asked("could not be read", lambda: self._list("")) and self.marker() is None:
             raise UsageError(
                 f"{self.address} is not empty and not a lake; nothing was written: give a new prefix with --lake."
             )

@@ -66,6 +66,12 @@ class Connection:
         """True when there is such an object."""
         return bool(self.files.get_file_info(path).type == FileType.File)
 
+    def has_bucket(self) -> bool:
+        """True; an error where there is no such bucket, of which a listing is merely empty."""
+        if self.files.get_file_info(self._bucket).type == FileType.NotFound:
+            raise FileNotFoundError(self._bucket)
+        return True
+
     def list(self, folder: str) -> list[FileInfo]:
         """Objects and folders right below a prefix; a request for each thousand."""
         return list(self.files.get_file_info(FileSelector(folder, allow_not_found=True)))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fast.flows.cli import doctor
+from fast.flows.cli import campaign, doctor
 from fast.lake.leases import exclusive, is_held
 from fast.lake.maintenance import check
 from fast.lake.store import Lake
@@ -105,8 +105,15 @@ def test_a_campaign_waits_for_its_print(there, capsys, tmp_path):
 def test_doctor_writes_to_the_bucket(there, capsys, monkeypatch):
     assert lake_check(ADDRESS) == (True, f"{ADDRESS} can be read and written")
     assert lake_check(f"{ADDRESS}-none")[1] == f"none yet at {ADDRESS}-none; `fast campaign run` makes one"
+    assert lake_check("s3://no-bucket/lab")[1].endswith("(there is no such bucket): make it, or give another --lake.")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wrong")
     assert "could not be read (access denied)" in lake_check(ADDRESS)[1]
+
+
+def test_the_next_commands_can_be_typed(there):
+    data = {"campaign": NAME, "best_tool": None, "tools": [], "report": "report/index.html"}
+    tries = [line.split("  ")[2] for line in campaign._next_lines(data, Path(ADDRESS))[2:4]]
+    assert tries == [f"fast view {NAME} --lake {ADDRESS}", f'fast sql "FROM tool_quality" --lake {ADDRESS}']
 
 
 def lake_check(address: str) -> tuple[bool, str]:

@@ -104,7 +104,10 @@ def __getattr__(name: str) -> Any:
     """The public name, from where it is defined."""
     if name not in _HOMES:
         raise AttributeError(f"module `fast` has no `{name}`; it has {', '.join(__all__)}")
-    return getattr(import_module(f"fast.{_HOMES[name]}"), name)
+    found = getattr(import_module(f"fast.{_HOMES[name]}"), name)
+    if hasattr(found, "model_rebuild"):  # a record knows its arguments only then, and notebooks complete them
+        found.model_rebuild()
+    return found
 
 
 def __dir__() -> list[str]:

@@ -75,3 +75,10 @@ def test_a_wheel_brings_one_name_and_all_data() -> None:
 def test_the_links_of_the_package_are_the_folders_of_the_repository() -> None:
     for name in ("flows", "tasks", "lake", "hardware", "models"):
         assert (ROOT / "fast" / name).resolve() == ROOT / name
+
+
+@pytest.mark.parametrize("name", ["FinRay", "RigidObject"])
+def test_a_notebook_completes_the_arguments_of_a_record(name: str) -> None:
+    said = f"import fast, inspect; print(*inspect.signature(fast.{name}).parameters)"
+    found = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True).stdout.split()
+    assert found == list(getattr(fast, name).model_fields)

@@ -29,11 +29,13 @@ class ObservationSet:
     is_log: bool = False
 
     def __post_init__(self) -> None:
-        """Check shapes and values once, at the boundary.
+        """Make arrays of what was given, and check shapes and values once, at the boundary.
 
         Raises:
             UsageError: shapes differ, a value is not finite, fidelities are not 0, 1, 2 ..., a variance is negative.
         """
+        for name in ("x", "s", "y", "noise_variance"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name)))
         n = len(self.y)
         if self.x.ndim != 2 or len(self.x) != n or self.s.shape != (n,) or self.noise_variance.shape != (n,):
             raise UsageError(

@@ -1,6 +1,7 @@
 """The health card: it finds a simulator that tells nothing, a surrogate that is too sure, and is silent otherwise."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from fast.models.design.space import random_unit
@@ -107,3 +108,12 @@ def test_a_gross_outlier_is_found_and_does_not_spoil_the_fit_elsewhere():
     assert rmse(clean) < rmse(spoilt) < 1.8  # of a spread of 2.7 N
     assert (health_of(clean).n_outliers, health_of(spoilt).n_outliers) == (0, 1)
     assert cards_of(spoilt)["outliers"].startswith("1 of 40 measured designs lie more than 4 standard deviations")
+
+
+def test_observations_may_be_columns_of_a_data_frame() -> None:
+    x = random_unit(8, np.random.default_rng(3))
+    frame = pd.DataFrame({"s": np.repeat([SIM, REAL], 4), "y": 10.0 + 5.0 * x[:, 0], "none": 0.0}).iloc[::-1]
+    columns = ObservationSet(x[frame.index], frame["s"], frame["y"], frame["none"])
+    arrays = ObservationSet(x[::-1], *(frame[name].to_numpy() for name in frame))
+    means = [fit_surrogate(data).predict(x, REAL)[0] for data in (columns, arrays)]
+    assert means[0].tolist() == means[1].tolist()

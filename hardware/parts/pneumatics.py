@@ -8,6 +8,7 @@ from fast.models.errors import DeviceError, InterlockError
 from fast.models.records import GraspSetup
 
 _LOWEST_SHARE = 28.0 / 30.0  # of the set-point: less does not close the jaws fully
+_HIGHEST_SHARE = 1.1  # of the set-point: more is another grasp than the one that is recorded
 
 
 class Pneumatics:
@@ -107,12 +108,20 @@ class Pneumatics:
         """Confirm the closing pressure once the jaws are at their stop.
 
         Raises:
-            DeviceError: below 28/30 of the set-point.
+            DeviceError: below 28/30 of the set-point, or more than a tenth above it.
         """
         psi = self.pressure_psi()
         if psi < self._lowest_psi:
             raise DeviceError(
-                f"The closed gripper has {psi:.1f} psi, it needs {self._lowest_psi:.1f} psi; check for a leak."
+                f"The closed gripper has {psi:.1f} psi, it needs {self._lowest_psi:.1f} psi; check for a leak, and "
+                f"that the ladder writes psi into {tags.PRESSURE_REGISTER}."
+            )
+        highest_psi = _HIGHEST_SHARE * self.supply_pressure_psi
+        if psi > highest_psi:
+            raise DeviceError(
+                f"The closed gripper has {psi:.1f} psi, at most {highest_psi:.1f} psi fit the "
+                f"{self.supply_pressure_psi:g} psi that were set; check that the regulator follows "
+                f"{tags.SUPPLY_SETPOINT_REGISTER}, and that the ladder writes psi into {tags.PRESSURE_REGISTER}."
             )
 
     def vent(self) -> None:

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from fast.hardware.bench import BenchSettings, MountedTool, open_real_bench, open_virtual_bench, open_virtual_servers
+from fast.hardware.click import tags
 from fast.hardware.clock import VirtualClock
 from fast.hardware.parts.layout import BenchLayout
+from fast.hardware.virtual.click import VirtualClick
 from fast.hardware.virtual.world.file import Scatter, Sensor, World
 from fast.hardware.virtual.world.physics import PhysicsCache, build_request
 from fast.models.design.fin_ray import FinRay
 from fast.models.errors import DeviceError, InterlockError, LakeError, SimulationFailed, UsageError
-from fast.models.records import GraspSetup, GraspSimulation, Trace
+from fast.models.records import BENCH_FAULT, GraspSetup, GraspSimulation, Trace
 from fast.models.traces import peak_force_n
 
 DESIGN = FinRay(
@@ -179,6 +181,29 @@ def run_into(bench, error, match, plan=((0, 0), (1, 0))):
     with pytest.raises(error, match=match):
         bench.cell.measure_tool(3, plan, SETUP, grasps.append, lambda: False)
     return grasps
+
+
+@pytest.mark.parametrize(
+    ("shown", "message"),
+    [
+        (6.895, r"has 206\.\d psi, at most 33\.0 psi fit the 30 psi .* regulator follows DF2, .* writes psi into DF1"),
+        (1.2, r"has 3[56]\.\d psi, at most 33\.0 psi"),
+        (0.0689, r"has 2\.1 psi, it needs 28\.0 psi; check for a leak, and that the ladder writes psi into DF1"),
+    ],
+)
+def test_another_pressure_than_the_one_that_was_set_lifts_nothing(shown, message, monkeypatch):
+    """The ladder writes kPa, a regulator by hand stands higher, the ladder writes bar."""
+    tell = VirtualClick._set
+
+    def scaled(plc, name, value):
+        tell(plc, name, shown * value if name == tags.PRESSURE_REGISTER else value)
+
+    monkeypatch.setattr(VirtualClick, "_set", scaled)
+    with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
+        (grasp,) = run_into(bench, DeviceError, message)
+        assert (grasp.status, grasp.details["end"], grasp.trace.lift_mm.max()) == ("failed", BENCH_FAULT, 0.0)
+        assert bench.pneumatics.is_gripping(), "nobody has looked"
+        assert not bench.supervisor.is_ok
 
 
 def test_losing_the_lock_in_a_lift_holds_everything():

@@ -19,6 +19,14 @@ from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
 from fast.hardware.grasp_bench import Leave
+from fast.hardware.grbl.profile import (
+    FIRST_AXIS_SETTING,
+    FIRST_TRAVEL_SETTING,
+    LAB_SETTINGS,
+    SAFE_SETTINGS,
+    Z_AXIS,
+    GrblProfile,
+)
 from fast.hardware.laumas.codec import PLAIN_DIVISIONS, Scale
 from fast.hardware.laumas.continuous import ContinuousTransmitter
 from fast.hardware.laumas.driver import LaumasTransmitter
@@ -43,7 +51,7 @@ from fast.hardware.virtual.world.physics import Physics, simulate_request
 from fast.hardware.wire.log_files import GANTRY, LIMIT_BYTES, LOAD_CELL, PLC, WireFiles
 from fast.hardware.wire.modbus import ModbusLink, rtu_link, tcp_link
 from fast.hardware.wire.serial import PortBusyError, SerialTransport, Transport
-from fast.models.errors import DeviceError, FastError
+from fast.models.errors import ConfigError, DeviceError, FastError
 from fast.models.records import GraspSetup, Record
 
 logger = logging.getLogger(__name__)
@@ -94,7 +102,43 @@ class BenchSettings(Record):
     )
     layout: BenchLayout = BenchLayout()
     """Places of objects, tools and head."""
+    gantry_settings: dict[int, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(
+        default_factory=dict, description="lines of `$$` that are others on this machine than in the profile, by number"
+    )
     journal: str | None = Field(default=None, description="file of the tool changer's journal; default beside this one")
+
+    @property
+    def gantry_profile(self) -> GrblProfile:
+        """Settings that this bench's controller must have."""
+        return GrblProfile().with_settings(self.gantry_settings)
+
+    @model_validator(mode="after")
+    def _check_gantry_settings(self) -> "BenchSettings":
+        """What the driver relies on stays, Z homes upwards, and the box lies within the travel."""
+        own = self.gantry_settings
+        for number in own:
+            if number in SAFE_SETTINGS or number not in LAB_SETTINGS:
+                free = ", ".join(map(str, sorted(LAB_SETTINGS.keys() - SAFE_SETTINGS)))
+                raise ValueError(f"gantry_settings has {number}, which no machine may have its own; it may have {free}")
+            if number >= FIRST_AXIS_SETTING and not own[number]:
+                raise ValueError(f"gantry_settings.{number} is 0, it must be above 0; give what `$$` shows")
+        try:
+            profile = self.gantry_profile
+        except ConfigError as error:
+            raise ValueError(f"gantry_settings: {error}") from error
+        if not profile.homes_to_plus_end(Z_AXIS):
+            raise ValueError(
+                f"gantry_settings.23 is {own[23]:g}: Z would home down onto the bench; clear its bit 2 (4)"
+            )
+        for axis, size_mm in enumerate(self.layout.workspace_mm):
+            usable_mm = profile.travel_mm[axis] - profile.pull_off_mm
+            if size_mm > usable_mm:
+                raise ValueError(
+                    f"layout.workspace_mm is {size_mm:g} mm in {'xyz'[axis]}, the controller reaches {usable_mm:g} mm "
+                    f"(travel ${FIRST_TRAVEL_SETTING + axis} less pull-off $27); make it smaller, or correct "
+                    "gantry_settings"
+                )
+        return self
 
     @model_validator(mode="after")
     def _check_continuous_mode(self) -> "BenchSettings":
@@ -312,7 +356,7 @@ def _open(
     force = ForceSensor(
         wires.transmitter, clock, settings.force_rate_hz, settings.stale_after_s, settings.transmitter_filter
     )
-    gantry = Gantry(wires.gantry, clock)
+    gantry = Gantry(wires.gantry, clock, settings.gantry_profile, settings.layout.workspace_mm)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
     journal = Journal(Path(settings.journal) if settings.journal is not None else None)
     changer = ToolChanger(gantry, plc, force, clock, tools, settings.layout, journal)

@@ -91,11 +91,10 @@ def what_moves(name: str, settings: "BenchSettings | ArmSettings", tools: "Mappi
     if isinstance(settings, ArmSettings):
         return "\n".join([first, *_arm_lines(settings)])
     from fast.hardware.click import tags
-    from fast.hardware.grbl.profile import GrblProfile
     from fast.hardware.grbl.workspace import Workspace
 
-    profile = GrblProfile()
-    x_mm, y_mm, z_mm = Workspace.nominal(profile).size_mm
+    profile = settings.gantry_profile
+    x_mm, y_mm, z_mm = Workspace.nominal(profile, settings.layout.workspace_mm).size_mm
     x_speed, y_speed, z_speed = profile.max_speed_mm_per_s
     ends = "".join("+" if profile.homes_to_plus_end(axis) else "-" for axis in range(3))
     lines = [

@@ -48,6 +48,9 @@ def log(
 def replay(
     file: Annotated[Path, Parameter(help="A log, or one part of it; `fast gantry log` lists them.")],
     *,
+    real: Annotated[
+        Path | None, Parameter(help="Bench file of the log's bench, if it has gantry_settings; nothing is opened.")
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Play a log back to the driver of its device; exit status 1 when the driver now sends something else.
@@ -56,9 +59,10 @@ def replay(
     """
     from fast.hardware.replay.replay import replay as play
     from fast.hardware.wire.log_files import read_session
+    from fast.tasks.campaign.setup import read_bench
 
     recorded = read_session(file)
-    outcome = play(recorded)
+    outcome = play(recorded, None if real is None else read_bench(real).gantry_profile)
     difference = outcome.difference
     data = {
         "device": recorded.header.device,

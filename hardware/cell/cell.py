@@ -157,6 +157,7 @@ class GraspCell:
         tool = self._changer.tools.get(slot)
         if tool is None:
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._changer.tools)}.")
+        self._layout.dock_xy_mm(slot)
         for item in plan:
             grasp = self._begin(item, setup)
             self._layout.limits.check(grasp.setup, grasp.placement)

@@ -11,7 +11,6 @@ from fast.hardware.checkup.load_cell import check_load_cell
 from fast.hardware.checkup.plc import HeadState, check_plc
 from fast.hardware.checkup.ports import check_address, check_serial_port
 from fast.hardware.clock import Clock, RealClock
-from fast.hardware.grbl.profile import GrblProfile
 from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.wire.log_files import WireFiles
 
@@ -35,7 +34,7 @@ def check_bench(settings: BenchSettings, clock: Clock | None = None, log_folder:
         stack.callback(wires.plc.close)
         stack.callback(wires.transmitter.close)
         with findings.section("gantry"):
-            check_gantry(findings, wires.gantry, used, GrblProfile())
+            check_gantry(findings, wires.gantry, used, settings.gantry_profile)
         with findings.section("PLC"):
             address = check_address(settings.plc_host, settings.plc_port, settings.modbus_time_out_s)
             findings.add("PLC address", address)

@@ -20,6 +20,10 @@ ABSOLUTE_TOLERANCE = 5e-4  # `$$` prints three decimals
 SECONDS_PER_MINUTE = 60.0
 SOFT_LIMITS, HARD_LIMITS = 20, 21  # numbers of the settings that a search for the switches turns off
 
+FIRST_AXIS_SETTING = 100  # from here on one number an axis, above 0
+FIRST_TRAVEL_SETTING = 130
+Z_AXIS = 2
+
 # Number, value on GRBL, value on grblHAL, what it is for or what goes wrong without. None: it is not compared there,
 # since it is unknown, or does no harm. grblHAL is GRBL's successor on 32-bit boards: it has GRBL's numbers, some with
 # another meaning, and dozens of its own for spindles, networks and the like.
@@ -68,6 +72,7 @@ _TABLE: tuple[tuple[int, float | None, float | None, str], ...] = (
     (676, None, 15, "a reset in motion costs the homing, and overrides end"),
 )
 LAB_SETTINGS: Mapping[int, float] = MappingProxyType({row[0]: row[1] for row in _TABLE if row[1] is not None})
+SAFE_SETTINGS = frozenset({1, 10, 13, 20, 21, 22, 32})  # of the same value on every machine: the driver relies on them
 _ONLY_HAL = frozenset({row[0] for row in _TABLE} - set(LAB_SETTINGS))
 HAL_BUILD = "FIRMWARE:grblHAL"  # in the answer to `$I`
 
@@ -147,7 +152,7 @@ class GrblProfile(Record):
     @property
     def travel_mm(self) -> Vector:
         """`$130..132`."""
-        return self._vector(130)
+        return self._vector(FIRST_TRAVEL_SETTING)
 
     @property
     def pull_off_mm(self) -> float:

@@ -5,8 +5,8 @@ an axis at its + end stands at minus the pull-off. The two differ by a shift onl
 With the lab profile (travel 1506 x 1506 x 186, pull-off 3) the origin is (-1503, -1503, -183): the top of each axis
 is where homing leaves it.
 
-A controller with less travel has a smaller box, not a shifted one; the shift is taken from the MPos that the
-controller shows after homing, since builds differ (HOMING_FORCE_SET_ORIGIN).
+The box has the size that the bench file says. A controller with less travel has a smaller box, not a shifted one; the
+shift is taken from the MPos that the controller shows after homing, since builds differ (HOMING_FORCE_SET_ORIGIN).
 """
 
 from collections.abc import Sequence
@@ -29,23 +29,25 @@ class Workspace:
     size_mm: Vector
 
     @classmethod
-    def from_homed(cls, profile: GrblProfile, homed_mm: Sequence[float]) -> "Workspace":
+    def from_homed(
+        cls, profile: GrblProfile, homed_mm: Sequence[float], size_mm: Sequence[float] = WORKSPACE_SIZE_MM
+    ) -> "Workspace":
         """Box of a controller that shows `homed_mm` after homing."""
         origin, size = [], []
         for axis, homed in enumerate(homed_mm[: len(AXIS_NAMES)]):
-            usable = min(WORKSPACE_SIZE_MM[axis], profile.travel_mm[axis] - profile.pull_off_mm)
+            usable = min(size_mm[axis], profile.travel_mm[axis] - profile.pull_off_mm)
             origin.append(homed - usable if profile.homes_to_plus_end(axis) else homed)
             size.append(usable)
         return cls(tuple(origin), tuple(size))
 
     @classmethod
-    def nominal(cls, profile: GrblProfile) -> "Workspace":
+    def nominal(cls, profile: GrblProfile, size_mm: Sequence[float] = WORKSPACE_SIZE_MM) -> "Workspace":
         """Box before homing: MPos as GRBL sets it by default."""
         homed_mm = [
             -profile.pull_off_mm if profile.homes_to_plus_end(axis) else profile.pull_off_mm - profile.travel_mm[axis]
             for axis in range(len(AXIS_NAMES))
         ]
-        return cls.from_homed(profile, homed_mm)
+        return cls.from_homed(profile, homed_mm, size_mm)
 
     def to_machine(self, place_mm: Sequence[float]) -> Vector:
         """Machine position of a workspace place."""

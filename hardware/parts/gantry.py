@@ -1,4 +1,4 @@
-"""The gantry as the grasp cell sees it: a box of 1500 x 1500 x 180 mm, z up, and verbs that state an intent.
+"""The gantry as the grasp cell sees it: a box (1500 x 1500 x 180 mm), z up, and verbs that state an intent.
 
 Box, homing and speed are checked before the first byte is sent. See `hardware.grbl.workspace` for how workspace
 coordinates map to the controller's.
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from fast.hardware.clock import Clock
 from fast.hardware.grbl.driver import GrblDriver
-from fast.hardware.grbl.messages import StatusReport
+from fast.hardware.grbl.messages import StatusReport, Vector
 from fast.hardware.grbl.profile import GrblProfile
-from fast.hardware.grbl.workspace import Workspace
+from fast.hardware.grbl.workspace import WORKSPACE_SIZE_MM, Workspace
 from fast.hardware.wire.log import WireLog
 from fast.hardware.wire.serial import Transport
 from fast.models.errors import InterlockError
@@ -45,17 +45,25 @@ class Gantry:
         transport: line to the controller.
         clock: time for all waits.
         profile: settings the controller must have.
+        size_mm: of the box.
 
     Attributes:
         require_leave: called before each motion; raises for a host that the bench is no longer lent to.
     """
 
-    def __init__(self, transport: Transport, clock: Clock, profile: GrblProfile | None = None) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        profile: GrblProfile | None = None,
+        size_mm: Vector = WORKSPACE_SIZE_MM,
+    ) -> None:
         self._profile = profile or GrblProfile()
         self._transport = transport
         self._clock = clock
         self._driver = GrblDriver(transport, clock, self._profile)
-        self._workspace = Workspace.nominal(self._profile)
+        self._box_mm = size_mm
+        self._workspace = Workspace.nominal(self._profile, size_mm)
         self._homed_place: Place = (0.0, 0.0, 0.0)
         self.require_leave: Callable[[], object] = lambda: None
 
@@ -80,7 +88,7 @@ class Gantry:
         """Home all axes (Z first) and learn where the box is; returns the place afterwards. Clears alarms."""
         self.require_leave()
         homed_mm = self._driver.home()
-        self._workspace = Workspace.from_homed(self._profile, homed_mm)
+        self._workspace = Workspace.from_homed(self._profile, homed_mm, self._box_mm)
         self._homed_place = self._to_place(homed_mm)
         return self._homed_place
 

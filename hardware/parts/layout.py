@@ -90,19 +90,32 @@ class BenchLayout(Record):
         return x, y
 
     def grasp_xy_mm(self, object_id: int, placement: Placement) -> tuple[float, float]:
-        """Place of the head for a grasp: the object then sits off the middle of the fingers as asked."""
+        """Place of the head for a grasp: the object then sits off the middle of the fingers as asked.
+
+        Raises:
+            UsageError: no such object, or its place lies outside the workspace.
+        """
         x, y = self.object_xy_mm(object_id)
-        return x - placement.offset_x_mm, y - placement.offset_y_mm
+        return self._inside(f"Object {object_id}", x - placement.offset_x_mm, y - placement.offset_y_mm)
 
     def dock_xy_mm(self, slot: int) -> tuple[float, float]:
         """Place of a dock slot.
 
         Raises:
-            UsageError: no such slot.
+            UsageError: no such slot, or it lies outside the workspace.
         """
         if not 0 <= slot < N_SLOTS:
             raise UsageError(f"Tool slot {slot} does not exist; use a slot from 0 to {N_SLOTS - 1}.")
-        return self.dock_first_x_mm + slot * self.dock_pitch_mm, self.dock_y_mm
+        return self._inside(f"Tool slot {slot}", self.dock_first_x_mm + slot * self.dock_pitch_mm, self.dock_y_mm)
+
+    def _inside(self, what: str, x_mm: float, y_mm: float) -> tuple[float, float]:
+        most_x_mm, most_y_mm, _ = self.workspace_mm
+        if not (0 <= x_mm <= most_x_mm and 0 <= y_mm <= most_y_mm):
+            raise UsageError(
+                f"{what} stands at x {x_mm:g}, y {y_mm:g} mm, the workspace ends at {most_x_mm:g}, {most_y_mm:g} mm; "
+                "correct [layout] of the bench file."
+            )
+        return x_mm, y_mm
 
     def travel_z_mm(self, design: Design) -> float:
         """Height at which the tips of a design clear every object."""

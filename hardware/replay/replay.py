@@ -1,5 +1,6 @@
 """Replay of any wire log of a bench against the driver of its device."""
 
+from fast.hardware.grbl.profile import GrblProfile
 from fast.hardware.replay.grbl import replay_grbl
 from fast.hardware.replay.modbus import replay_modbus
 from fast.hardware.replay.outcome import Replay
@@ -7,8 +8,10 @@ from fast.hardware.wire.log_files import GANTRY, LOAD_CELL, PLC, RecordedWire
 from fast.models.errors import UsageError
 
 
-def replay(recorded: RecordedWire) -> Replay:
+def replay(recorded: RecordedWire, profile: GrblProfile | None = None) -> Replay:
     """Have the driver do again what the log holds, against the recorded device; stops at the first difference.
+
+    `profile`: settings of the gantry's controller, where they are not the lab's.
 
     Raises:
         UsageError: the device is unknown, or the beginning of a gantry's log is missing.
@@ -23,4 +26,4 @@ def replay(recorded: RecordedWire) -> Replay:
             f"The log begins in part {recorded.header.part} of session {recorded.header.session}: its first part was "
             "removed to make room, and a gantry can only be replayed from its connection on. Take a newer session."
         )
-    return replay_grbl(recorded.entries)
+    return replay_grbl(recorded.entries, profile)

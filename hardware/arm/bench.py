@@ -24,12 +24,14 @@ from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.records import BENCH_FAULT, GraspRequest, GraspSetup, Placement, Trace
+from fast.models.units import spell_share
 
 logger = logging.getLogger(__name__)
 
 BASELINE_S = 0.6
 NOT_RELEASED_N = 1.0  # left on the open gripper: an object came along
 LEAST_WEIGHT_SHARE = 0.3  # of the tool's expected weight, that the wrist must feel after it was picked
+FULL_SPEED_SHARE = 0.99  # of the pendant's slider: below it a lift has another speed than it says
 _G = 9.80665
 _REMEDY = "hang the tool back by hand, switch both outputs off on the pendant, and give the command again"
 
@@ -227,6 +229,14 @@ class ArmBench:
         while state.time_s < deadline_s:
             state = self._link.next(state.time_s)
             grasp.add([state])
+            if state.speed_share < FULL_SPEED_SHARE:
+                self._link.halt()
+                grasp.reason = (
+                    f"The speed slider of the pendant stood at {spell_share(state.speed_share)} in the lift, whose "
+                    "speed belongs to the grasp; set it to 100 %."
+                )
+                self._motion.wait(SETTLE_S)
+                return "slow"
             force_n, lift_mm = grasp.forces_n[-1], grasp.lifts_mm[-1]
             if force_n > settings.most_force_n:
                 self._link.halt()

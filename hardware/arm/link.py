@@ -21,9 +21,13 @@ from fast.models.errors import DeviceError
 DONE_REGISTER = 12  # output_int_register, 12 to 19 are free for a user's program
 VARIABLES = (
     "timestamp", "actual_TCP_pose", "target_TCP_pose", "actual_TCP_force", "robot_mode", "safety_status_bits",
-    "runtime_state", "actual_digital_input_bits", "actual_digital_output_bits", f"output_int_register_{DONE_REGISTER}",
+    "runtime_state", "target_speed_fraction", "actual_digital_input_bits", "actual_digital_output_bits",
+    f"output_int_register_{DONE_REGISTER}",
 )  # fmt: skip
 RUNNING = 7  # robot mode in which the brakes are open
+PAUSED = (3, 4)  # runtime states: it pauses, has paused
+SAFEGUARD, VIOLATION, FAULT, STOPPED_FOR_SAFETY = 1 << 4, 1 << 8, 1 << 9, 1 << 10  # safety_status_bits
+_SAFETY_STOPS = SAFEGUARD | VIOLATION | FAULT | STOPPED_FOR_SAFETY
 _STALE_S = 2.0  # of the wall, without a new time stamp
 _ROUGHLY_S = 10.0  # beyond the time that a motion should take
 _STOPPED_S = 2.0  # of the arm, for which the end of a stop is waited for
@@ -51,6 +55,8 @@ class ArmState:
     """Bits of the digital inputs."""
     outputs: int
     """Bits of the digital outputs."""
+    speed_share: float = 1.0
+    """Where the speed slider of the pendant stands, 0 to 1."""
 
     def is_on(self, output: int) -> bool:
         """Whether a standard digital output is on."""
@@ -108,7 +114,7 @@ class ArmLink:
 
         Raises:
             EmergencyStopError: it is pressed.
-            DeviceError: protective stop, brakes closed, or no news.
+            DeviceError: protective or other safety stop, brakes closed, paused on the pendant, or no news.
         """
         rtde = self._rtde
         if rtde is None:
@@ -124,6 +130,7 @@ class ArmLink:
                 int(rtde.getOutputIntRegister(DONE_REGISTER)),
                 int(rtde.getActualDigitalInputBits()),
                 int(rtde.getActualDigitalOutputBits()),
+                rtde.getTargetSpeedFraction(),
             )
             if rtde.getTimestamp() == time_s:
                 break
@@ -140,8 +147,15 @@ class ArmLink:
             raise EmergencyStopError("The arm's emergency stop is pressed; look, release it, and start again.")
         if self._rtde.isProtectiveStopped():
             raise DeviceError("The arm is in a protective stop; look what it touched, and unlock it on the pendant.")
+        if (bits := self._rtde.getSafetyStatusBits()) & _SAFETY_STOPS:
+            raise DeviceError(
+                f"The arm is stopped by its safety system (status {bits:#x}): a safeguard is open, or the pendant "
+                "shows a fault; look, then start again."
+            )
         if (mode := self._rtde.getRobotMode()) != RUNNING:
             raise DeviceError(f"The arm's brakes are closed (robot mode {mode}); start it on the pendant.")
+        if self._rtde.getRuntimeState() in PAUSED:
+            raise DeviceError("The arm's program was paused on the pendant; look, stop it there, and start again.")
 
     def next(self, after_s: float) -> ArmState:
         """The first state with a later time stamp.

@@ -22,8 +22,8 @@ logger = logging.getLogger(__name__)
 
 GRIPPER_MM = 120.0  # from the flange to the base of the fingers
 RUNNING, IDLE = 7, 5  # robot modes: brakes open, closed
-NORMAL, PROTECTIVE_STOP, EMERGENCY_STOP = 1 << 0, 1 << 2, 1 << 7  # safety_status_bits
-_STOPPED, _PLAYING = 1, 2  # runtime states
+NORMAL, PROTECTIVE_STOP, SAFEGUARD_STOP, EMERGENCY_STOP = 1 << 0, 1 << 2, 1 << 4, 1 << 7  # safety_status_bits
+_STOPPED, _PLAYING, _PAUSED = 1, 2, 4  # runtime states
 _ORIGIN_MM = (750.0, 750.0)  # of the base frame, on the sheet
 _DOWN = (0.0, np.pi, 0.0)
 _PHYSICS_PATIENCE_S = 300.0  # a virtual gripper has its pressure when its physics is solved
@@ -50,6 +50,8 @@ class VirtualArm:
         self.layout = layout
         self.lock = threading.RLock()
         self.is_protective_stopped = self.is_powered_off = False
+        self.is_safeguard_open = self.is_paused = False  # the program waits, and goes on afterwards
+        self.speed_share = 1.0
         self._physics = PhysicsCache(physics)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="virtual-physics")
         self._fresh_tools = fresh_tools
@@ -95,6 +97,7 @@ class VirtualArm:
             return
         with self.lock:
             if self._may_move:
+                self.is_paused = False  # it takes the place of the one that waits
                 self._program, self._ran_at_s = statements, self._now_s
 
     @property
@@ -110,6 +113,8 @@ class VirtualArm:
             left_s = duration_s
             if self._program:
                 self._ran_at_s = self._now_s
+            if self.is_safeguard_open or self.is_paused:
+                left_s = 0.0
             while self._program and left_s > 0.0:
                 left_s = self._step_program(left_s)
             self._refill_rack()
@@ -120,7 +125,9 @@ class VirtualArm:
         with self.lock:
             pose = self._pose.tolist()
             is_down = "estop_pressed" in self.world.faults
-            safety = EMERGENCY_STOP if is_down else PROTECTIVE_STOP if self.is_protective_stopped else NORMAL
+            is_stopped = self.is_protective_stopped
+            safety = EMERGENCY_STOP if is_down else PROTECTIVE_STOP if is_stopped else NORMAL
+            safety |= SAFEGUARD_STOP * self.is_safeguard_open
             return {
                 "timestamp": self._now_s,
                 "actual_TCP_pose": pose,
@@ -128,7 +135,8 @@ class VirtualArm:
                 "actual_TCP_force": [0.0, 0.0, -self.world.gross_n, 0.0, 0.0, 0.0],
                 "robot_mode": IDLE if self.is_powered_off else RUNNING,
                 "safety_status_bits": safety,
-                "runtime_state": _PLAYING if self._program else _STOPPED,
+                "runtime_state": _PAUSED if self.is_paused else _PLAYING if self._program else _STOPPED,
+                "target_speed_fraction": self.speed_share,
                 "actual_digital_input_bits": int(self.world.is_pressure_ok),
                 "actual_digital_output_bits": self._outputs,
                 **{f"output_int_register_{number}": value for number, value in self._registers.items()},
@@ -139,11 +147,12 @@ class VirtualArm:
         statement = self._program[0]
         if isinstance(statement, Move):
             distance_m = float(np.linalg.norm(statement.pose[:3] - self._pose[:3]))
-            share = min(1.0, statement.speed_m_per_s * left_s / distance_m) if distance_m > 1e-9 else 1.0
+            speed_m_per_s = self.speed_share * statement.speed_m_per_s
+            share = min(1.0, speed_m_per_s * left_s / distance_m) if distance_m > 1e-9 else 1.0
             self._turn(statement.pose, share)
             if share < 1.0:
                 return 0.0
-            left_s -= distance_m / statement.speed_m_per_s
+            left_s -= distance_m / speed_m_per_s
         elif isinstance(statement, Output):
             mask = 1 << statement.number
             self._outputs = self._outputs | mask if statement.is_on else self._outputs & ~mask

@@ -149,7 +149,7 @@ def _type_of(name: str) -> str:
         return "UINT32"
     if name in _LONG:
         return "UINT64"
-    return "DOUBLE" if name == "timestamp" else "INT32"
+    return "DOUBLE" if name in ("timestamp", "target_speed_fraction") else "INT32"
 
 
 def _pack(name: str, value: float | list[float]) -> bytes:

@@ -1,7 +1,8 @@
 """A virtual arm in a process of its own, since the client library holds Python's lock while it connects.
 
 `python arm_process.py HOST SPEED_UP`: prints the bench file's settings as a line of JSON, then takes commands, a line
-each: `inject FAULT`, `clear FAULT`, `protective on|off`, `power on|off`, `state`; answers each with a line.
+each: `inject FAULT`, `clear FAULT`, `protective on|off`, `power on|off`, `safeguard on|off`, `pause`, `slider SHARE`,
+`state`; answers each with a line.
 """
 
 import json
@@ -30,6 +31,12 @@ def main() -> None:
                 arm.is_protective_stopped = words == ["on"]
             elif verb == "power":
                 arm.is_powered_off = words == ["off"]
+            elif verb == "safeguard":
+                arm.is_safeguard_open = words == ["on"]
+            elif verb == "pause":
+                arm.is_paused = True
+            elif verb == "slider":
+                arm.speed_share = float(words[0])
             pose = arm.values()["actual_TCP_pose"]
             tool = arm.world.tool.tool_id if arm.world.tool else None
             say({"tool": tool, "docked": sorted(arm.world.docked), "z_mm": round(1000 * pose[2], 3)})

@@ -1,7 +1,9 @@
 """The arm against its controller's protocols, in a process of its own, and the gantry by the same contract."""
 
 import threading
+import time
 from collections.abc import Iterator
+from itertools import count
 
 import numpy as np
 import pytest
@@ -73,6 +75,8 @@ def test_an_object_that_is_missing_fails_its_grasp_and_the_plan_goes_on(controll
         ("inject estop_pressed", EmergencyStopError, "emergency stop is pressed"),
         ("protective on", DeviceError, "protective stop"),
         ("power off", DeviceError, "brakes are closed"),
+        ("safeguard on", DeviceError, r"stopped by its safety system \(status 0x11\)"),
+        ("pause", DeviceError, "paused on the pendant"),
     ],
 )
 def test_a_stop_of_the_controller_is_a_sentence_and_keeps_the_grasp(controller, command, error, words):
@@ -86,6 +90,38 @@ def test_a_stop_of_the_controller_is_a_sentence_and_keeps_the_grasp(controller, 
         with pytest.raises(error, match=words):
             measure(bench, [(0, 0), (0, 1)], on_grasp=stop)
     assert [(g.status, g.details["end"]) for g in grasps] == [("ok", "separated"), ("failed", BENCH_FAULT)]
+
+
+def test_a_door_that_closes_again_starts_nothing(controller):
+    """A safeguard stop ends by itself: what it interrupted must not go on then."""
+    n_motions = count(1)
+
+    def open_door() -> None:
+        if next(n_motions) == 3:  # the way down to the tool
+            threading.Timer(0.02, controller.tell, ["safeguard on"]).start()
+
+    with open_arm_bench(controller.settings, TOOLS) as bench:
+        bench.set_leave(open_door)
+        with pytest.raises(DeviceError, match="safety system"):
+            measure(bench, [(0, 0)])
+    stopped = controller.tell("safeguard off")
+    assert stopped["z_mm"] > controller.settings.rack_mm[3][2] + 1.0, "it was on its way"
+    time.sleep(0.5)
+    assert controller.tell("state") == stopped
+
+
+def test_a_lift_with_the_slider_down_is_no_result(controller):
+    with open_arm_bench(controller.settings, TOOLS) as bench:
+        grasps = []
+
+        def turn_up(grasp):
+            grasps.append(grasp)
+            controller.tell("slider 1")
+
+        controller.tell("slider 0.5")
+        measure(bench, [(0, 0), (0, 1)], on_grasp=turn_up)
+    assert [g.status for g in grasps] == ["failed", "ok"]
+    assert "slider of the pendant stood at 50 % in the lift" in grasps[0].reason
 
 
 def test_a_tool_that_is_not_there_is_noticed_by_its_weight(controller):

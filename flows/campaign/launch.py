@@ -14,7 +14,6 @@ from fast.flows.server.page_port import serve_page
 from fast.flows.server.server import configure_client, server, tell_ignored
 from fast.flows.server.surroundings import check_surroundings
 from fast.hardware.arm.settings import ArmSettings
-from fast.hardware.bench import BenchSettings
 from fast.hardware.virtual.world.file import World
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
@@ -22,13 +21,13 @@ from fast.models.errors import ConfigError
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import CampaignConfig, load_config, relative_to, world_path
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
-from fast.tasks.campaign.setup import check_arm, enter, read_real_bench, read_world
+from fast.tasks.campaign.setup import RealBench, check_arm, enter, read_real_bench, read_world
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
     from fast.hardware.virtual.world.physics import Physics
 
-ConfirmReal = Callable[[Path, BenchSettings | ArmSettings], None]  # raises when there is no leave to move
+ConfirmReal = Callable[[Path, RealBench], None]  # raises when there is no leave to move
 
 
 def run_campaign(
@@ -54,7 +53,7 @@ def run_campaign(
     require(CAMPAIGN)
     config = load_config(config_path)
     own_designs = read_own_designs(config_path, config)
-    bench: World | BenchSettings | ArmSettings | None = None
+    bench: World | RealBench | None = None
     if confirm_real is not None:
         bench = _real_bench(config, config_path, confirm_real)
     elif not config.bench.is_folder:
@@ -89,7 +88,7 @@ def run_campaign(
         )
 
 
-def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> BenchSettings | ArmSettings:
+def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal) -> RealBench:
     if config.bench.is_folder:
         raise ConfigError(f'{config_path}: bench.kind is "folder", so there is nothing to drive; leave out --real.')
     if config.bench.real is None:

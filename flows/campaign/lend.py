@@ -9,9 +9,10 @@ from pathlib import Path
 from fast.flows.server.server import address_for_others
 from fast.hardware.arm.by_hand import open_arm_by_hand
 from fast.hardware.arm.settings import ArmSettings
-from fast.hardware.bench import LogFolders, open_real_bench, open_virtual_bench
+from fast.hardware.bench import BenchSettings, LogFolders, open_real_bench, open_virtual_bench
 from fast.hardware.by_hand import ByHand
 from fast.hardware.hand import Hand
+from fast.hardware.own_bench import OwnBenchSettings
 from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.store import Lake
@@ -36,7 +37,7 @@ def lend_bench(
     tools = {slot: MountedTool(tool_label(0, slot), BEST_PUBLISHED) for slot in range(N_SLOTS)}
     file = world if real is None else real
     given = file.read_bytes() if file.is_file() else b""
-    read_world(world) if real is None else read_real_bench(real)  # its faults are said before anything is lent
+    read_world(world) if real is None else _read_lent(real)  # its faults are said before anything is lent
 
     @contextmanager
     def open_bench(may_vent: bool) -> Iterator[Hand]:
@@ -46,7 +47,7 @@ def lend_bench(
                 yield ByHand(bench)
             return
         _require_same(real, given)
-        settings = read_real_bench(real)
+        settings = _read_lent(real)
         if isinstance(settings, ArmSettings):
             with open_arm_by_hand(settings, may_grip=may_vent) as arm:
                 yield arm
@@ -73,6 +74,14 @@ def find_bench_file(config: Path) -> Path | None:
     """
     named = load_config(config).bench.real
     return relative_to(config, named).resolve() if named is not None else None
+
+
+def _read_lent(file: Path) -> BenchSettings | ArmSettings:
+    """The bench of a file, if people can move it by hand; raises UsageError otherwise."""
+    settings = read_real_bench(file)
+    if isinstance(settings, OwnBenchSettings):
+        raise UsageError(f"{file} names a driver of your own, which moves in campaigns only; it cannot be lent.")
+    return settings
 
 
 def _require_same(file: Path, given: bytes) -> None:

@@ -25,9 +25,10 @@ from fast.flows.memory import limit_arenas
 from fast.flows.progress import Bar, ProgressReporter, format_report
 from fast.hardware.arm.bench import open_arm_bench
 from fast.hardware.arm.settings import ArmSettings
-from fast.hardware.bench import BenchSettings, LogFolders, open_real_bench, open_virtual_bench
+from fast.hardware.bench import LogFolders, open_real_bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
+from fast.hardware.own_bench import OwnBenchSettings, open_own_bench
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import BenchQuestion
@@ -43,6 +44,7 @@ from fast.tasks.bench.questions import make_ask
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
 from fast.tasks.campaign.requests import BENCH_OPENED, append_event, bench_log_folder
+from fast.tasks.campaign.setup import RealBench
 from fast.tasks.campaign.state import ProposedTool, rank_tools
 from fast.tasks.simulation.attempt import hang_limit_s
 from fast.tasks.simulation.engine import Engine, open_engine
@@ -82,7 +84,7 @@ class CampaignOutcome:
 
 def run_in_process(
     campaign: Campaign,
-    setup: World | BenchSettings | ArmSettings | None,
+    setup: World | RealBench | None,
     *,
     auto_print: bool,
     reporter: ProgressReporter,
@@ -169,7 +171,7 @@ def with_run_page(reporter: ProgressReporter) -> ProgressReporter:
 @contextmanager
 def open_campaign_bench(
     campaign: Campaign,
-    setup: World | BenchSettings | ArmSettings | None,
+    setup: World | RealBench | None,
     physics: PhysicsCache,
     tools: Sequence[ProposedTool],
     should_stop: Callable[[], bool] = lambda: False,
@@ -196,6 +198,11 @@ def open_campaign_bench(
             told = f"arm at {setup.host} connected"
             append_event(campaign.lake, campaign.campaign_id, BENCH_OPENED, told, hanging=hanging)
             yield arm
+        return
+    if isinstance(setup, OwnBenchSettings):
+        with open_own_bench(setup, mounted) as own:
+            append_event(campaign.lake, campaign.campaign_id, BENCH_OPENED, f"bench of {setup.kind} connected")
+            yield own
         return
     there = setup.model_copy(update={"layout": objects.stand_on(setup.layout)})
     ask = make_ask(campaign.lake, campaign.campaign_id, should_stop)

@@ -14,9 +14,8 @@ from fast.flows.cli.real import YesMove
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
-    from fast.hardware.arm.settings import ArmSettings
-    from fast.hardware.bench import BenchSettings
     from fast.lake.store import Lake
+    from fast.tasks.campaign.setup import RealBench
 
 _ENDED = {"pause": "paused", "stop": "stopped", "abort": "aborted and counts as failed"}
 
@@ -49,7 +48,7 @@ def run(
     from fast.flows.cli.live import open_reporter
     from fast.flows.cli.real import ask_leave
 
-    def confirm(bench_file: Path, settings: "BenchSettings | ArmSettings") -> None:
+    def confirm(bench_file: Path, settings: "RealBench") -> None:
         ask_leave(bench_file, settings, None, yes_move)
 
     leave = confirm if real else None

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fast.hardware.arm.settings import ArmSettings
     from fast.hardware.bench import BenchSettings
     from fast.hardware.tools.mounted import MountedTool
+    from fast.tasks.campaign.setup import RealBench
 
 YesMove = Annotated[
     str | None,
@@ -29,7 +30,7 @@ BUILD_VARIABLE = "CI"
 
 def ask_leave(
     bench_file: Path,
-    settings: "BenchSettings | ArmSettings",
+    settings: "RealBench",
     tools: "Mapping[int, MountedTool] | None",
     yes_move: str | None,
 ) -> None:
@@ -69,10 +70,13 @@ def has_terminal() -> bool:
     return sys.stdin is not None and sys.stdin.isatty()
 
 
-def is_rehearsal(settings: "BenchSettings | ArmSettings") -> bool:
+def is_rehearsal(settings: "RealBench") -> bool:
     """Whether all addresses are of this computer's own pty and loopback: a virtual bench, nothing that can move."""
     from fast.hardware.arm.settings import ArmSettings
+    from fast.hardware.own_bench import OwnBenchSettings
 
+    if isinstance(settings, OwnBenchSettings):
+        return False  # only its driver knows
     if isinstance(settings, ArmSettings):
         return _is_loopback(settings.host)
     ports = [settings.serial_port, settings.transmitter_serial_port]
@@ -82,14 +86,18 @@ def is_rehearsal(settings: "BenchSettings | ArmSettings") -> bool:
     )
 
 
-def what_moves(name: str, settings: "BenchSettings | ArmSettings", tools: "Mapping[int, MountedTool] | None") -> str:
+def what_moves(name: str, settings: "RealBench", tools: "Mapping[int, MountedTool] | None") -> str:
     """What a bench will do when it is let: axes, box, speeds, tools, air and valves."""
     from fast.hardware.arm.settings import ArmSettings
+    from fast.hardware.own_bench import OwnBenchSettings
 
     rehearsal = " (a rehearsal: all its addresses are virtual)" if is_rehearsal(settings) else ""
     first = f"--real moves hardware: bench `{name}`{rehearsal}"
     if isinstance(settings, ArmSettings):
         return "\n".join([first, *_arm_lines(settings)])
+    if isinstance(settings, OwnBenchSettings):
+        lines = [first, f"  driver     {settings.kind}", f"  moves      {settings.moves}"]
+        return "\n".join([*lines, *_tool_lines({}, tools)])
     from fast.hardware.click import tags
     from fast.hardware.grbl.workspace import Workspace
 

@@ -3,7 +3,10 @@
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from itertools import count
+
+import numpy as np
 
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM, LostStepsError
@@ -13,7 +16,7 @@ from fast.lake.maintenance import LOOSE_BYTES, compact
 from fast.lake.tables.campaign import GraspRow, TraceRow
 from fast.lake.tables.requests import setup_columns
 from fast.models.ids import canonical_json
-from fast.models.records import Placement
+from fast.models.records import Placement, Trace
 from fast.models.traces import initial_force_n, peak_force_n, work_j
 from fast.tasks.bench.again import decide_again, note_due, plan_again
 from fast.tasks.bench.leave_out import OpenPlan
@@ -125,7 +128,8 @@ def measure_tool(
         return
     orders = count(find_first_order(campaign))
 
-    def record(grasp: MeasuredGrasp) -> None:
+    def record(measured: MeasuredGrasp) -> None:
+        grasp = refuse_nonsense(measured)
         _append_grasp(campaign, work, grasp, order=next(orders), world_hash=world_hash)
         on_grasp(grasp)
 
@@ -134,6 +138,28 @@ def measure_tool(
         return should_stop()
 
     bench.measure_tool(work.tool.rack_slot, plan, campaign.config.grasp, record, may_not_go_on)
+
+
+def refuse_nonsense(grasp: MeasuredGrasp) -> MeasuredGrasp:
+    """A grasp whose trace no bench can have measured is a failed one, whatever its driver says of it.
+
+    The trace is kept up to the first sample that is no finite number.
+    """
+    trace = grasp.trace
+    is_sound = np.isfinite(trace.time_s) & np.isfinite(trace.lift_mm) & np.isfinite(trace.force_n)
+    fault = ""
+    if not is_sound.all():
+        n = int(np.argmin(is_sound))
+        fault = f"Sample {n + 1} of {len(is_sound)} is no finite number"
+        trace = Trace(trace.time_s[:n], trace.lift_mm[:n], trace.force_n[:n])
+    elif (np.diff(trace.time_s) < 0).any():
+        fault = f"Time goes back at sample {int(np.argmax(np.diff(trace.time_s) < 0)) + 2}"
+    elif not trace.is_lift.any():
+        fault = "The trace has no lift"
+    if not fault or (grasp.status == "failed" and trace is grasp.trace):
+        return grasp
+    reason = grasp.reason or f"{fault}; the grasp is not counted. Look at the sensor's line and at the bench's driver."
+    return replace(grasp, trace=trace, status="failed", reason=reason)
 
 
 def check_position(campaign: Campaign, bench: GraspBench, batch: int) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import BenchSettings
+from fast.hardware.own_bench import OwnBenchSettings
 from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.virtual.world.file import World, load_world
 from fast.lake.store import Lake
@@ -22,6 +23,7 @@ from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import content_id
 from fast.models.objects.catalogue import get_object, name_object
 from fast.models.objects.catalogue import register as register_object
+from fast.models.own_code import is_own, load_own
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import (
@@ -36,16 +38,24 @@ from fast.tasks.campaign.material import store_lot
 from fast.tasks.campaign.own_designs import OWN
 from fast.tasks.scientist.prior import check_prior
 
+RealBench = BenchSettings | ArmSettings | OwnBenchSettings
+"""What a bench file says: of a gantry, an arm, or a machine with a driver of the user's own."""
+
 GROWABLE = ("schedule.guided_batches", "schedule.simpler", "designs ")  # what batches to come are made of
 
 
-def read_real_bench(path: Path) -> BenchSettings | ArmSettings:
-    """Read and check the bench file of a gantry, or of an arm, which says `kind`.
+def read_real_bench(path: Path) -> RealBench:
+    """Read and check the bench file of a gantry, or of another machine, which says its `kind`.
 
     Raises:
         ConfigError: the file is missing, or has a wrong value or key.
+        UsageError: the driver that it names cannot be found.
     """
     data = read_toml(path, "bench file")
+    if is_own(str(data.get("kind", ""))):
+        own = load_record(OwnBenchSettings, data, str(path))
+        load_own(own.kind)
+        return own
     return load_record(ArmSettings, data, str(path)) if "kind" in data else read_bench(path)
 
 
@@ -78,11 +88,14 @@ def read_bench(path: Path) -> BenchSettings:
     """Read and check the file with the addresses of a gantry; its journal lies beside it.
 
     Raises:
-        ConfigError: the file is missing, or has a wrong value or key, or is of an arm.
+        ConfigError: the file is missing, or has a wrong value or key, or is of another machine.
     """
     data = read_toml(path, "bench file")
     if "kind" in data:
-        raise ConfigError(f"{path} is the bench file of an arm, this is for gantries; use `fast campaign run --real`.")
+        raise ConfigError(
+            f"{path} is the bench file of another machine (it has `kind`), this is for gantries; use "
+            "`fast campaign run --real`."
+        )
     settings = load_record(BenchSettings, data, str(path))
     journal = path.parent / settings.journal if settings.journal else path.with_suffix(".journal.jsonl")
     return settings.model_copy(update={"journal": str(journal.resolve())})

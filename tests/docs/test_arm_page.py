@@ -66,5 +66,5 @@ def test_the_bench_file_of_the_page_is_read(tmp_path: Path) -> None:
     settings = read_real_bench(path)
     assert isinstance(settings, ArmSettings)
     assert settings.mounts_mm[14] == (400, -350, 40)
-    with pytest.raises(Exception, match="bench file of an arm"):
+    with pytest.raises(Exception, match="bench file of another machine"):
         read_bench(path)

@@ -26,14 +26,13 @@ class WorldAnswer(Record):
     """What is said of one world.
 
     missing: whether anything is missing in the simulator. probability: that something is. effect: of `effects.csv`, or
-    "not listed"; empty without a name. effect_probability: that its family is right. cpu_s: what the answer cost.
+    "not listed"; empty without a name. cpu_s: what the answer cost.
     """
 
     world: str
     missing: bool
     probability: float = Field(ge=0, le=1)
     effect: str = ""
-    effect_probability: float | None = Field(default=None, ge=0, le=1)
     cpu_s: float | None = Field(default=None, ge=0)
 
 
@@ -53,7 +52,7 @@ class Answers(Record):
             UsageError: it is no such file.
         """
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
             raise UsageError(f"{path} cannot be read ({error}); give the file of your answers.") from error
         return load_record(Answers, parse_json(text, str(path)), str(path))

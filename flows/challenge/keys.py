@@ -63,7 +63,8 @@ def hash_forces(forces: dict[str, np.ndarray]) -> str:
 
 def find_keys(folder: Path) -> Path:
     """Where the keys of a challenge's folder lie, unless told otherwise."""
-    return folder.with_name(f"{folder.name}_keys")
+    whole = folder if folder.name not in ("", "..") else folder.resolve()
+    return whole.with_name(f"{whole.name}_keys")
 
 
 def write_keys(folder: Path, keys: list[SealedKey], withheld: dict[str, dict[str, np.ndarray]]) -> None:
@@ -89,19 +90,25 @@ def open_keys(folder: Path, challenge: Path) -> tuple[list[SealedKey], dict[str,
     path, manifest = folder / FILE, Manifest.read(challenge)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
-        table = pq.read_table(folder / WITHHELD)
-    except (OSError, UnicodeDecodeError, pa.ArrowInvalid) as error:
+        table = pq.read_table(folder / WITHHELD, columns=["world", "grasp_id", "force_n"])
+        force_n = np.array(table["force_n"]).reshape(-1, _N_GRADED)
+    except (OSError, ValueError) as error:  # those of Arrow are ValueErrors, too
+        cause = str(error).splitlines()[0]
         raise UsageError(
-            f"the keys of {challenge} cannot be read in {folder} ({error}); who made the challenge has them: "
-            "give their folder as --keys."
+            f"the keys of {challenge} cannot be read in {folder} ({cause}); who made the challenge has them: give "
+            "their folder as --keys."
         ) from error
     keys = {}
     for number, line in enumerate(lines, start=1):
         key = load_record(SealedKey, parse_json(line, f"{path} line {number}"), f"{path} line {number}")
         keys[key.world] = key
+    if name_challenge(manifest.worlds) != manifest.challenge:
+        raise UsageError(
+            f"the hashes in {challenge} are not those that challenge {manifest.challenge} is named after: they were "
+            "changed after it was handed out; grade with the folder that the entrants got."
+        )
     if missing := [name for name in manifest.worlds if name not in keys]:
         raise UsageError(f"{path} has no key of {missing[0]}; it is of another challenge than {challenge}.")
-    force_n = np.array(table["force_n"]).reshape(-1, _N_GRADED)
     withheld: dict[str, dict[str, np.ndarray]] = {}
     for row, at in zip(force_n, range(0, len(table), _N_GRADED), strict=True):
         withheld.setdefault(table["world"][at].as_py(), {})[table["grasp_id"][at].as_py()] = row

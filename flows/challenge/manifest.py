@@ -61,7 +61,7 @@ class Manifest(Record):
 
 
 def read_families(folder: Path) -> dict[str, str]:
-    """Family of each listed effect, in words."""
+    """Family of each effect that may be named, in words; that of `not listed` is empty."""
     return {row["effect"]: row["family"] for row in read_table(folder / EFFECTS)}
 
 
@@ -80,6 +80,4 @@ def read_table(path: Path) -> list[dict[str, str]]:
 
 def check_effect(name: str, families: dict[str, str]) -> str:
     """What is wrong with the name of an effect; empty if nothing is."""
-    if name in families or name == NOT_LISTED:
-        return ""
-    return f"`{name}` is no listed effect; {closest(name, [*families, NOT_LISTED])}"
+    return "" if name in families else f"`{name}` is no listed effect; {closest(name, list(families))}"

@@ -3,18 +3,20 @@
 import csv
 import json
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from fast.flows.challenge.answers import LIFT_MM, list_asked
 from fast.flows.challenge.grade import Graded, clopper_pearson, grade_answers, make_tables
 from fast.flows.challenge.hidden.panel_file import PANEL
 from fast.flows.challenge.hidden.worlds import Worlds
-from fast.flows.challenge.keys import FILE, find_keys, open_keys
+from fast.flows.challenge.keys import FILE, WITHHELD, find_keys, open_keys
 from fast.flows.challenge.make import (
     SEED,
     draw_keys,
@@ -118,6 +120,7 @@ def test_a_seed_makes_the_same_worlds_and_another_makes_others(made: Path, tmp_p
             lambda a: a["answers"][1].update(missing=False, effect="not listed"),
             "nothing is missing in w02 by `missing`, and an `effect` is by name; correct one of the two",
         ),
+        (lambda a: a["answers"][0].update(effect="nonsense"), "known: [^.]*, not listed, object_edge"),
         (lambda a: a.update(answers=[]), "w01, w02, w03 are not answered"),
         (lambda a: a.pop("challenge"), "`challenge`"),
     ],
@@ -185,6 +188,38 @@ def test_a_changed_key_is_refused(made: Path, tmp_path: Path) -> None:
     (keys / FILE).write_text(changed)
     with pytest.raises(UsageError, match="does not fit the hash"):
         open_keys(keys, made)
+
+
+def test_hashes_that_were_changed_with_the_keys_are_refused(made: Path, tmp_path: Path) -> None:
+    """Answers name the challenge, and its name is of its hashes."""
+    folder = tmp_path / "worlds"
+    shutil.copytree(made, folder)
+    manifest = Manifest.read(folder)
+    manifest.model_copy(update={"worlds": {**manifest.worlds, "w01": "0" * 64}}).write(folder)
+    with pytest.raises(UsageError, match=f"not those that challenge {manifest.challenge} is named after"):
+        open_keys(find_keys(made), folder)
+
+
+@pytest.mark.parametrize("columns", [["world", "grasp_id"], ["world", "grasp_id", "lift_mm", "force_n"]])
+def test_withheld_forces_that_are_cut_are_named(made: Path, tmp_path: Path, columns: list[str]) -> None:
+    keys = tmp_path / "keys"
+    shutil.copytree(find_keys(made), keys)
+    pq.write_table(pq.read_table(keys / WITHHELD)[:-3].select(columns), keys / WITHHELD)
+    with pytest.raises(UsageError, match=r"^the keys of .* cannot be read in .* give their folder as --keys\.$"):
+        open_keys(keys, made)
+
+
+def test_keys_are_found_from_within_the_folder(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(made / "w01")
+    assert find_keys(Path("..")) == find_keys(made)
+    monkeypatch.chdir(made)
+    assert find_keys(Path(".")) == find_keys(made)
+
+
+def test_answers_of_an_editor_that_marks_its_files_are_read(made: Path, tmp_path: Path) -> None:
+    path = answer(made, tmp_path / "answers.json")
+    path.write_text(path.read_text(), encoding="utf-8-sig")
+    assert len(grade_answers(path, made)[1]) == 3
 
 
 def test_foretold_forces_are_graded_and_faults_in_them_named(made: Path, tmp_path: Path) -> None:

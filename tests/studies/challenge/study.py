@@ -121,7 +121,6 @@ def _tell_answer(world: str, said: Opinion, cpu_s: float) -> dict[str, object]:
         "missing": bool(said.missing),
         "probability": round(said.probability, 4),
         "effect": said.effect,
-        "effect_probability": said.effect_probability,
         "cpu_s": round(cpu_s, 3),
     }
 

@@ -36,7 +36,6 @@ class Opinion:
     probability: float
     forces_n: np.ndarray
     effect: str = ""
-    effect_probability: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,8 +44,7 @@ class Evidence:
         trials = Trials.of(fit, weighed, families).look_after_best(families)
         best, name = trials.tried[0], lines.name.judge(trials.describe())
         forces_n = fitted.foretell_with((best.value,))
-        effect, sure = (best.effect, name) if name >= EVEN else (NOT_LISTED, 1.0 - name)
-        return Opinion(True, probability, forces_n, effect, sure)
+        return Opinion(True, probability, forces_n, best.effect if name >= EVEN else NOT_LISTED)
 
 
 def _find_families(surrogate: Surrogate) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """`fast lake`: import, export, check, compact and measure the lake; where a row comes from."""
 
+import csv
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -74,12 +75,14 @@ def import_(
 def _note_usual_setup(folder: Path, setup: "GraspSetup", settings: list[str]) -> None:
     """Say which settings are taken as usual, where neither the folder nor the command gives those that matter most."""
     from fast.lake.handoff.format import TELLING_COLUMNS
+    from fast.lake.handoff.tables import find_separator
 
     table = folder / "grasps.csv"
     if not table.is_file():
         return
     with table.open(encoding="utf-8-sig", errors="replace") as file:
-        there = file.readline().strip().split(",")
+        header = file.readline()
+    there = [name.strip().lower() for name in next(csv.reader([header], delimiter=find_separator(header)), [])]
     given = [setting.partition("=")[0] for setting in settings]
     missing = [name for name in TELLING_COLUMNS if name not in there and name not in given]
     if missing:

@@ -112,7 +112,8 @@ def _find_implausible(trace: Trace) -> tuple[str, int, str] | None:
     start, end = (int(np.argmax(trace.lift_mm >= share * trace.lift_mm[top])) for share in _LIFT_SHARES)
     took_s = float(trace.time_s[end] - trace.time_s[start])
     if trace.lift_mm[end] - trace.lift_mm[start] < SLOWEST_MM_PER_S * took_s:
-        limit = f"the lift takes {took_s:.4g} s, slower than {SLOWEST_MM_PER_S:g} mm/s; times are in s, not ms"
+        pace = f"the lift takes {took_s:.4g} s, slower than {SLOWEST_MM_PER_S:g} mm/s"
+        limit = f"{pace}; times are in s, not ms, lifts in mm, not m"
         return "time_s", end, limit
     return None
 

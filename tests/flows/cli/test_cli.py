@@ -113,6 +113,21 @@ def test_lake_round_trip(fast, measured, tmp_path):
     assert stats["traces"] == len(Lake.open(measured).ids(GraspRow, campaign_id="demo", status="ok"))
 
 
+@pytest.mark.parametrize(("separator", "decimal", "quote"), [(",", ".", ""), (";", ",", ""), (",", ".", '"')])
+def test_import_says_what_is_taken_as_usual_only_where_the_folder_does_not_say_it(
+    fast, tmp_path, separator, decimal, quote
+):
+    """In the dialects that are read: of spreadsheets with decimal commas, and with names in quotation marks."""
+    columns = ["grasp_id", "closed_gap_mm", "tip_below_mm"]
+    for named, is_said in ((columns, False), (columns[:2], True)):
+        header = separator.join(f"{quote}{name}{quote}" for name in named)
+        row = separator.join(["G1", f"20{decimal}0", f"5{decimal}0"][: len(named)])
+        (tmp_path / "grasps.csv").write_text(f"{header}\n{row}\n")
+        refused = fast("lake", "import", tmp_path, "--lake", tmp_path / "lake").err
+        assert ("taken as usual: tip_below_mm 5. " in refused) is is_said
+        assert "closed_gap_mm 16" not in refused
+
+
 def test_compact_says_what_it_merged(fast, tmp_path):
     lake = proposed_lake(tmp_path)
     Lake.open(lake)

@@ -44,7 +44,7 @@ WRONG = {
     "mN": (lambda f: scale(f, "force_n", 1000.0), "must be at most 2000 N in size; look at unit"),
     "downwards": (lambda f: scale(f, "force_n", -1.0), "the pull is counted downwards; force is positive"),
     "um": (lambda f: scale(f, "lift_mm", 1000.0), "must be at most 1000 mm in size"),
-    "ms": (lambda f: scale(f, "time_s", 10_000.0), "slower than 0.05 mm/s; times are in s, not ms"),
+    "ms": (lambda f: scale(f, "time_s", 10_000.0), "slower than 0.05 mm/s; times are in s, not ms, lifts in mm"),
     "huge": (lambda f: change(f, "traces.csv", "lift_mm", {2: "1e308"}), "must be at most 1000 mm in size"),
     "back": (lambda f: change(f, "traces.csv", "lift_mm", {1: "30", 4: "40"}), "must not fall by more than 2 mm"),
     "object": (lambda f: change(f, "grasps.csv", "object_id", {0: "36"}), "must be 0 to 35, or an own object"),

@@ -7,6 +7,7 @@ beside ours: then the question is what that one lacks.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from fast.models.gap.findings import NextExperiment
 from fast.models.gap.grasps import Grasps
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.simulated import Beside, stand_beside
+from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
 from fast.models.units import STANDARD_GRAVITY_M_PER_S2, spell_count, spell_name, spell_number, unit_of
@@ -41,7 +43,8 @@ from fast.tasks.gap.trace_rows import designs_of, measured_grasps
 from fast.tasks.simulation.plan import SimulationPlan
 
 _MOST_ROWS = 8
-_UNIT_TOLERANCE = 0.1  # of a logarithm
+_UNIT_TOLERANCE = 0.1  # of the logarithm of a modulus
+_FORCE_TOLERANCE = np.log(2.0)  # what is missing changes forces, too
 _ALIKE = "These cannot be told apart here"
 
 
@@ -82,11 +85,17 @@ class Weighed:
             said.append(self._tell_beside(self.beside))
         return " ".join(said)
 
-    def list_rows(self) -> list[dict[str, object]]:
+    def list_rows(self) -> list[dict[str, Any]]:
         """What was weighed, the most evidence first: effects on trial, and the best pattern without a name."""
         trials = self.naming.trials
-        rows: list[dict[str, object]] = [
-            {"may be missing": one.effect, "evidence": _round(one.nats), "value": _tell_value(one)}
+        values = {one.effect: one.value for one in trials.tried}
+        values |= {value.effect: value for value in self.naming.values}  # what is named is told once
+        rows: list[dict[str, Any]] = [
+            {
+                "may be missing": one.effect,
+                "evidence": _round(one.nats),
+                "value": _tell_value(values[one.effect]),
+            }
             for one in trials.tried
         ]
         known = {one.effect for one in trials.tried}
@@ -94,13 +103,14 @@ class Weighed:
             if one.name not in known and len(rows) < _MOST_ROWS:
                 known.add(one.name)  # patterns of several widths have one name: the best of them
                 rows.append({"may be missing": one.name, "evidence": _round(one.nats), "value": ""})
-        return rows
+        return sorted(rows, key=lambda row: -row["evidence"])
 
     def _tell_beside(self, beside: Beside) -> str:
         """How far the other simulator is from this one, and where its constants would go."""
         theta = self.naming.trials.fit.theta
         modulus, friction, ratio = theta - beside.theta
-        is_in_kg = abs(np.log(theta[0] / beside.theta[0] / STANDARD_GRAVITY_M_PER_S2)) < _UNIT_TOLERANCE
+        off = np.log(np.array([theta[0] / beside.theta[0], beside.factor]) / STANDARD_GRAVITY_M_PER_S2)
+        is_in_kg = bool((np.abs(off) < (_UNIT_TOLERANCE, _FORCE_TOLERANCE)).all())
         return (
             f"Your simulator is {spell_number(100.0 * beside.apart)} % of the force from ours at its likeliest "
             f"constants; the measured grasps move it by {modulus:+.2g} MPa, {friction:+.2g} of friction and "
@@ -224,6 +234,6 @@ def _round(nats: float) -> float:
     return round(nats, 1) + 0.0  # not -0
 
 
-def _tell_value(trial: Trial) -> str:
-    known: Sequence[tuple[str, float]] = list(trial.value.parameters.items())
+def _tell_value(value: EffectValue) -> str:
+    known: Sequence[tuple[str, float]] = list(value.parameters.items())
     return ", ".join(f"{spell_name(name)} {value:.3g} {unit_of(name) or ''}".rstrip() for name, value in known)

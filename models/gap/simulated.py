@@ -18,12 +18,14 @@ from fast.models.gap.evidence.reading import compute_rms
 class Beside:
     """Measured grasps as they are beside another simulator. theta: 3, of this simulator where it is most like that.
 
-    apart: what the two differ by there, root mean square, as a share of the force.
+    apart: what the two differ by there, root mean square, as a share of the force. factor: the measured forces over
+    those of the other simulator, by their root mean squares.
     """
 
     data: GapData
     theta: np.ndarray
     apart: float
+    factor: float
 
 
 def stand_beside(data: GapData, simulated_n: np.ndarray) -> Beside:
@@ -36,7 +38,8 @@ def stand_beside(data: GapData, simulated_n: np.ndarray) -> Beside:
     known = np.isfinite(nearest_n).all(axis=1)
     apart = compute_rms(own.grasps.steps_n[known] - nearest_n[known]) / compute_rms(nearest_n[known])
     steps_n = grasps.steps_n - simulated_n[rows] + nearest_n
-    return Beside(replace(data, grasps=replace(grasps, steps_n=steps_n)), fit.theta, apart)
+    factor = compute_rms(grasps.steps_n) / compute_rms(simulated_n[rows])
+    return Beside(replace(data, grasps=replace(grasps, steps_n=steps_n)), fit.theta, apart, factor)
 
 
 def _predict(fit: EvidenceFit, data: GapData) -> np.ndarray:

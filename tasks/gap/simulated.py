@@ -44,21 +44,33 @@ def read_simulated(path: Path, grasps: Grasps) -> np.ndarray:
             f"{path} lacks the curve of {', '.join(missing[:_MOST_NAMED])}{more}; give {_FEWEST_POINTS} points or more "
             f"({', '.join(COLUMNS)}) for each of the {len(set(wanted))} pairs that were measured."
         )
-    for tool, obj in dict.fromkeys(wanted):
-        _check_end(f"{path}: the curve of {tool} on object {obj}", points[tool, obj])
-    averages = {key: _average(points[key]) for key in set(wanted)}
+    what = {(tool, obj): f"{path}: the curve of {tool} on object {obj}" for tool, obj in wanted}
+    for key in what:
+        _check_lift(what[key], points[key])
+    averages = {key: _average(points[key]) for key in what}
     steps_n = np.array([averages[key] for key in wanted])
+    if has_other_sign(steps_n, grasps.steps_n):
+        raise UsageError(
+            f"{path}: its forces have the other sign than the measured ones; a force is positive where the object "
+            "pulls the gripper down."
+        )
+    for key in what:
+        _check_end(what[key], points[key])
     _check_unit(path, steps_n, grasps.steps_n)
     return steps_n
 
 
-def _check_end(what: str, points: np.ndarray) -> None:
-    lift_mm, force_n = points.T
+def _check_lift(what: str, points: np.ndarray) -> None:
+    lift_mm = points[:, 0]
     if lift_mm[0] > DIP_MM or lift_mm[-1] < DIP_MM:
         raise UsageError(
             f"{what} begins at {lift_mm[0]:g} mm and ends at {lift_mm[-1]:g} mm of lift; give it in mm, from 0 until "
             "the fingers let go."
         )
+
+
+def _check_end(what: str, points: np.ndarray) -> None:
+    lift_mm, force_n = points.T
     holes = np.flatnonzero((np.diff(lift_mm) > _WIDEST_MM) & (lift_mm[:-1] > 0.0))
     for last in [*holes.tolist(), len(points) - 1]:
         known = slice(last + 1)
@@ -70,11 +82,6 @@ def _check_end(what: str, points: np.ndarray) -> None:
 
 
 def _check_unit(path: Path, steps_n: np.ndarray, measured_n: np.ndarray) -> None:
-    if has_other_sign(steps_n, measured_n):
-        raise UsageError(
-            f"{path}: its forces have the other sign than the measured ones; a force is positive where the object "
-            "pulls the gripper down."
-        )
     factor = float(np.abs(steps_n).sum() / np.abs(measured_n).sum())
     if not 1.0 / _MOST_FACTOR < factor < _MOST_FACTOR:
         raise UsageError(f"{path}: its forces are {factor:.2g} times the measured ones; give them in N.")

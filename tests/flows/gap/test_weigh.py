@@ -82,6 +82,11 @@ def test_one_finger_on_two_objects_is_a_panel(tmp_path: Path) -> None:
     assert f"Right with probability {found.naming.named.probability:.2f}." in found.sentence
     effects = [row["may be missing"] for row in found.list_rows()]
     assert len(effects) == len(set(effects))
+    evidence = [row["evidence"] for row in found.list_rows()]
+    assert evidence == sorted(evidence, reverse=True)
+    for value in found.naming.values:
+        row = next(row for row in found.list_rows() if row["may be missing"] == value.effect)
+        assert all(f"{number:.3g}" in row["value"] for number in value.parameters.values())
     assert "load_cell_lag" in effects
     if found.naming.named.kind != "none":
         assert found.asked is not None or "No grasp of this bench would tell more." in found.sentence
@@ -137,9 +142,11 @@ def test_a_simulator_of_the_labs_own_stands_beside_ours(tmp_path: Path) -> None:
     assert found.beside.theta[0] == pytest.approx(7.0, rel=0.1)
     assert found.beside.theta[1] == pytest.approx(0.6, abs=0.06)
     assert "Your simulator is " in found.sentence
-    in_kg = replace(found.beside, theta=found.naming.trials.fit.theta / np.array([9.81, 1.0, 1.0]))
+    soft = replace(found.beside, theta=found.naming.trials.fit.theta / np.array([9.81, 1.0, 1.0]))
+    in_kg = replace(soft, factor=9.0)
     said = "The factor is about 9.81: check that its forces are in N, not in kg."
-    assert [said in one.sentence for one in (found, replace(found, beside=in_kg))] == [False, True]
+    assert soft.factor == pytest.approx(1.5, abs=0.5)  # forces of the same size, another friction: no unit
+    assert [said in replace(found, beside=one).sentence for one in (found.beside, soft, in_kg)] == [False, False, True]
     assert np.isfinite(found.grasps.steps_n).all()
 
 
@@ -161,6 +168,7 @@ def test_curves_that_are_missing_or_no_forces_are_named(tmp_path: Path) -> None:
     [
         (1.0, 0.001, 60.0, "forces are .* times the measured ones; give them in N"),
         (1.0, 0.0, 60.0, "forces are 0 times the measured ones"),
+        (1.0, -1.0, 5.0, "other sign than the measured ones"),
         (1.0, -1.0, 60.0, "other sign than the measured ones; a force is positive where the object pulls"),
         (0.001, 1.0, 60.0, "ends at 0.0[0-9]* mm of lift; give it in mm, from 0"),
         (1.0, 1.0, 5.0, "with .* N on the fingers, and what comes next is not known"),

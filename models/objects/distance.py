@@ -16,7 +16,7 @@ _MARGIN_MM = 1e-9  # far above rounding
 
 def distance(primitives: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Signed distance (n) in mm at `points` (n, 3) to the union of `primitives` (see `models.objects.primitives`)."""
-    return _distances(np.ascontiguousarray(primitives), np.ascontiguousarray(points, dtype=np.float64))
+    return _distances(_prepare(primitives), _prepare(points))
 
 
 def distance_and_normal(primitives: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +24,12 @@ def distance_and_normal(primitives: np.ndarray, points: np.ndarray) -> tuple[np.
 
     Normals are exact gradients of the distance (see `models.objects.cores` for where there is none).
     """
-    return _distances_and_normals(np.ascontiguousarray(primitives), np.ascontiguousarray(points, dtype=np.float64))
+    return _distances_and_normals(_prepare(primitives), _prepare(points))
+
+
+def _prepare(values: np.ndarray) -> np.ndarray:
+    """As the kernels take them: all that they call would be compiled once more for an array that is read-only."""
+    return np.require(values, np.float64, ["C", "W", "E"])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -53,9 +58,9 @@ def solid_distance(rows: np.ndarray, x: float, y: float, z: float) -> Gradient3:
     A row out of reach is left out: no point of it is nearer than its centre less `REACH`. The row whose ball of that
     radius is nearest goes first, which leaves two or three rows of many.
     """
-    if len(rows) == 1:
-        return _row_distance(rows, 0, x, y, z)
-    first, least = 0, np.inf
+    first, least = len(rows) - 1, np.inf  # for the constant 0, all that is called would be compiled once more
+    if first == 0:
+        return _row_distance(rows, first, x, y, z)
     for i in range(len(rows)):
         power = _square_to_centre(rows, i, x, y, z) - rows[i, REACH] ** 2
         if power < least:

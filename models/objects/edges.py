@@ -184,7 +184,7 @@ def _fit(
             if n == 1 and sign < 0.0:
                 continue
             trial[0, EDGE_SIGN] = sign
-            error = abs(wedge(trial, 0, 0, cell[0], cell[1], cell[2])[0] - value)
+            error = abs(wedge(trial, 0, 0, float(cell[0]), float(cell[1]), float(cell[2]))[0] - value)
             for x, y, z, d, said in samples:
                 found = wedge(trial, 0, 0, x, y, z)[0]
                 error = max(error, abs(abs(found) - d))

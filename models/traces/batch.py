@@ -51,7 +51,8 @@ def features_of_samples(lift_mm: np.ndarray, force_n: np.ndarray, offsets: np.nd
             f"offsets {offsets[0]} to {offsets[-1]} do not divide {len(lift_mm)} lifts and {len(force_n)} forces into "
             "traces; give n + 1 growing places for n traces."
         )
-    channels = (np.ascontiguousarray(channel, dtype=np.float64) for channel in (lift_mm, force_n))
+    # The kernel would be compiled once more for what is read-only.
+    channels = (np.require(channel, np.float64, ["C", "W", "E"]) for channel in (lift_mm, force_n))
     return TraceFeatures(*features_of_flat(*channels, np.ascontiguousarray(offsets, dtype=np.int64)))
 
 

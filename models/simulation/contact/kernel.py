@@ -246,7 +246,7 @@ def _measure(rows: np.ndarray, points: ContactPoints, near: NearPoints, n_patche
     A patch whose middle point is further away than its size is not looked at closer.
     """
     position, distance, normal, first = near.position, near.distance, near.normal, 0
-    chosen = np.zeros(len(rows), dtype=np.int32)
+    chosen = np.zeros(len(rows), dtype=np.int64)
     for q in range(n_patches):
         p = near.patch[q]
         last = first + points.first_point[p + 1] - points.first_point[p]

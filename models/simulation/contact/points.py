@@ -67,7 +67,7 @@ def contact_points(faces: np.ndarray, nodes: np.ndarray, spacing: PointSpacing) 
     values, first, middle = (
         np.ascontiguousarray(np.vstack(shapes)),
         np.array(first_point, np.int32),
-        np.array(face_middle),
+        np.array(face_middle, np.int32),
     )
     return ContactPoints(
         np.ascontiguousarray(faces, dtype=np.int32),

@@ -5,7 +5,7 @@ import pytest
 
 from fast.models.objects import primitives as p
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.objects.distance import distance, distance_and_normal
+from fast.models.objects.distance import _distances, distance, distance_and_normal
 from fast.models.objects.rigid import RigidObject
 
 IDS = [obj.name for obj in OBJECTS]
@@ -88,6 +88,15 @@ def test_rotated_rows_measure_the_rotated_solid() -> None:
     rows, points, shift = OBJECTS[28].primitives, cloud(300), np.array([1.0, -2.0, 3.0])
     turned = p.moved(p.rotated(rows, rotation), shift)
     assert distance(turned, points @ rotation.T + shift) == pytest.approx(distance(rows, points))
+
+
+def test_what_is_read_only_is_measured_by_the_same_code() -> None:
+    rows, points = p.sphere(2.0)[None], np.array([[0.0, 0.0, 5.0]])
+    for array in (rows, points):
+        assert distance(rows, points) == [3.0]
+        array.flags.writeable = False
+    assert distance(rows, points) == [3.0]
+    assert len(_distances.signatures) == 1
 
 
 def test_profile_with_too_many_vertices_is_refused() -> None:

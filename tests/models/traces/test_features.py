@@ -11,6 +11,7 @@ from fast.models.records import Trace
 from fast.models.traces import initial_force_n, peak_force_n, work_j
 from fast.models.traces import step_features as calibration
 from fast.models.traces.batch import features_of, features_of_samples
+from fast.models.traces.kernel import features_of_flat
 from fast.models.traces.names import (
     DIP_MM,
     END_MM,
@@ -187,6 +188,15 @@ def test_traces_of_any_length_lie_end_to_end_without_mixing() -> None:
         alone = features_of([trace])
         np.testing.assert_array_equal(together.values[place], alone.values[0])
         np.testing.assert_array_equal(together.profile_n[place], alone.profile_n[0])
+
+
+def test_what_is_read_only_is_measured_by_the_same_code() -> None:
+    trace = trace_of([0, 10, 30], [0, 20, 0])
+    lift_mm, force_n, offsets = trace.lift_mm.copy(), trace.force_n.copy(), np.array([0, trace.lift_mm.size])
+    expected = features_of_samples(lift_mm, force_n, offsets).values
+    lift_mm.flags.writeable = force_n.flags.writeable = False
+    np.testing.assert_array_equal(features_of_samples(lift_mm, force_n, offsets).values, expected)
+    assert len(features_of_flat.signatures) == 1
 
 
 def test_wrong_input_is_one_sentence() -> None:

@@ -145,9 +145,12 @@ def _can_write(folder: Path) -> bool:
 
 
 def source_stamp(package: Path) -> str:
-    """Twelve hex digits that change when any module of the chapters with kernels is added, removed or written."""
+    """Twelve hex digits that change when any module of the chapters with kernels is added, removed, written or moved.
+
+    Numba finds nothing that it compiled for a module elsewhere, as in a copy of the folder.
+    """
     digest = hashlib.sha256()
     for path in sorted(path for chapter in _KERNEL_SOURCES for path in (package / chapter).rglob("*.py")):
         status = path.stat()
-        digest.update(f"{path.relative_to(package)} {status.st_mtime_ns} {status.st_size}\n".encode())
+        digest.update(f"{path} {status.st_mtime_ns} {status.st_size}\n".encode())
     return digest.hexdigest()[:12]

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -39,6 +40,12 @@ def test_stamp_changes_with_any_module_of_the_chapters_with_kernels(
     assert source_stamp(package) == before
     (package / changed).write_text("x = 12\n")
     assert (source_stamp(package) != before) is is_kernel
+
+
+def test_a_copy_of_the_folder_compiles_its_own(package: Path) -> None:
+    copy = package.with_name("copy")
+    shutil.copytree(package, copy)  # with the times of the files
+    assert source_stamp(copy) != source_stamp(package)
 
 
 def test_kernels_and_what_they_inline_lie_in_the_chapters_of_the_stamp() -> None:

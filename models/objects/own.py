@@ -15,7 +15,7 @@ from fast.models.ids import canonical_json
 from fast.models.objects.bodies import check_one_piece, check_parts_touch
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS
 from fast.models.objects.distance import distance
-from fast.models.objects.grid import SAME_MM, MeshGrid, looks_round, surface_points
+from fast.models.objects.grid import SAME_MM, looks_round, surface_points
 from fast.models.objects.parts import Part, Turn, turn_matrix
 from fast.models.objects.primitives import bounds
 from fast.models.objects.rigid import RigidObject
@@ -23,6 +23,7 @@ from fast.models.objects.shape_text import (
     MeshShape,
     PartsShape,
     check_mesh,
+    measure_mesh,
     mesh_of_shape,
     place_parts,
     read_shape,
@@ -108,7 +109,8 @@ def _of_placed_mesh(name: str, shape: MeshShape, source: str) -> RigidObject:
     """The object of a mesh in the object frame; whether it is round is found out here."""
     _check_name(name, source)  # before a grid is made for it
     mesh = mesh_of_shape(shape, source)
-    mesh_grid, points = MeshGrid.of(mesh), surface_points(mesh)
+    mesh_grid = measure_mesh(shape.model_copy(update={"is_round": False}))
+    points = surface_points(mesh)
     found = shape.model_copy(update={"is_round": looks_round(mesh_grid, points)})
     has_mirrors = [mesh_grid.has_on_surface(points * signs) for signs in _MIRRORS]
     return _object(name, found, unpack_mesh(shape), np.ptp(mesh.bounds, axis=0), has_mirrors, source)

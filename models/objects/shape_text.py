@@ -54,9 +54,15 @@ def shape_rows(shape: str) -> np.ndarray:
     if isinstance(read, PartsShape):
         rows = place_parts(read.parts)
     else:
-        rows = MeshGrid.of(mesh_of_shape(read)).row(is_round=read.is_round, has_edges=read.edges == "sharp")
+        rows = measure_mesh(read.model_copy(update={"is_round": False})).row(is_round=read.is_round, has_edges=read.edges == "sharp")
     rows.flags.writeable = False
     return rows
+
+
+@lru_cache(maxsize=1)
+def measure_mesh(shape: MeshShape) -> MeshGrid:
+    """The grid of a mesh in the object frame; an object that is made needs it, and so do its rows right after."""
+    return MeshGrid.of(mesh_of_shape(shape))
 
 
 def place_parts(parts: Sequence[Part]) -> np.ndarray:

@@ -11,6 +11,7 @@ from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import ConfigError, UsageError
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object
 from fast.models.objects.distance import distance, distance_and_normal
+from fast.models.objects.grid import MeshGrid
 from fast.models.objects.mount import printable_mesh, unmounted_mesh
 from fast.models.objects.own import object_of_mesh, object_of_parts, object_of_shape
 from fast.models.objects.parts import Box, Capsule, Cylinder, Sphere, turn_matrix
@@ -99,6 +100,13 @@ def test_the_inside_of_a_mug_is_outside() -> None:
     mug = object_of_mesh("mug", trimesh.boolean.difference([cup, hollow]), "mug.stl")
     found = distance(mug.primitives, np.array([[0, 0, 30.0], [0, 0, 2.0], [16.5, 0, 30.0], [19.0, 0, 30.0]]))
     assert found == pytest.approx([15.0, -2.0, -1.5, 1.0], abs=0.05)
+
+
+def test_a_mesh_is_measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    measure, measured = MeshGrid.of, []
+    monkeypatch.setattr(MeshGrid, "of", lambda mesh: measured.append(mesh) or measure(mesh))
+    assert object_of_mesh("b", placed((9.0, 8.0, 7.0)), "b.stl").primitives.size
+    assert len(measured) == 1
 
 
 def test_the_number_follows_from_the_content() -> None:

@@ -47,8 +47,8 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	@touch $@
 	@echo "$(VENV) is ready."
 
-kernels: setup  ## compile the simulator's kernels once, so that no test or worker has to
-	$(BIN)/python -c "from fast.models.simulation.grasp import compile_simulator; compile_simulator()"
+kernels: setup  ## compile all kernels once, so that no test or worker has to
+	$(BIN)/python -m tests.kernels
 
 campaign: setup ## a small complete campaign on the virtual bench, with report and recording
 	$(BIN)/fast campaign run campaigns/quick.toml --auto-print

@@ -1,3 +1,4 @@
+import gc
 import os
 import signal
 import tempfile
@@ -17,6 +18,7 @@ settings.load_profile("quick")
 # Wire logs of benches moved by hand go to the user's state folder: not to that of whoever runs the tests.
 _STATE = tempfile.TemporaryDirectory(prefix="fast-tests-")
 os.environ["XDG_STATE_HOME"] = _STATE.name
+gc.set_threshold(50_000)  # as `fast` has it
 # Started with nohup or from cron, pytest ignores Ctrl-C, and so would every child that a test ends with it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -22,8 +22,8 @@ _WORLDS = 120  # that are rehearsed
 _EVIDENCE = (
     "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1); another "
     "simulator of the same physics, with nothing missing, rarely shows more than 45, so less is no alarm by itself, "
-    "but cells that are too far off as a whole are; an alarm counts what shows before an effect is fitted in full, "
-    "here is what shows after it, which may be more"
+    "but cells that are too far off as a whole are; that is evidence before an effect is fitted in full, here is what "
+    "shows after it, which may be more: on up to 20 cells more than 90 are an alarm, too"
 )
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "

@@ -54,7 +54,8 @@ def shape_rows(shape: str) -> np.ndarray:
     if isinstance(read, PartsShape):
         rows = place_parts(read.parts)
     else:
-        rows = measure_mesh(read.model_copy(update={"is_round": False})).row(is_round=read.is_round, has_edges=read.edges == "sharp")
+        grid = measure_mesh(read.model_copy(update={"is_round": False}))
+        rows = grid.row(is_round=read.is_round, has_edges=read.edges == "sharp")
     rows.flags.writeable = False
     return rows
 

@@ -12,12 +12,14 @@ import pyarrow.parquet as pq
 from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.challenge.hidden.panels import Panels, TrueSet
 from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
+from fast.flows.gap.weigh import SURE_NATS
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData
 from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
-from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS
+from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS, Trials
 from fast.models.records import Trace
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.gap.development import PUBLIC_SEED, measure_worlds
 
@@ -63,7 +65,11 @@ def is_alarm(worlds: Worlds, key: WorldKey) -> bool:
     problem = worlds.problem(key)
     data = GapData.of_all(problem.grasps, problem.bank).usable
     fit = fit_evidence(Problem.of(data))
-    return fit.omnibus > LEAST_OMNIBUS or weigh_candidates(fit, data.names)[0].nats > LEAST_NATS
+    weighed = weigh_candidates(fit, data.names)
+    if fit.omnibus > LEAST_OMNIBUS or weighed[0].nats > LEAST_NATS:
+        return True
+    trials = Trials.of(fit, weighed, {name: CATALOGUE[name].family for name in data.names})
+    return any(one.nats > SURE_NATS for one in trials.tried)
 
 
 def read_independent() -> tuple[Panels, Bank]:

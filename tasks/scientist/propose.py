@@ -13,6 +13,7 @@ from fast.models.own_code import is_own
 from fast.models.records import Design
 from fast.models.scientist.acquisition.front import Criterion
 from fast.models.scientist.bridge.own_model import OwnSurrogate, make_own_surrogate
+from fast.models.scientist.insights.worlds import Worlds
 from fast.models.scientist.propose import MIN_DISTANCE, RANDOM, Room, Rule, propose
 from fast.models.scientist.propose import Proposal as ProposedDesign
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
@@ -246,7 +247,7 @@ def _choose_simpler(
     rng = np.random.default_rng(campaign.seed(SIMPLER, batch))
     taken = campaign.space.to_unit([*(tool.design for tool in state.tools), *own])
     found: dict[str, ProposedDesign] = {}
-    for one in find_simpler_fingers(campaign, surrogate, rng, taken):
+    for one in find_simpler_fingers(campaign, Worlds.draw(surrogate, rng), rng, taken):
         design = campaign.space.family.model_validate(one.design)
         is_new = design not in [known.design for known in found.values()]
         if one.finding.criterion in schedule.simpler and is_new and len(found) < n_free:

@@ -9,6 +9,7 @@ from fast.models.design.reference import reference_within
 from fast.models.records import Record
 from fast.models.scientist.acquisition.candidates import Spacing
 from fast.models.scientist.insights.simplest import Simpler, find_simpler
+from fast.models.scientist.insights.worlds import Worlds
 from fast.models.scientist.propose import MIN_DISTANCE, keep_allowed
 from fast.models.scientist.surrogate.observations import REAL
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -23,7 +24,7 @@ class SimplerFinger(Record):
 
 
 def find_simpler_fingers(
-    campaign: Campaign, surrogate: Surrogate, rng: np.random.Generator, taken: np.ndarray | None = None
+    campaign: Campaign, worlds: Worlds, rng: np.random.Generator, taken: np.ndarray | None = None
 ) -> list[SimplerFinger]:
     """One for each criterion by which there is one that may be printed.
 
@@ -38,9 +39,8 @@ def find_simpler_fingers(
         allowed = keep_allowed(points, config.proposal_rules, campaign.constraint, space)
         return np.asarray(allowed[spacing.allowed(allowed)])
 
-    found = find_simpler(
-        surrogate, space, best_measured_point(surrogate), rng, default=reference_within(space), keep=keep
-    )
+    best = best_measured_point(worlds.surrogate)
+    found = find_simpler(worlds, space, best, rng, default=reference_within(space), keep=keep)
     designs = space.from_unit(np.array([one.point for one in found]).reshape(-1, space.n_dims))
     return [SimplerFinger(finding=one, design=design.model_dump()) for one, design in zip(found, designs, strict=True)]
 

@@ -8,7 +8,6 @@ the print, and the one that is nearest to a known finger are worth a print: they
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from scipy.special import ndtr
 
 from fast.models.design.printability import estimate_mass_g
 from fast.models.design.space import DesignSpace
@@ -16,10 +15,9 @@ from fast.models.records import Design, Record
 from fast.models.scientist.acquisition.candidates import CandidateSettings, candidate_points, mutate
 from fast.models.scientist.insights.effects import Interval
 from fast.models.scientist.insights.rules import FEWEST_RIBS, LEAST_MATERIAL, MOST_TOLERANCE, NEAREST, SIMPLER
-from fast.models.scientist.insights.worlds import widening
-from fast.models.scientist.surrogate.health import Z_90
+from fast.models.scientist.insights.worlds import Worlds
 from fast.models.scientist.surrogate.observations import REAL
-from fast.models.scientist.surrogate.posterior import Surrogate, prior_covariance, prior_variance
+from fast.models.scientist.surrogate.posterior import Surrogate
 
 LOSS = 0.02  # of the best finger's force that simplicity may cost
 SURE = 0.95  # how probable it must be that it costs no more
@@ -50,7 +48,7 @@ class Simpler(Record):
 
 
 def find_simpler(
-    surrogate: Surrogate,
+    worlds: Worlds,
     space: DesignSpace,
     best: np.ndarray,
     rng: np.random.Generator,
@@ -65,14 +63,14 @@ def find_simpler(
     near = mutate(np.repeat(best[None], _N_NEAR, axis=0), rng.choice(_SCALES, _N_NEAR), rng, space)
     towards = best + rng.random((_N_NEAR // 5, 1)) * (_default_point(space, default, best) - best)
     variants = space.with_all_levels(best[None]).reshape(-1, space.n_dims)
-    anywhere = candidate_points(surrogate, rng, _CANDIDATES, space)
+    anywhere = candidate_points(worlds.surrogate, rng, _CANDIDATES, space)
     points = np.concatenate([near, space.snap(towards), variants, anywhere])
     points = points[space.keeps_limits(points)] if space.limits else points
-    shares, sd = _shares(surrogate, points, best)
-    sure = ndtr((shares - (1.0 - LOSS)) / sd)
-    points, shares, sd, sure = (part[sure >= SURE] for part in (points, shares, sd, sure))
+    shares = _shares(worlds, points, best)
+    sure = np.mean(shares >= 1.0 - LOSS, axis=1)
+    points, shares, sure = (part[sure >= SURE] for part in (points, shares, sure))
     found = []
-    for name, criterion in criteria_of(surrogate, space, default).items():
+    for name, criterion in criteria_of(worlds.surrogate, space, default).items():
         best_value = float(criterion(best[None])[0])
         rows = _lowest(criterion, points, rng)
         values = criterion(points[rows]) if len(rows) else np.zeros(0)
@@ -87,11 +85,7 @@ def find_simpler(
                         point=tuple(points[row].tolist()),
                         value=float(values[place]),
                         best_value=best_value,
-                        share=Interval(
-                            middle=float(shares[row]),
-                            low=float(shares[row] - Z_90 * sd[row]),
-                            high=float(shares[row] + Z_90 * sd[row]),
-                        ),
+                        share=Interval.of(shares[row]),
                         sure=float(sure[row]),
                     )
                 )
@@ -150,24 +144,10 @@ def _lost_to_print(surrogate: Surrogate, space: DesignSpace, columns: list[int],
     return np.asarray(1.0 - worst / np.maximum(mean, 1e-9))
 
 
-def _shares(surrogate: Surrogate, points: np.ndarray, best: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Force of m points over that of the best finger: mean and standard deviation, m each.
-
-    Both are of the joint posterior: what points have in common with the best finger does not count. Of logarithms the
-    difference is normal; it is small where a point is nearly as good, and then it is that of the ratio.
-    """
-    p, data = surrogate.parameters, surrogate.data
-    x = np.concatenate([best[None], points])
-    mean, A = surrogate.mean(x, REAL), surrogate.whitened(x, np.full(len(x), REAL))
-    real = np.full(len(x), REAL)
-    with_best = prior_covariance(p, x, real, x[:1], real[:1])[:, 0] - A.T @ A[:, 0]
-    variance = prior_variance(p, real) - np.einsum("ij,ij->j", A, A)
-    apart = np.maximum(variance[1:] + variance[0] - 2.0 * with_best[1:], 1e-12)
-    sd = widening(surrogate) * np.sqrt(apart)
-    if data.is_log:
-        return np.exp(mean[1:] - mean[0]), sd * np.exp(mean[1:] - mean[0])
-    best_n = max(float(mean[0]), 1e-9)
-    return mean[1:] / best_n, sd / best_n
+def _shares(worlds: Worlds, points: np.ndarray, best: np.ndarray) -> np.ndarray:
+    """Force of m points over that of the best finger in each of n worlds, m x n."""
+    forces_n = worlds.forces_n(np.concatenate([best[None], points]))
+    return np.asarray(forces_n[1:] / np.maximum(forces_n[0], 1e-9))
 
 
 def _default_point(space: DesignSpace, default: Design | None, best: np.ndarray) -> np.ndarray:

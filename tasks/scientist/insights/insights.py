@@ -113,7 +113,7 @@ class _Gathering:
                 cards += self._cards_of(found)
         of_first = worlds.get(MEAN_PEAK.name) or next(iter(worlds.values()))
         outlook, cost = self._look_ahead(of_first), read_cost(self._campaign, self._state)
-        simpler = find_simpler_fingers(self._campaign, of_first.surrogate, self._rng)
+        simpler = find_simpler_fingers(self._campaign, of_first, self._rng)
         cards.append(stop_card(outlook, cost))
         cards += [card for card in (night_card(outlook),) if card is not None]
         cards += [simplest_card(one.finding) for one in simpler]

@@ -272,7 +272,8 @@ def test_simpler_fingers_are_simpler_and_as_good_in_truth() -> None:
     fitted = fit_surrogate(flat)
     best = FIN_RAYS.snap(np.full((1, 9), 0.6))[0]
     best[[HEIGHT, RIBS]] = 0.0, 1.0
-    found = {one.criterion: one for one in find_simpler(fitted, FIN_RAYS, best, rng, default=BEST_PUBLISHED)}
+    worlds = Worlds.draw(fitted, rng)
+    found = {one.criterion: one for one in find_simpler(worlds, FIN_RAYS, best, rng, default=BEST_PUBLISHED)}
     assert found[FEWEST_RIBS].value <= 2
     assert found[LEAST_MATERIAL].value < found[LEAST_MATERIAL].best_value
     assert found[NEAREST].value < found[NEAREST].best_value

@@ -184,7 +184,7 @@ class _Asked:
             levels = product(ends[pair.first], ends[pair.second])
             a, b, c, d = (true_mean(self._number, tuple(zip(columns, two, strict=True))) for two in levels)
             self.answers.append(Answer(kind="pair", n_tools=n, said=pair.change, true=(d - b) - (c - a)))
-        for one in find_simpler(surrogate, FIN_RAYS, best, self._rng, default=BEST_PUBLISHED):
+        for one in find_simpler(worlds, FIN_RAYS, best, self._rng, default=BEST_PUBLISHED):
             forces = self._landscape.real(np.array([one.point, best]))
             self.simpler.append((one.criterion, float(forces[0] / forces[1])))
 
@@ -322,7 +322,7 @@ def _all_cards(surrogate: Surrogate) -> None:
     find_pairs(worlds, effects, grid)
     find_disagreements(worlds, effects, grid)
     look_ahead(worlds, FIN_RAYS, 10, rng, n_night=100)
-    find_simpler(surrogate, FIN_RAYS, best, rng, default=BEST_PUBLISHED)
+    find_simpler(worlds, FIN_RAYS, best, rng, default=BEST_PUBLISHED)
 
 
 def _said_and_came(found: Iterable[Taught]) -> tuple[np.ndarray, np.ndarray]:

@@ -106,7 +106,7 @@ def _write_on(path: Path, bench: GraspBench, is_over: threading.Event) -> None:
                 n += _write_part(file, view, n)
             if is_last:
                 return
-    except OSError as error:
+    except Exception as error:  # a driver of the user's own may raise anything
         logger.warning("the force of the present grasp is not shown: %s", error)
     finally:
         if file is not None:

@@ -10,10 +10,12 @@ import pytest
 from fast.flows.campaign.lend import lend_bench
 from fast.flows.cli.real import is_rehearsal, what_moves
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.own_bench import open_own_bench
+from fast.hardware.cell.live import GraspInView, read_samples
+from fast.hardware.own_bench import OwnBench, open_own_bench
+from fast.hardware.parts.safe_state import Verb
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, DeviceError, UsageError
-from fast.models.records import Trace
+from fast.models.records import BENCH_FAULT, GraspSetup, Trace
 from fast.tasks.bench.measure import refuse_nonsense
 from fast.tasks.campaign.setup import read_bench, read_real_bench
 
@@ -24,7 +26,10 @@ from fast.models.errors import DeviceError
 
 class Bench:
     wire_session = None
-    set_leave = set_ask = ask = measure_tool = present_grasp = check_position = print
+    set_leave = set_ask = ask = measure_tool = present_grasp = print
+
+    def check_position(self):
+        return 0.5, 0.0, 0.0
 
 
 class Half:
@@ -64,7 +69,7 @@ def test_the_function_of_the_bench_file_opens_the_bench(bench_file):
     assert "moves      a printer board at /dev/ttyUSB0, 200 mm wide" in said
     assert not is_rehearsal(settings), "nobody knows what it moves"
     with open_own_bench(settings, {}) as bench:
-        assert type(bench).__name__ == "Bench"
+        assert bench.check_position() == (0.5, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -96,6 +101,95 @@ def test_what_does_not_fit_is_refused_before_leave_is_asked(bench_file, tmp_path
 TIME_S = np.linspace(0.0, 12.0, 100)
 LIFT_MM = np.maximum(TIME_S - 2.0, 0.0) * 5.0
 SOUND = MeasuredGrasp(2, 0, datetime.now(UTC), Trace(TIME_S, LIFT_MM, np.sin(TIME_S)), "ok", "", 5.0)
+
+
+def test_a_driver_that_fails_as_it_closes_is_a_sentence(bench_file):
+    there = read_real_bench(bench_file(settings="port = []"))  # a list is no key, which its last line needs
+    said = r"The driver `my_press:open_bench` failed \(TypeError: unhashable .*; my_press.py line \d+\)\. Finished"
+    with pytest.raises(DeviceError, match=said), open_own_bench(there, {}):
+        pass
+
+
+class Press:
+    """A driver that fails at its third grasp, a second after it began."""
+
+    wire_session = None
+    set_leave = set_ask = print
+
+    def __init__(self, mistake=lambda: {}["force"], is_deaf=False):
+        self.asked, self.mistake, self.is_deaf, self.present = [], mistake, is_deaf, None
+
+    def ask(self, verb):
+        self.asked.append(verb)
+        if self.is_deaf:
+            raise OSError("no such port")
+
+    def present_grasp(self):
+        return self.present
+
+    def check_position(self):
+        raise ValueError("could not convert string to float: 'x=?'")
+
+    def measure_tool(self, slot, plan, setup, on_grasp, should_stop):
+        for item in plan:
+            if should_stop():
+                return
+            cell = item if isinstance(item, tuple) else (item.object_id, item.repeat)
+            self.present = GraspInView(
+                "B01T3", *cell, datetime.now(UTC), lambda first: read_samples(*[[0.0, 1.0]] * 3, 0)
+            )
+            if cell == (7, 0):
+                self.mistake()
+            on_grasp(replace(SOUND, object_id=cell[0], repeat=cell[1]))
+
+
+PLAN = [(4, 0), (4, 1), (7, 0), (7, 1)]
+
+
+def fail(press, keep, should_stop=lambda: False, plan=PLAN):
+    OwnBench("my_press:open_bench", press).measure_tool(3, plan, GraspSetup(), keep, should_stop)
+
+
+def test_a_mistake_of_a_driver_is_a_bench_fault_that_keeps_what_was_measured():
+    press, kept = Press(), []
+    said = (
+        r"The driver `my_press:open_bench` failed \(KeyError: 'force'; test_own_bench.py line \d+\); it was asked to "
+        r"stop\. Finished grasps are kept\. Look at the machine, correct the driver, then start the campaign again\."
+    )
+    with pytest.raises(DeviceError, match=said):
+        fail(press, kept.append)
+    assert press.asked == [Verb.STOP]
+    assert [(grasp.object_id, grasp.repeat, grasp.status) for grasp in kept] == [
+        (4, 0, "ok"),
+        (4, 1, "ok"),
+        (7, 0, "failed"),
+    ]
+    assert kept[2].details == {"end": BENCH_FAULT}
+    assert len(kept[2].trace.time_s) == 2
+    assert "KeyError" in kept[2].reason
+
+
+def test_a_driver_that_takes_no_stop_is_to_be_stopped_by_hand():
+    with pytest.raises(DeviceError, match="it failed again when it was asked to stop, so stop the machine by hand"):
+        fail(Press(is_deaf=True), print)
+    with pytest.raises(DeviceError, match="could not convert string to float"):
+        OwnBench("my_press:open_bench", Press()).check_position()
+
+
+def test_what_the_campaign_raises_is_not_taken_for_the_drivers():
+    def be_full(grasp):
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        fail(Press(), be_full)
+
+
+def test_a_fault_between_two_grasps_has_none_to_keep():
+    press, kept = Press(), []
+    press.mistake = lambda: setattr(press, "present", None) or {}["force"]
+    with pytest.raises(DeviceError, match="KeyError"):
+        fail(press, kept.append)
+    assert len(kept) == 2
 
 
 def spoilt(value, channel="force_n"):

@@ -104,18 +104,28 @@ def grasp(
 
 @app.command
 def faults(*, bench: ChosenBench = VIRTUAL_BENCH, json: AsJson = False) -> None:
-    """Connect to every device, home, and say what is wrong, if anything (then exit status 1)."""
+    """Connect to every device, home, and say what is wrong, if anything (then exit status 1).
+
+    `fast doctor --real` also looks at noise and rate of the load cell and at the watchdog of the PLC.
+    """
+    from fast.hardware.checkup.bench import check_open_bench
+
     with open_bench(bench) as opened:
+        wrong = [finding for finding in check_open_bench(opened) if not finding.ok]
         reading = opened.force.read()
         x, y, z = opened.gantry.position_mm()
         is_pressed = opened.pneumatics.is_estop_pressed()
-    data = {"position_mm": [x, y, z], "is_estop_pressed": is_pressed, "gross_n": reading.gross_n}
+    faults = [f"{finding.name}: {finding.note}" for finding in wrong]
+    data = {"position_mm": [x, y, z], "is_estop_pressed": is_pressed, "gross_n": reading.gross_n, "faults": faults}
     lines = [
         f"gantry       ready at {x:.1f}, {y:.1f}, {z:.1f} mm",
         f"PLC          e-stop {'PRESSED' if is_pressed else 'released'}",
-        f"load cell    {reading.gross_n:.2f} N gross, no fault",
+        f"load cell    {reading.gross_n:.2f} N gross",
+        *(f"FAULT        {fault}" for fault in faults),
     ]
-    show(data, "\n".join(lines), json)
+    show(data, "\n".join(lines if faults else [*lines, "no fault"]), json)
+    if faults:
+        sys.exit(1)
 
 
 @app.command

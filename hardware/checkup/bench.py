@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from fast.hardware.bench import BenchSettings, wires_to
+from fast.hardware.bench import Bench, BenchSettings, wires_to
 from fast.hardware.checkup.findings import Finding, Findings
 from fast.hardware.checkup.gantry import check_gantry
-from fast.hardware.checkup.load_cell import check_load_cell
-from fast.hardware.checkup.plc import HeadState, check_plc
+from fast.hardware.checkup.load_cell import WEIGH_S, check_load_cell, check_zero
+from fast.hardware.checkup.plc import HeadState, check_inputs, check_outputs, check_plc
 from fast.hardware.checkup.ports import check_address, check_serial_port
 from fast.hardware.clock import Clock, RealClock
 from fast.hardware.parts.layout import N_SLOTS
@@ -50,6 +50,20 @@ def check_bench(settings: BenchSettings, clock: Clock | None = None, log_folder:
                 head.is_tool_on_head,
             )
         check_tool_masses(findings, settings.tool_mass_kg, head.full_slots)
+    return findings.found
+
+
+def check_open_bench(bench: Bench) -> list[Finding]:
+    """Look at what the sensors of an open bench tell; settings, noise, rate and watchdog need `check_bench`."""
+    findings = Findings()
+    check_outputs(findings, bench.plc)
+    head, _ = check_inputs(findings, bench.plc, bench.settings.supply_pressure_psi)
+    bench.force.read_new()  # what came before is not of now
+    gross_n: list[float] = []
+    for _ in range(int(WEIGH_S * bench.force.rate_hz)):
+        bench.clock.sleep(1.0 / bench.force.rate_hz)
+        gross_n += [reading.gross_n for reading in bench.force.read_new()]
+    check_zero(findings, gross_n, head.is_tool_on_head)
     return findings.found
 
 

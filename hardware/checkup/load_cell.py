@@ -4,6 +4,7 @@ The filter cannot be read over Modbus, but it shows: with a slow one the instrum
 """
 
 import statistics
+from collections.abc import Sequence
 
 from fast.hardware.checkup.findings import Findings
 from fast.hardware.clock import Clock
@@ -52,7 +53,7 @@ def check_load_cell(
     if faults:
         return
     gross_n = [reading.gross * transmitter.newton_per_unit for reading in readings]
-    _check_zero(findings, gross_n, is_tool_on_head)
+    check_zero(findings, gross_n, is_tool_on_head)
     _check_noise(findings, gross_n, transmitter.resolution_n)
     _check_rate(findings, len(readings) / WEIGH_S, rate_hz)
     _check_filter(findings, gross_n, transmitter.resolution_n, filter_setting)
@@ -75,7 +76,8 @@ def _readings(transmitter: WeightSource, clock: Clock, rate_hz: float) -> list[R
     return readings
 
 
-def _check_zero(findings: Findings, gross_n: list[float], is_tool_on_head: bool) -> None:
+def check_zero(findings: Findings, gross_n: Sequence[float], is_tool_on_head: bool) -> None:
+    """Look at readings of a second or more: what hangs on the cell weighs what it can, and stays the same."""
     mean_n = statistics.fmean(gross_n)
     half = len(gross_n) // 2
     drift_n = statistics.fmean(gross_n[half:]) - statistics.fmean(gross_n[:half])

@@ -24,6 +24,10 @@ POLL_S = 0.02
 MOST_PRESSURE_PSI = 120.0
 OPEN_PSI = 3.0
 CLOSED_SHARE = 28.0 / 30.0
+_ENABLE_FIX = (
+    f"it must come on with a heartbeat and fall {tags.HOST_TIME_OUT_S:g} s after the last: check the rungs of "
+    "docs/how-to/set-up-a-bench.md"
+)
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,18 @@ def check_plc(findings: Findings, link: ModbusLink, clock: Clock, supply_pressur
     plc = ClickPlc(link, clock)
     link.connect()
     is_scanning, is_other_host = _check_scan(findings, plc, clock)
+    head, is_estop_ok = check_inputs(findings, plc, supply_pressure_psi)
+    if is_scanning:
+        if is_other_host:
+            note = f"{tags.HEARTBEAT_REGISTER} is counting: another host drives this bench"
+            findings.add("heartbeat", note, "end it, then check again")
+        else:
+            _check_heartbeat(findings, plc, link, clock, is_estop_ok)
+    return head
+
+
+def check_inputs(findings: Findings, plc: ClickPlc, supply_pressure_psi: float) -> tuple[HeadState, bool]:
+    """Look at what the sensors tell; also whether the emergency stop is released."""
     inputs = plc.read_bits(tags.FIRST_INPUT, tags.N_INPUTS)
     is_closed, is_open, is_present, is_pressure_ok, is_estop_ok, _ = inputs
     findings.judge(
@@ -58,13 +74,18 @@ def check_plc(findings: Findings, link: ModbusLink, clock: Clock, supply_pressur
     _check_lock(findings, is_closed, is_open, is_present)
     slots = frozenset(n for n, full in enumerate(plc.read_bits(tags.FIRST_DOCK_INPUT, tags.N_DOCK_SLOTS)) if full)
     findings.add("dock", f"tools in slots {', '.join(map(str, sorted(slots)))}" if slots else "no tools")
-    if is_scanning:
-        if is_other_host:
-            note = f"{tags.HEARTBEAT_REGISTER} is counting: another host drives this bench"
-            findings.add("heartbeat", note, "end it, then check again")
-        else:
-            _check_heartbeat(findings, plc, link, clock, is_estop_ok)
-    return HeadState(is_present, slots)
+    return HeadState(is_present, slots), is_estop_ok
+
+
+def check_outputs(findings: Findings, plc: ClickPlc) -> None:
+    """Look at what the ladder makes of a host that beats: motors enabled, of each valve one coil of two on."""
+    is_on = plc.read_bit(tags.MOTOR_ENABLE_OUTPUT)
+    findings.judge("motor enable", is_on, f"{tags.MOTOR_ENABLE_OUTPUT} is {'on' if is_on else 'off'}", _ENABLE_FIX)
+    for one, other in ((tags.LOCK_OUTPUT, tags.UNLOCK_OUTPUT), (tags.GRIP_OUTPUT, tags.VENT_OUTPUT)):
+        are_on = plc.read_bit(one), plc.read_bit(other)
+        seen = f"{one} is {'on' if are_on[0] else 'off'}, {other} is {'on' if are_on[1] else 'off'}"
+        fix = "one of them must be on: load the ladder of docs/how-to/set-up-a-bench.md, check its addresses"
+        findings.judge(f"coils {one}, {other}", are_on[0] != are_on[1], seen, fix)
 
 
 def _check_scan(findings: Findings, plc: ClickPlc, clock: Clock) -> tuple[bool, bool]:
@@ -128,17 +149,13 @@ def _check_heartbeat(findings: Findings, plc: ClickPlc, link: ModbusLink, clock:
 
 def _check_watchdog(findings: Findings, plc: ClickPlc, clock: Clock, sent_s: float) -> None:
     output, limit_s = tags.MOTOR_ENABLE_OUTPUT, tags.HOST_TIME_OUT_S
-    fix = (
-        f"it must come on with a heartbeat and fall {limit_s:g} s after the last: check the rungs of "
-        "docs/how-to/set-up-a-bench.md"
-    )
     if not _wait(clock, ECHO_S, lambda: plc.read_bit(output)):
-        findings.add("host watchdog", f"{output} stays off", fix)
+        findings.add("host watchdog", f"{output} stays off", _ENABLE_FIX)
         return
     is_let_go = _wait(clock, limit_s + WATCHDOG_MARGIN_S, lambda: not plc.read_bit(output))
     after_s = clock.now_s() - sent_s
     seen = f"{output} {'fell' if is_let_go else 'is still on'} {after_s:.1f} s after the last heartbeat"
-    findings.judge("host watchdog", is_let_go and after_s > limit_s / 2, seen, fix)
+    findings.judge("host watchdog", is_let_go and after_s > limit_s / 2, seen, _ENABLE_FIX)
 
 
 def _wait(clock: Clock, longest_s: float, condition: Callable[[], bool]) -> bool:

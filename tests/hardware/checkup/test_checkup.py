@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fast.hardware.bench import BenchSettings, open_virtual_servers
-from fast.hardware.checkup.bench import check_bench, check_tool_masses
+from fast.hardware.bench import BenchSettings, open_virtual_bench, open_virtual_servers
+from fast.hardware.checkup.bench import check_bench, check_open_bench, check_tool_masses
 from fast.hardware.checkup.findings import Findings
 from fast.hardware.checkup.load_cell import check_load_cell
 from fast.hardware.checkup.ports import check_address, check_serial_port, holders
@@ -158,6 +158,34 @@ def test_readings_that_come_slower_than_the_bench_file_says_are_named(answer_s, 
     assert rate.ok == is_ok
     assert rate.note.startswith(seen)
     assert clock.now_s() < 3.0
+
+
+def reverse_the_cell(virtual):
+    virtual.transmitter._zero_counts = 2 * virtual.transmitter._gross_counts()
+
+
+def shift_the_coils(virtual):
+    read = virtual.plc.read_bits
+    virtual.plc.read_bits = lambda space, address, count: read(space, address + (space == "coil"), count)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "failing", "words"),
+    [
+        (lambda virtual: None, [], ""),
+        (reverse_the_cell, ["load-cell zero"], "N gross with the head hanging; the head pulls it negative"),
+        (shift_the_coils, ["coils Y2, Y6"], "Y2 is off, Y6 is off; one of them must be on: load the ladder"),
+        (lambda virtual: virtual.state.faults.add("low_air"), ["air main"], "X7 is off; open the main's valve"),
+    ],
+)
+def test_an_open_bench_is_judged_as_the_check_up_does(spoil, failing, words):
+    with open_virtual_bench(NOISY, TOOLS, lambda request: None, wires="memory") as bench:
+        spoil(bench.virtual)
+        bench.clock.sleep(0.1)
+        wrong = [finding for finding in check_open_bench(bench) if not finding.ok]
+    assert set(failing) <= {finding.name for finding in wrong}
+    assert bool(failing) == bool(wrong)
+    assert not failing or words in {finding.name: finding.note for finding in wrong}[failing[0]]
 
 
 def test_another_host_is_left_alone():

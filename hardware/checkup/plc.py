@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fast.hardware.checkup.findings import Findings
 from fast.hardware.click import tags
 from fast.hardware.click.codec import parse_address
-from fast.hardware.click.driver import ClickPlc
+from fast.hardware.click.driver import SCAN_REMEDY, ClickPlc
 from fast.hardware.clock import Clock
 from fast.hardware.wire.modbus import ModbusLink
 
@@ -96,7 +96,7 @@ def _check_scan(findings: Findings, plc: ClickPlc, clock: Clock) -> tuple[bool, 
         "PLC scan",
         is_scanning,
         f"{tags.SCAN_COUNTER_REGISTER} counts" if is_scanning else f"{tags.SCAN_COUNTER_REGISTER} stands still",
-        "switch the PLC to RUN; if it runs, load the ladder of docs/how-to/set-up-a-bench.md",
+        SCAN_REMEDY,
     )
     return is_scanning, plc.read_int(tags.HEARTBEAT_REGISTER) != beat
 

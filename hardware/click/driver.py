@@ -24,11 +24,12 @@ logger = logging.getLogger(__name__)
 
 _READ_FUNCTION = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
 _SCANNED_AFTER_S = 0.1  # ten scans: by then a running ladder has counted and echoed
+SCAN_REMEDY = "switch the PLC to RUN; if it runs, load the ladder of docs/how-to/set-up-a-bench.md"
 _HIGHEST_COUNT = 30_000  # of heartbeat and session, inside int16
 
 
 class LadderError(DeviceError):
-    """The PLC answers, but was restarted or stands in STOP: nothing it was told holds any more."""
+    """The PLC answers, but was restarted, stands in STOP or has another program: nothing it was told holds any more."""
 
 
 class ClickPlc:
@@ -285,7 +286,7 @@ class ClickPlc:
     def _stopped(self) -> LadderError:
         return LadderError(
             f"{self._link.name} answers, but its scan counter {tags.SCAN_COUNTER_REGISTER} stands still: it is in "
-            "STOP. Switch it to RUN, look at valves and lock, then acknowledge."
+            f"STOP or has another program; {SCAN_REMEDY}. Look at valves and lock, then acknowledge."
         )
 
     def _read_bits(self, address: Address, count: int) -> list[bool]:

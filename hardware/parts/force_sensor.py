@@ -26,7 +26,7 @@ class SensorFaultError(DeviceError):
 
 
 class OverloadError(DeviceError):
-    """The force reached the cell's full scale: the lift is stopped at once."""
+    """The force reached the cell's full scale: a lift is stopped at once."""
 
 
 class ForceReading(NamedTuple):
@@ -196,8 +196,8 @@ class ForceSensor:
         if abs(gross_n) >= FULL_SCALE_N or status & OVERLOAD_MASK:
             raise OverloadError(
                 f"The load cell is overloaded: it carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N"
-                f"{f' ({fault})' if fault else ''}. The lift was stopped; lower the head by hand "
-                "control and look at the gripper."
+                f"{f' ({fault})' if fault else ''}. The head goes no higher; look what pulls at "
+                "it, then lower it by hand control."
             )
         self._warn_of_high(gross_n)
         force = ForceReading(reading.time_s, gross_n, net_n - self._offset_n)

@@ -28,8 +28,9 @@ def check_gantry(findings: Findings, line: Transport, clock: Clock, profile: Grb
     try:
         report = _wake_up(session)
         if report is None:
-            findings.add("gantry", f"nothing on {line.name} answers as GRBL 1.1", "check its power, the port and its "
-                         "version; if an alarm has made it deaf, press its reset button")  # fmt: skip
+            said = f" (it said `{session.link.unknown}`)" if session.link.unknown else ""
+            fix = "check its power, the port and its version; if an alarm has made it deaf, press its reset button"
+            findings.add("gantry", f"nothing on {line.name} answers as GRBL 1.1{said}", fix)
         elif report.state not in ("Idle", "Alarm"):
             findings.add("gantry", f"it is in state {report.state} and was not touched", "wait until it is at rest, or "
                          "press the emergency stop")  # fmt: skip

@@ -28,6 +28,8 @@ from fast.hardware.wire.serial import LinkLostError, Transport
 
 logger = logging.getLogger(__name__)
 
+_MOST_SHOWN = 60  # characters of a line that is no GRBL
+
 
 @dataclass(eq=False)
 class Ticket:
@@ -75,6 +77,7 @@ class GrblLink:
         self._alarms: dict[int, int] = {}  # by the epoch that ended in it
         self._lost: str | None = None
         self._version = ""
+        self._unknown = ""
         self._report: StatusReport | None = None
         self._offset_mm: Vector | None = None
         self._overrides: tuple[int, int, int] | None = None
@@ -90,6 +93,11 @@ class GrblLink:
     def version(self) -> str:
         """What the last banner said, such as `1.1g`; empty before any."""
         return self._version
+
+    @property
+    def unknown(self) -> str:
+        """The last line that was no GRBL since the port was opened, such as another firmware's banner; or empty."""
+        return self._unknown
 
     @property
     def was_reset_asked(self) -> bool:
@@ -132,6 +140,7 @@ class GrblLink:
             self._epoch += 1
             self._was_reset_asked = False
             self._is_reset_asked = False
+            self._unknown = ""
             self._alarm = self._lost = self._report = self._offset_mm = self._overrides = None
         self.transport.open(self._on_bytes, self._on_lost)
 
@@ -264,6 +273,7 @@ class GrblLink:
                 self._version = version
                 self._start_epoch()
             case Unknown(raw):
+                self._unknown = raw.decode("ascii", errors="replace").strip()[:_MOST_SHOWN] or self._unknown
                 logger.warning("%s said something that is not GRBL: %r", self.transport.name, raw)
             case _:
                 if self._pending:

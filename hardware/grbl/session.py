@@ -386,9 +386,10 @@ class GrblSession:
             if not self._wait_for_banner(epoch):
                 self.link.forget_reset()
                 self.distrust()
+                said = f" (it said `{self.link.unknown}`: GRBL 1.1 is needed)" if self.link.unknown else ""
                 raise SilentControllerError(
-                    f"Nothing on {self.link.transport.name} answers as a GRBL controller while {doing}; the position "
-                    "is unknown. Check power, cable and port, drop the motor enable, then reconnect."
+                    f"Nothing on {self.link.transport.name} answers as a GRBL controller while {doing}{said}; the "
+                    "position is unknown. Check power, cable and port, drop the motor enable, then reconnect."
                 )
         alarm = self.link.alarm_since(epoch)
         self._known_epoch = self.link.epoch

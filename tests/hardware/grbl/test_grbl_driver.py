@@ -17,7 +17,7 @@ from fast.hardware.grbl.errors import (
     SilentControllerError,
     WrongPlaceError,
 )
-from fast.hardware.grbl.messages import RealTime
+from fast.hardware.grbl.messages import RealTime, Unknown
 from fast.hardware.grbl.profile import GrblProfile
 from fast.hardware.virtual.grbl import machine
 from fast.hardware.virtual.grbl.planner import HOLD_LATENCY_S
@@ -419,6 +419,14 @@ def test_silent_controller_is_given_up(homed):
     homed.controller.clear("silent")
     homed.driver.connect()
     homed.driver.home()
+
+
+def test_another_firmware_is_named(homed, monkeypatch):
+    said = "Grbl 3.7 [FluidNC v3.7.8 (wifi) '$' for help]"
+    monkeypatch.setattr(machine, "Banner", lambda version: Unknown(said.encode()))
+    with pytest.raises(SilentControllerError) as error:
+        homed.driver.connect()
+    assert f"answers as a GRBL controller while connecting (it said `{said}`: GRBL 1.1 is needed); " in str(error.value)
 
 
 def test_power_cut_forgets_the_position(homed):

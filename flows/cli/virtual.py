@@ -3,6 +3,8 @@
 import json as json_module
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -15,6 +17,8 @@ from fast.flows.cli.common import AsJson, say
 
 if TYPE_CHECKING:
     from fast.hardware.tools.mounted import MountedTool
+    from fast.hardware.virtual.world.physics import Physics, PhysicsRequest
+    from fast.models.records import GraspSimulation
 
 Designs = Annotated[
     list[Path] | None,
@@ -51,15 +55,13 @@ def start(
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
     from fast.hardware.bench import open_virtual_servers
     from fast.hardware.clock import ScaledClock
-    from fast.hardware.virtual.world.physics import simulate_request
-    from fast.models.simulation.grasp import compile_simulator
     from fast.tasks.campaign.setup import read_world
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
     faults = [read_fault(text) for text in fault or []]
-    compile_simulator()  # in the first grasp, a driver would wait for its pressure in vain
-    asked = watch_signals()
-    with open_virtual_servers(spec, tools, simulate_request, clock, (plc_port, transmitter_port), continuous) as bench:
+    ports = plc_port, transmitter_port
+    with solver() as physics, open_virtual_servers(spec, tools, physics, clock, ports, continuous) as bench:
+        asked = watch_signals()
         for name, time_s in faults:
             bench.inject_at(name, time_s)
         addresses = asdict(bench.endpoints)
@@ -91,26 +93,47 @@ def arm(
     from fast.hardware.parts.layout import BenchLayout
     from fast.hardware.virtual.arm.controller import VirtualArm
     from fast.hardware.virtual.arm.server import ArmServer
-    from fast.hardware.virtual.world.physics import simulate_request
-    from fast.models.simulation.grasp import compile_simulator
     from fast.tasks.bench.arm_rack import read_rack, write_bench_file
     from fast.tasks.campaign.config import load_config
     from fast.tasks.campaign.setup import read_world
 
     fresh = None if lake is None else partial(read_rack, lake)
     layout = BenchLayout() if config is None else load_config(config).objects.stand_on(BenchLayout())
-    compile_simulator()
-    asked = watch_signals()
-    server = ArmServer(VirtualArm(read_world(world), rack(design), simulate_request, fresh, layout), host, speed_up)
-    server.start()
+    with solver() as physics:
+        asked = watch_signals()
+        server = ArmServer(VirtualArm(read_world(world), rack(design), physics, fresh, layout), host, speed_up)
+        server.start()
+        try:
+            write_bench_file(file, server.arm.settings(host, server.script_port))
+            addresses = {"host": host, "rtde_port": 30004, "script_port": server.script_port, "file": str(file)}
+            words = f"arm at {host}, RTDE port 30004, URScript port {server.script_port}; bench file {file}"
+            say(json_module.dumps(addresses) if json else f"{words}\nCtrl-C stops it")
+            wait_for(asked)
+        finally:
+            server.stop()
+
+
+@contextmanager
+def solver() -> "Iterator[Physics]":
+    """The physics of a virtual bench in a process of its own, compiled before the bench opens.
+
+    A thread that solves slows those of the devices: on a busy machine the first grasp lost the PLC.
+    """
+    from fast.hardware.virtual.world.physics import simulate_request, solve_elsewhere
+    from fast.models.objects.catalogue import get_object
+    from fast.models.simulation.grasp import compile_simulator
+    from fast.tasks.simulation.pool import Worker
+
+    worker = Worker()
+
+    def solve(request: "PhysicsRequest") -> "GraspSimulation":
+        return worker.call(solve_elsewhere, simulate_request, get_object(request.object_id), request)
+
     try:
-        write_bench_file(file, server.arm.settings(host, server.script_port))
-        addresses = {"host": host, "rtde_port": 30004, "script_port": server.script_port, "file": str(file)}
-        words = f"arm at {host}, RTDE port 30004, URScript port {server.script_port}; bench file {file}"
-        say(json_module.dumps(addresses) if json else f"{words}\nCtrl-C stops it")
-        wait_for(asked)
+        worker.call(compile_simulator)
+        yield solve
     finally:
-        server.stop()
+        worker.restart()  # it ignores Ctrl-C, and nobody waits for its answer
 
 
 def read_fault(text: str) -> tuple[str, float]:

@@ -183,7 +183,7 @@ class SerialTransport:
                 if not self._is_closing.is_set():
                     logger.warning("port %s is lost: %s", self._port, error)
                     self._log.note(f"lost: {error}")
-                    on_lost(f"port {self._port} is gone ({error})")
+                    on_lost(f"port {self._port} is gone (unplugged, switched off, or read by another program)")
                 return
             if data:
                 self._log.record("received", data)

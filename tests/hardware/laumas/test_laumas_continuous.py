@@ -284,6 +284,38 @@ def test_an_alarm_on_the_display_is_a_fault(instrument):
         instrument.sensor.read_new()
 
 
+@pytest.mark.parametrize(
+    ("wire", "said"),
+    [
+        (b"^^^^^^\r\n", r"the display shows `\^\^\^\^\^\^`"),
+        (b"  O-L \r\n", "the display shows `O-L`"),
+        (b" O-F  \r\n", "the display shows `O-F`"),
+        (b"&T^^^^^^P^^^^^^\\04\r", r"the display shows `\^\^\^\^\^\^`"),
+        (b"&T000900P000900\\05\r", "has sent nothing for"),  # the check is wrong, from now on
+        (b"000900000901\r\n", "has sent nothing for"),  # two strings in one
+        (b"0009\r\n", "has sent nothing for"),  # a part of a string
+        (b"000900\r\n", "repeats .* for 0.5 s: it is frozen"),
+    ],
+)
+def test_what_is_no_weight_ends_a_lift_without_a_number(instrument, wire, said):
+    instrument.sensor.connect()
+    instrument.clock.sleep(0.2)
+    instrument.sensor.watch_peak()
+    before_n = max(reading.gross_n for reading in instrument.sensor.read_new())
+    instrument.virtual.encode_string = lambda _string: wire
+    taken_n = []
+
+    def lift():
+        for _ in range(100):
+            instrument.clock.sleep(1 / 80)
+            taken_n.extend(reading.gross_n for reading in instrument.sensor.read_new())
+
+    with pytest.raises(SensorFaultError, match=said):
+        lift()
+    if "frozen" not in said:
+        assert max([*taken_n, before_n]) < before_n + 0.5
+
+
 def test_a_line_that_falls_silent_is_a_fault(instrument):
     instrument.sensor.connect()
     instrument.line.is_silent = True

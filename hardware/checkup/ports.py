@@ -22,10 +22,11 @@ def check_serial_port(port: str) -> str:
         raise LinkLostError(f"{port} does not exist (there are: {there}); plug it in, or correct it in the bench file.")
     check_is_device(port)
     if not os.access(port, os.R_OK | os.W_OK):
-        group = Path(port).group()
-        raise LinkLostError(
-            f"{port} may not be opened by this user; run `sudo usermod -aG {group} $USER` and log in again."
-        )
+        try:
+            fix = f"run `sudo usermod -aG {Path(port).group()} $USER` and log in again"
+        except KeyError:  # as in a container, whose files do not name the computer's groups
+            fix = f"its group {os.stat(port).st_gid} has no name here; run as a member of it"
+        raise LinkLostError(f"{port} may not be opened by this user; {fix}.")
     if os.path.realpath(port).startswith(_PTY):
         return f"{port}, a virtual one"
     held_by = holders(port)

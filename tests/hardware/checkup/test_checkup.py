@@ -262,5 +262,8 @@ def test_ports(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *args: False)
     with pytest.raises(LinkLostError, match="sudo usermod -aG"):
         check_serial_port(str(path))
+    monkeypatch.setattr("grp.getgrgid", lambda number: {}[number])
+    with pytest.raises(LinkLostError, match=r"its group \d+ has no name here; run as a member of it\."):
+        check_serial_port(str(path))
     with pytest.raises(LinkLostError, match="no known host"):
         check_address("no-such-host.invalid", 502, 1.0)

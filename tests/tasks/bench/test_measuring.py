@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.cell.live import GraspInView
+from fast.hardware.own_bench import OwnBench
+from fast.hardware.parts.safe_state import Verb
 from fast.hardware.virtual.world.file import World
 from fast.lake.maintenance import check
 from fast.lake.tables.campaign import GraspRow, TraceRow
@@ -88,6 +91,30 @@ def measure(campaign: Campaign, cell: Cell, tool: ProposedTool) -> Callable[...,
         )
 
     return run
+
+
+class OwnCell(Cell):
+    """A driver of the user's own; what `mistakes` names ends in an error that is none of a bench."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.mistakes: set[tuple[int, int]] = set()
+        self.asked: list[Verb] = []
+        self.present: GraspInView | None = None
+
+    def ask(self, verb: Verb) -> None:
+        self.asked.append(verb)
+
+    def present_grasp(self) -> GraspInView | None:
+        return self.present
+
+    def _grasp(self, cell: tuple[int, int], fault: str) -> MeasuredGrasp:
+        grasp = super()._grasp(cell, fault)
+        self.present = GraspInView("", *cell, grasp.started_at, lambda first: grasp.trace)
+        if cell in self.mistakes:
+            self.mistakes.remove(cell)
+            raise ZeroDivisionError("float division by zero")
+        return grasp
 
 
 def rows(campaign: Campaign) -> list[dict]:
@@ -183,6 +210,26 @@ def test_a_grasp_that_fails_by_itself_is_given_up_after_its_attempts(campaign, c
     failed = [row for row in rows(campaign) if row["status"] == "failed"]
     assert [(row["object_id"], row["repeat"], row["attempt"]) for row in failed] == [(7, 0, 0), (7, 0, 1)]
     assert [row["order"] for row in rows(campaign)] == [0, 1, 2, 3, 4]
+
+
+def test_a_mistake_of_a_driver_is_kept_as_a_bench_fault_and_the_grasp_is_made_again(campaign, tool):
+    driver = OwnCell()
+    driver.mistakes.add((7, 0))
+    bench = OwnBench("my_press:open_bench", driver)
+
+    def measure() -> None:
+        work = plan_tool(campaign, campaign.state(), tool)
+        measure_tool(campaign, bench, work, world_hash="w", should_stop=lambda: False, on_grasp=lambda grasp: None)
+
+    with pytest.raises(
+        DeviceError, match=r"`my_press:open_bench` failed \(ZeroDivisionError: float division by zero; "
+    ):
+        measure()
+    (failed,) = [row for row in rows(campaign) if row["status"] == "failed"]
+    assert ((failed["object_id"], failed["repeat"]), driver.asked) == ((7, 0), [Verb.STOP])
+    assert BENCH_FAULT in failed["details_json"]
+    measure()
+    assert_once_each(campaign, n_failed=1)
 
 
 def test_faults_of_the_bench_never_give_a_grasp_up(campaign, cell, measure):

@@ -21,7 +21,7 @@ from fast.models.simulation.effects.scaling import scales_with_modulus
 from fast.models.simulation.version import SimulatorVersion
 from fast.models.units import spell_count
 from fast.models.validation import closest, load_record
-from fast.tasks.campaign.config import read_stored_config
+from fast.tasks.campaign.config import CampaignConfig, read_stored_config
 from fast.tasks.campaign.state import THICKNESSES, ProposedTool, load_designs, tuples
 from fast.tasks.gap.bank import read_bank_thetas
 from fast.tasks.gap.trace_rows import require_one_bench
@@ -101,7 +101,7 @@ def read_measured_tools(lake: Lake, campaign_id: str | None, only: Collection[st
         list, zip(*rows, strict=True)
     )
     require_one_bench(zip(labs, benches, strict=True), where)
-    object_ids = _common_objects(campaigns, objects)
+    object_ids = _common_objects(lake, campaigns, objects)
     forces_n = _mean_table(tools, objects, peaks_n, object_ids)
     tool_ids = list(dict.fromkeys(tools))
     is_enough = np.isfinite(forces_n).mean(axis=1) >= LEAST_SHARE
@@ -279,19 +279,26 @@ def _keep_base(rows: Sequence[tuple[Any, ...]]) -> tuple[list[tuple[Any, ...]], 
     )
 
 
-def _common_objects(campaigns: Sequence[str], objects: Sequence[int]) -> tuple[int, ...]:
-    """The objects that every campaign measured.
+def _common_objects(lake: Lake, campaigns: Sequence[str], objects: Sequence[int]) -> tuple[int, ...]:
+    """The objects that the campaigns have in common: every one measured them or has them in its config.
+
+    A campaign that was stopped early has reached a few of its objects; its tools miss the others as tools do that a
+    person left unfinished.
 
     Raises:
-        UsageError: campaigns measured different ones, so that their means differ by more than the tools.
+        UsageError: campaigns are of different ones, so that their means differ by more than the tools.
     """
     by_campaign: dict[str, set[int]] = {}
     for campaign, object_id in zip(campaigns, objects, strict=True):
         by_campaign.setdefault(campaign, set()).add(object_id)
-    if len({frozenset(found) for found in by_campaign.values()}) > 1:
+    every = set(objects)
+    if any(found != every for found in by_campaign.values()):
+        for name, config in _stored_configs(lake, set(by_campaign)).items():
+            by_campaign[name] |= every & set(config.objects.object_ids)
+    if any(found != every for found in by_campaign.values()):
         counts = ", ".join(f"{name}: {len(found)}" for name, found in by_campaign.items())
         raise UsageError(f"campaigns were measured on different objects ({counts}); give one --campaign.")
-    return tuple(sorted(set(objects)))
+    return tuple(sorted(every))
 
 
 def _mean_table(
@@ -340,11 +347,14 @@ def _left_out_warning(tool_ids: Sequence[str]) -> tuple[str, ...]:
 
 def _consulted(lake: Lake, campaign_ids: set[str]) -> dict[str, SimulatorVersion]:
     """The simulator in the config of each campaign that has one, oldest first."""
-    found = {}
-    for row in lake.records(CampaignRow):
-        if row.campaign_id in campaign_ids and not is_imported(row.config_toml):
-            found[row.campaign_id] = read_stored_config(row.config_toml, row.campaign_id).simulator.version
-    return found
+    return {name: config.simulator.version for name, config in _stored_configs(lake, campaign_ids).items()}
+
+
+def _stored_configs(lake: Lake, campaign_ids: set[str]) -> dict[str, CampaignConfig]:
+    """The config of each campaign that has one, oldest first; imported ones have none."""
+    rows = [row for row in lake.records(CampaignRow) if row.campaign_id in campaign_ids]
+    configured = [row for row in rows if not is_imported(row.config_toml)]
+    return {row.campaign_id: read_stored_config(row.config_toml, row.campaign_id) for row in configured}
 
 
 def _drawn_versions(lake: Lake, base: SimulatorVersion) -> dict[str, SimulatorVersion]:

@@ -327,6 +327,20 @@ def test_measurements_that_cannot_be_compared_are_one_sentence(tmp_path):
     assert "simulator version `V0` is not in" in refused(lake, campaign="small", version="V0")
 
 
+def test_a_campaign_that_was_stopped_early_counts_with_the_objects_of_its_config(tmp_path):
+    lake = calibration_lake(tmp_path / "lake", n_tools=15, n_points=0)
+    for name, first, reached in (("two", 30, OBJECTS[:2]), ("one", 50, OBJECTS[:1])):
+        rows = measured_rows(6, name, first=first)
+        lake.append([r for r in rows if not isinstance(r, GraspRow) or r.object_id in reached], PROVENANCE)
+    measured = read_measured_tools(lake, None)
+    assert measured.object_ids == OBJECTS
+    assert np.isnan(measured.forces_n).sum(axis=0).tolist() == [0, 0, 6]  # 15 + 6 tools, none of `one`
+    assert len(measured.tool_ids) == 21
+    assert measured.warnings == (
+        "6 tools (one/B06T0, ...) are measured on fewer than half of the objects and left out.",
+    )
+
+
 def test_the_base_setup_is_that_of_most_ordinary_grasps():
     """Neither grasps that somebody asked for nor those with the object elsewhere have a say, if there are others."""
     asked, moved = {"request_id": "Q1"}, {"offset_x_mm": 2.0}

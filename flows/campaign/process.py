@@ -230,7 +230,7 @@ def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredG
     result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
     is_owed = grasp.status == "ok" and grasp.request is None
     words = f"{tool.label} on {name_object(grasp.object_id)}, repeat {grasp.repeat}: {result}"
-    progress.grasp(words, is_owed=is_owed)
+    progress.grasp(words, (tool.tool_id, (grasp.object_id, grasp.repeat)) if is_owed else None)
 
 
 def _tell_simulated(progress: CampaignProgress, label: str, n_failed: int) -> None:

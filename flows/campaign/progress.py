@@ -10,7 +10,7 @@ from fast.flows.campaign.pace import Pace, StageLeft, count_left, name_uncounted
 from fast.flows.progress import Bar
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.simulator_versions import at_present
-from fast.tasks.campaign.state import CampaignState
+from fast.tasks.campaign.state import CampaignState, Cell
 
 MOST_CPU = 1e-3  # of a core: a look reads all rows that are new, and a bench measures for days
 
@@ -98,14 +98,16 @@ class CampaignProgress:
         self._interval_s = interval_s
         self._next_line_s = self._next_look_s = 0.0
         self._load: Workload | None = None
+        self._counted: dict[str, set[Cell]] = {}
         self._left: list[StageLeft] = []
         self._lock = threading.Lock()
 
-    def grasp(self, what: str, *, is_owed: bool = True) -> None:
-        """Report a grasp that was just measured; `is_owed`: it went well and is one of the schedule."""
+    def grasp(self, what: str, owed: tuple[str, Cell] | None) -> None:
+        """Report a grasp that was just measured; `owed`: its tool and cell, if it went well and is of the schedule."""
         self.pace.note_grasp()
         with self._lock:
-            if is_owed and self._load is not None:
+            # The look of a design that was simulated meanwhile may have found it in the lake already.
+            if owed is not None and self._load is not None and owed[1] not in self._counted.get(owed[0], ()):
                 self._load = replace(self._load, grasps_done=min(self._load.grasps_done + 1, self._load.grasps_total))
                 self._left[0] = replace(self._left[0], grasps=max(self._left[0].grasps - 1, 0))
             now = time.monotonic()
@@ -124,6 +126,7 @@ class CampaignProgress:
             before_s = time.thread_time()
             state = at_present(self._campaign).state()
             self._load, self._left = count_work(self._campaign, state), count_left(self._campaign, state)
+            self._counted = state.measured
             self._next_look_s = time.monotonic() + (time.thread_time() - before_s) / MOST_CPU
         self.pace.see(self._left[0])
         left_s = self.pace.seconds_left(self._left, len(self._campaign.object_ids))

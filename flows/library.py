@@ -43,8 +43,8 @@ def simulate(
     from fast.models.records import Design
     from fast.models.simulation.grasp import simulate_grasp
 
-    met = _find_object(grasped, lake)
-    return simulate_grasp(_check(design, Design, "design"), met, *_read_given(version, setup), along=along)
+    met, names = _find_object(grasped, lake), _check_names(() if along is None else along, "along")
+    return simulate_grasp(_check(design, Design, "design"), met, *_read_given(version, setup), along=names)
 
 
 def grasp_function(
@@ -74,7 +74,8 @@ def grasp_function(
 
     met = _find_object(grasped, lake)
     finger = BEST_PUBLISHED if design is None else _check(design, Design, "design")
-    return PeakFunction(GraspInputs(finger, met, *_read_given(version, setup)), names)
+    named = None if names is None else _check_names(names, "names")
+    return PeakFunction(GraspInputs(finger, met, *_read_given(version, setup)), named)
 
 
 def simulate_many(
@@ -184,6 +185,20 @@ def _check(given: R, kind: type[R], name: str) -> R:
     if not isinstance(given, kind):
         raise UsageError(f"{name} is of type {type(given).__name__}, it must be a fast.{kind.__name__}; change it.")
     return check_again(given, name)
+
+
+def _check_names(given: Any, what: str) -> tuple[str, ...]:
+    """Names of parameters, of which one may come without a list.
+
+    Raises:
+        UsageError: it is something else.
+    """
+    from fast.models.errors import UsageError
+
+    names = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,)
+    if not all(isinstance(name, str) for name in names):
+        raise UsageError(f'{what} is {given!r}, it must be names of parameters, such as ("friction",); change it.')
+    return names
 
 
 class Campaign:

@@ -21,6 +21,7 @@ from fast.models.validation import closest
 SEQUENCE_SEED = 2026
 _MAX_DRAWS = 200  # times the points that are asked for: limits that leave less room are a slip of the pen
 _DECIMALS = 5  # of a continuous parameter: 0.01 um
+_UNIT_ROUNDING = 1e-9  # by which a coordinate may leave the unit cube
 _ROUNDING = 1e-4  # by which rounded parameters may leave a limit
 
 
@@ -305,7 +306,7 @@ PARAMETERS = FIN_RAYS.names
 LOWER, UPPER = FIN_RAYS.lower, FIN_RAYS.upper
 RIB_COUNT_COLUMN = PARAMETERS.index("rib_count")
 N_RIB_LEVELS = FIN_RAYS.n_levels[RIB_COUNT_COLUMN]
-to_unit, from_unit, snap = FIN_RAYS.to_unit, FIN_RAYS.from_unit, FIN_RAYS.snap
+to_unit, snap = FIN_RAYS.to_unit, FIN_RAYS.snap
 random_unit, random_designs = FIN_RAYS.random_unit, FIN_RAYS.random_designs
 
 # Table 1 of the paper: B07T8, 29.68 N mean pull-off force.
@@ -320,6 +321,22 @@ BEST_PUBLISHED = FinRay(
     rib_count=5,
     rib_angle_deg=3.63,
 )
+
+
+def from_unit(points: np.ndarray) -> list[Design]:
+    """Inverse of `to_unit` for an n x 9 array; a rib count is rounded to the nearest, the rest to 0.01 um.
+
+    Raises:
+        UsageError: points have another number of columns, or a value is not finite or not from 0 to 1.
+    """
+    given = np.asarray(points, dtype=float)
+    outside = given[np.abs(given - 0.5) > 0.5 + _UNIT_ROUNDING]
+    if outside.size and np.isfinite(given).all():
+        raise UsageError(
+            f"points have the value {outside[0]:g}, each must be from 0 to 1, the range of its parameter; `to_unit` "
+            "makes such points of designs."
+        )
+    return FIN_RAYS.from_unit(points)
 
 
 def numbered_design(number: int) -> Design:

@@ -1,11 +1,13 @@
 """`fast.simulate_many`: the same grasps as one by one, and what results show of themselves."""
 
 import math
+import re
 import subprocess
 import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -166,6 +168,15 @@ def test_a_changed_copy_is_checked_where_it_is_used(given: tuple, sentence: str)
         fast.simulate(given[0], "cube", *given[1:])
     with pytest.raises(fast.FastError, match=sentence):
         fast.grasp_function("cube", *given)
+
+
+@pytest.mark.parametrize("names", [3, [None], ["friction", 3]])
+def test_names_of_parameters_are_texts(names: Any) -> None:
+    sentence = re.escape(f"is {names!r}, it must be names of parameters")
+    with pytest.raises(fast.FastError, match=sentence):
+        fast.simulate(fast.BEST_PUBLISHED, "cube", along=names)
+    with pytest.raises(fast.FastError, match=sentence):
+        fast.grasp_function("cube", names=names)
 
 
 def test_a_script_that_is_read_by_its_own_workers_is_told_so_once(tmp_path: Path) -> None:

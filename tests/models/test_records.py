@@ -39,5 +39,9 @@ def test_what_is_no_point_or_design_of_the_space_is_named() -> None:
         from_unit(np.hstack([point, [[1.0]]]))
     with pytest.raises(UsageError, match="not finite numbers"):
         from_unit(np.full((1, 9), np.nan))
+    with pytest.raises(UsageError, match=r"points have the value 29\.68, each must be from 0 to 1"):
+        from_unit(np.hstack([point[:, :8], [[29.68]]]))
+    rounded = np.where(np.arange(9) % 2, 1 + 1e-12, -1e-12)
+    assert from_unit(rounded[None]) == from_unit(np.round(rounded)[None])
     with pytest.raises(UsageError, match="must be a fast.Design; give a list of them"):
         to_unit(BEST_PUBLISHED)  # type: ignore[arg-type]  # a record is a sequence of its fields

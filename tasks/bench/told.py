@@ -392,7 +392,8 @@ def _say_change(one: ToldGrasp, row: GraspRow) -> str:
     was = f"{row.peak_force_n:g} N{'' if row.work_j is None else ' with its trace'}"
     if one.trace is not None:
         now += " with a trace" if row.work_j is None else " with another trace"
-    return f"{one.place}: the lake has this grasp with {was}, now it is {now}; `fast tell --replace` corrects it"
+    remedy = "`fast tell --replace` (in Python `may_replace=True`) corrects it"
+    return f"{one.place}: the lake has this grasp with {was}, now it is {now}; {remedy}"
 
 
 def _example(state: CampaignState) -> str:

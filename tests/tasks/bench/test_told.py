@@ -1,5 +1,6 @@
 """Grasps of a bench of one's own: what is taken, what is refused with which words, and what a second telling does."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -87,9 +88,11 @@ def test_telling_again_writes_nothing_and_a_part_may_be_told_later(campaign: Cam
 def test_other_numbers_need_replace_and_keep_one_row(campaign: Campaign) -> None:
     take_told(campaign, told(campaign), "ada")
     changed = told_again(campaign, 33.0)
-    with pytest.raises(
-        UsageError, match="the lake has this grasp with 10 N, now it is 33 N; `fast tell --replace` corrects it"
-    ):
+    sentence = (
+        "the lake has this grasp with 10 N, now it is 33 N; `fast tell --replace` (in Python `may_replace=True`) "
+        "corrects it"
+    )
+    with pytest.raises(UsageError, match=re.escape(sentence)):
         take_told(campaign, changed, "ada")
     take_told(campaign, changed, "ada", may_replace=True)
     assert len(campaign.lake.records(GraspRow)) == N_ASKED

@@ -1,7 +1,9 @@
 """How a long command speaks: a live display with bars on a terminal, plain lines in a log."""
 
 import os
+import signal
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -21,14 +23,30 @@ N_RECENT = 3
 
 @contextmanager
 def open_reporter() -> Iterator[ProgressReporter]:
-    """Bars at the bottom of the terminal while someone watches, and lines above them; in a log lines alone."""
-    if not is_watched():
-        yield ProgressReporter(tell, tell)
-        return
-    from rich.console import Console
+    """Bars at the bottom of the terminal while someone watches, and lines above them; in a log lines alone.
 
-    with open_display(Console(stderr=True, highlight=False)) as reporter:
-        yield reporter
+    A service's or a cluster's SIGTERM ends the command as Ctrl-C does.
+    """
+    with _sigterm_as_ctrl_c():
+        if not is_watched():
+            yield ProgressReporter(tell, tell)
+            return
+        from rich.console import Console
+
+        with open_display(Console(stderr=True, highlight=False)) as reporter:
+            yield reporter
+
+
+@contextmanager
+def _sigterm_as_ctrl_c() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def is_watched() -> bool:

@@ -198,6 +198,14 @@ def test_ctrl_c_is_one_sentence():
     assert done.stderr == "fast: interrupted; what was finished is in the lake.\n"
 
 
+def test_sigterm_ends_a_search_as_ctrl_c_does(tmp_path):
+    code = "import os, signal, fast.flows.gap.search as s\n" \
+           "s.run_gap = lambda *a: os.kill(os.getpid(), signal.SIGTERM)\n" \
+           "from fast.flows.cli.main import main\nmain()"  # fmt: skip
+    done = python(code, "gap", "--example", "--out", tmp_path / "example")
+    assert (done.returncode, done.stderr) == (130, "fast: interrupted; what was finished is in the lake.\n")
+
+
 def test_a_reader_that_goes_away_is_no_bug(tmp_path):
     lake = proposed_lake(tmp_path)
     sql = "fast.flows.cli.main sql 'SELECT * FROM range(200000)'"

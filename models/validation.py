@@ -56,10 +56,17 @@ def parse_json(text: str, source: str) -> Any:
     """Values of a JSON text; `source` names it in messages.
 
     Raises:
-        ConfigError: it is not JSON.
+        ConfigError: it is not JSON, or a table has a key twice.
     """
+
+    def to_table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        if doubled := [key for key in dict.fromkeys(keys) if keys.count(key) > 1]:
+            raise ConfigError(f"{source}: the key `{doubled[0][:LONGEST_VALUE]}` is there twice; leave one out.")
+        return dict(pairs)
+
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=to_table)
     except ValueError as error:
         raise ConfigError(f"{source} is not JSON: {error}; correct it.") from error
     except RecursionError as error:

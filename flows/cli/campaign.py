@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, CampaignId, LakePath, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, CampaignId, LakePath, make_app, show, table_text
 from fast.flows.cli.real import YesMove
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _ENDED = {"pause": "paused", "stop": "stopped", "abort": "aborted and counts as failed"}
 
-app = App(name="campaign", help="Start, continue, watch and stop campaigns.")
+app = make_app(name="campaign", help="Start, continue, watch and stop campaigns.")
 
 
 @app.command

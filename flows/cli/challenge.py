@@ -3,15 +3,17 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import AsJson, show, table_text, tell
+from fast.flows.cli.common import AsJson, make_app, show, table_text, tell
 
 if TYPE_CHECKING:
     from fast.flows.challenge.grade import Rows
 
-app = App(name="challenge", help="Worlds that hide what is missing in the simulator: get them, make them, be graded.")
+app = make_app(
+    name="challenge", help="Worlds that hide what is missing in the simulator: get them, make them, be graded."
+)
 _SHOWN = ["figure", "worlds", "value", "low95", "high95", "bound"]
 
 

@@ -3,10 +3,12 @@
 import json
 import os
 import sys
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any, TextIO, get_args
 
-from cyclopts import Parameter
+from cyclopts import App, ArgumentCollection, Group, Parameter
+from cyclopts.exceptions import CoercionError
 
 LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Lake: a folder, or s3://BUCKET/PREFIX.")]
 AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON, for machines.")]
@@ -15,6 +17,28 @@ OBJECT_HELP = "Number or name of an object (fast objects list), or the file of a
 
 DEFAULT_LAKE = Path("lake-data")
 _WIDEST_CELL = 60
+
+
+def _refuse_fractions(arguments: ArgumentCollection) -> None:
+    """Refuse 3.5 where a whole number is wanted, which cyclopts would round; 3.0 is one.
+
+    Raises:
+        CoercionError: an argument has a fraction.
+    """
+    for argument in arguments:
+        kinds = {argument.hint, *get_args(argument.hint)}
+        if int not in kinds or kinds & {float, str}:
+            continue
+        for token in argument.tokens:
+            if "." in token.value and not float(token.value).is_integer():
+                raise CoercionError(argument=argument, token=token, target_type=int)
+
+
+make_app = partial(
+    App,
+    group_arguments=Group("Arguments", validator=_refuse_fractions),
+    group_parameters=Group("Parameters", validator=_refuse_fractions),
+)
 
 
 def say(text: str) -> None:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, show
 from fast.flows.cli.real import YesMove
 from fast.flows.cli.virtual import Designs, rack
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fast.hardware.tools.mounted import MountedTool
     from fast.models.objects.rigid import RigidObject
 
-app = App(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
+app = make_app(name="gantry", help="Move the bench by hand: home, park, tare, grasp, faults. All of these home first.")
 app.command("fast.flows.cli.wire:log", name="log", help="List the wire logs of benches, or print one.")
 app.command("fast.flows.cli.wire:replay", name="replay", help="Play a wire log back to the driver of its device.")
 app.command("fast.flows.cli.plan:plan", name="plan", help="How long a batch takes, and what the time goes into.")

@@ -4,10 +4,10 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, show, table_text
 from fast.models.units import spell_share
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from fast.lake.store import Lake
     from fast.models.gap.findings import Findings
 
-app = App(name="gap", help="Find where simulation and measurement disagree, name what is missing, add it.")
+app = make_app(name="gap", help="Find where simulation and measurement disagree, name what is missing, add it.")
 _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
 _WORLDS = 120  # that are rehearsed

@@ -6,9 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, say, show, table_text, tell
 
 if TYPE_CHECKING:
     from fast.lake.handoff.import_folder import HandoffCounts, Origin
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _LIMIT_TEXT, _LIMIT_JSON = 5, 10_000
 
-app = App(name="lake", help="Import, export, check, compact and measure the lake; where its rows come from.")
+app = make_app(name="lake", help="Import, export, check, compact and measure the lake; where its rows come from.")
 
 
 @app.command(name="import")

@@ -10,7 +10,7 @@ import sys
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError, MissingArgumentError
 
-from fast.flows.cli.common import drop
+from fast.flows.cli.common import drop, make_app
 from fast.flows.server.loopback import settle
 
 _STANDARD_ERROR = 2  # the last number of a stream that every process has
@@ -22,7 +22,7 @@ def _read_version() -> str:
     return version("fast-gripper-lab")
 
 
-app = App(
+app = make_app(
     name="fast",
     help="FAST: design soft grippers with simulations, a printer and a gantry.",
     help_epilogue="Exit status: 0 done, 1 failed, 2 wrong use (then nothing was written). "

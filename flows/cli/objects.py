@@ -4,14 +4,14 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, show, table_text, write_out
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, show, table_text, write_out
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
 
-app = App(name="objects", help="List, check, draw and print test objects, and add own ones.")
+app = make_app(name="objects", help="List, check, draw and print test objects, and add own ones.")
 
 Files = Annotated[list[Path], Parameter(help="Mesh (.stl, .obj, .3mf, .ply, in mm) or .toml file of an own object.")]
 Named = Annotated[list[str], Parameter(help=OBJECT_HELP)]

@@ -4,14 +4,14 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, show
 
 if TYPE_CHECKING:
     from fast.tasks.bench.measured_tools import MeasuredTool
 
-app = App(name="print", help="Print sheets, and the word of the person who printed.")
+app = make_app(name="print", help="Print sheets, and the word of the person who printed.")
 
 V = TypeVar("V")
 

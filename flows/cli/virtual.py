@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import AsJson, say
+from fast.flows.cli.common import AsJson, make_app, say
 
 if TYPE_CHECKING:
     from fast.hardware.tools.mounted import MountedTool
@@ -30,7 +30,7 @@ Designs = Annotated[
 
 PORT = Number(gte=0, lte=65535)
 
-app = App(name="virtual", help="A virtual bench that stays up.")
+app = make_app(name="virtual", help="A virtual bench that stays up.")
 
 
 @app.command

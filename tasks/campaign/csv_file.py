@@ -61,7 +61,7 @@ def read_rows(
 ) -> list[CsvRow]:
     """Rows of a CSV file, separated by commas, or by semicolons with commas or points in the numbers.
 
-    ignored: a list that takes the names of columns that nobody knows; None refuses them.
+    Names of columns may be in capitals. ignored: a list that takes those that nobody knows; None refuses them.
 
     Raises:
         UsageError: the file cannot be read, lacks a column, has another, or a row has more or fewer cells.
@@ -90,7 +90,10 @@ def _rows(
     most_rows: int,
 ) -> Iterator[CsvRow]:
     try:
-        header = [cell.strip() for cell in next(reader, [])]
+        known = [*needed, *optional]
+        in_capitals = {name.lower(): name for name in known}
+        written = [cell.strip() for cell in next(reader, [])]
+        header = [name if name in known else in_capitals.get(name.lower(), name) for name in written]
         _check_header(path, header, needed, optional, ignored)
         for number, cells in enumerate(reader, start=2):
             if not any(cell.strip() for cell in cells):

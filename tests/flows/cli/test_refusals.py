@@ -143,6 +143,9 @@ def test_a_changed_config_under_the_same_name_is_refused_with_what_changed(fast,
         (["simulate", "--object", "2", "--out", "/proc/x"], "--out `/proc/x` cannot be written"),
         (["campaign", "status", "--lake", "/nowhere"], "/nowhere is not a lake: give another --lake"),
         (["serve", "--port", "70000"], "Must be <= 65535"),
+        (["serve", "--port", "4200.5"], 'Invalid value for --port: unable to convert "4200.5" into a whole number.'),
+        (["challenge", "make", "x", "--seed", "x", "--worlds", "3.5"], 'unable to convert "3.5" into a whole number.'),
+        (["challenge", "make", "x", "--seed", "none", "--worlds", "4.0"], "the seed none cannot be read"),
     ],
 )
 def test_wrong_words_get_a_sentence(fast, words, said):
@@ -216,6 +219,7 @@ def test_an_import_that_cannot_be_done_makes_no_lake(fast, tmp_path):
     ("content", "said"),
     [
         ("{", "is not JSON"),
+        ('{"height_mm": 100, "height_mm": 90}', "the key `height_mm` is there twice; leave one out"),
         ("[1]", "the content is [1], it must be a table of keys and values"),
         ('{"height_mm": 300}', "`height_mm` is 300 mm, it must be at most 120.0 mm"),
         ('{"hieght_mm": 100}', "unknown key `hieght_mm`; did you mean `height_mm`?"),

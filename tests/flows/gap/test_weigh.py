@@ -247,7 +247,8 @@ def test_curves_that_a_spreadsheet_wrote_are_the_same(tmp_path: Path) -> None:
     header, *lines = file.read_text().splitlines()
     cells = [(place, *line.split(",")) for place, line in enumerate(lines)]
     rows = [f"{n};{tool};{obj}.0;{lift};{force}".replace(".", ",") for n, tool, obj, lift, force in cells]
-    file.write_text("\n".join([";" + header.replace(",", ";"), *rows]))  # numbers of rows, decimal commas
+    # Numbers of rows, decimal commas, capitals.
+    file.write_text("\n".join([";" + header.replace(",", ";").replace("tool_id", "Tool_ID"), *rows]))
     np.testing.assert_array_equal(read_simulated(file, grasps), wanted)
 
 

@@ -22,7 +22,7 @@ from fast.tasks.calibration.mean_data import (
     read_measured_tools,
     read_simulated_points,
 )
-from fast.tasks.calibration.means import compare_means, plan_verification, verify
+from fast.tasks.calibration.means import N_FIRST, check_first, compare_means, plan_verification, verify
 from fast.tasks.gap.data import read_grasps
 from fast.tasks.gap.theta import check_middle, gather_traces, plan_grid, plan_middle
 
@@ -92,6 +92,9 @@ def _calibrate_means(
     if order.hypercube is not None:
         check_enough(lake, base, measured, order.hypercube)
         plan = plan_hypercube(order.hypercube, base, measured)
+        first = replace(plan, points=plan.points[:N_FIRST])
+        simulate_missing(lake, [first], settings.workers, reporter, should_stop)
+        check_first(lake, base, measured, settings.seed)
         simulate_missing(lake, [plan], settings.workers, reporter, should_stop)
     simulated = read_simulated_points(lake, base, measured)
     data = compare_means(base, measured, simulated, settings.seed, settings.print_scatter)

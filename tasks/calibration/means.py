@@ -17,7 +17,7 @@ from fast.models.calibration.inference.result import CalibrationResult, find_uni
 from fast.models.calibration.inference.settings import CalibrationSettings, ThetaPriors, read_settings
 from fast.models.calibration.means.checks import Score, is_held_out, score
 from fast.models.calibration.means.predict import predict_simulated
-from fast.models.calibration.means.problem import CalibrationProblem
+from fast.models.calibration.means.problem import MIN_SIMULATIONS, CalibrationProblem
 from fast.models.errors import UsageError
 from fast.models.ids import content_id
 from fast.models.scientist.surrogate.imputation import mean_over_objects
@@ -26,6 +26,7 @@ from fast.tasks.calibration.calibrate import CalibrationData, Progress, make_ver
 from fast.tasks.calibration.mean_data import (
     MeasuredTools,
     SimulatedPoints,
+    TooLittleDataError,
     find_base_version,
     make_problem,
     read_measured_tools,
@@ -37,6 +38,7 @@ from fast.tasks.simulation.plan import SimulationPlan
 # Why a calibration with imported simulations makes no simulator version.
 OF_IMPORTED = "theta is that of the simulator whose results were imported, which FAST cannot run"
 
+N_FIRST = 30  # points of a hypercube that say whether the measured forces are in N
 _NEAR_FRICTION = 2.0  # times as large, or as small
 
 
@@ -140,6 +142,22 @@ def compare_means(
         held_out=held_out,
         held_back=held_back,
     )
+
+
+def check_first(lake: Lake, base: SimulatorVersion, measured: MeasuredTools, seed: int) -> None:
+    """Hold the measured means against what is simulated so far, before all of a hypercube is.
+
+    With too little nothing is said: the calibration says it after the others.
+
+    Raises:
+        UsageError: the forces are not in N.
+    """
+    try:
+        simulated = read_simulated_points(lake, base, measured)
+    except TooLittleDataError:
+        return
+    if len(simulated.theta) >= MIN_SIMULATIONS:
+        compare_means(base, measured, simulated, seed)
 
 
 def _check_unit(problem: CalibrationProblem, base: SimulatorVersion) -> list[str]:

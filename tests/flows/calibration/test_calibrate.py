@@ -7,7 +7,7 @@ import pytest
 
 from fast.lake.query.lineage import find_lineage
 from fast.lake.store import Lake
-from fast.lake.tables.campaign import CalibrationRow, SimulationRow, SimulatorVersionRow
+from fast.lake.tables.campaign import CalibrationRow, GraspRow, SimulationRow, SimulatorVersionRow
 from fast.models.calibration.inference.lot_priors import make_lot_priors
 from fast.models.calibration.inference.settings import ThetaPriors
 from fast.models.records import Theta
@@ -219,6 +219,20 @@ def test_too_little_is_found_before_anything_is_simulated(tmp_path, fast, answer
     )
     assert not answers.simulator.jobs
     assert "is not a lake" in fast.refused("calibrate", "--lake", tmp_path / "none")
+
+
+def test_forces_of_another_unit_are_refused_after_thirty_points_of_the_hypercube(tmp_path, fast, answers):
+    lake = calibration_lake(tmp_path / "lake", n_tools=0, n_points=0)
+    rows = [
+        row.model_copy(update={"peak_force_n": row.peak_force_n * 1000.0}) if isinstance(row, GraspRow) else row
+        for row in measured_rows(15)
+    ]
+    lake.append(rows, PROVENANCE)
+    answers.simulator.jobs.clear()
+    answer = fast("calibrate", "--lake", lake.root, "--simulate", 80, *SMALL)
+    assert answer.status == 2
+    assert "a factor of about 1000 is suspected" in answer.err
+    assert len(answers.simulator.jobs) == 30 * 3
 
 
 @pytest.mark.slow

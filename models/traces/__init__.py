@@ -23,7 +23,8 @@ def find_counted_down(trace: Trace) -> int | None:
     """Sample with the lowest force, where the pull was counted downwards: it is negative, and grows while lifting.
 
     Fingers may push an object down too, but such a push only fades while they rise; and a pull may end in a kick, but
-    its work is positive. None: the pull is positive.
+    its work is positive or small. A push that was counted upwards is the largest force, at the start of the lift. None:
+    the pull is positive.
     """
     lifted = np.flatnonzero(trace.is_lift)
     if not lifted.size or work_j(trace) >= 0.0:
@@ -31,8 +32,15 @@ def find_counted_down(trace: Trace) -> int | None:
     force_n = trace.force_n[lifted]
     lowest = int(force_n.argmin())
     growth_n = min(force_n[0], 0.0) - force_n[lowest]
-    is_down = growth_n > _MOST_GROWTH_N and -force_n[lowest] > _PUSH_TO_PULL * force_n.max()
-    return int(lifted[lowest]) if is_down else None
+    is_pushed = force_n[0] > max(_MOST_GROWTH_N, force_n.max() - _MOST_GROWTH_N) and _is_mostly_negative(trace)
+    is_larger = -force_n[lowest] > _PUSH_TO_PULL * force_n.max()
+    return int(lifted[lowest]) if growth_n > _MOST_GROWTH_N and (is_pushed or is_larger) else None
+
+
+def _is_mostly_negative(trace: Trace) -> bool:
+    """Whether force is negative over more of the lift than positive, by area: thrice as much."""
+    size = Trace(trace.time_s, trace.lift_mm, np.abs(trace.force_n))
+    return work_j(trace) < -0.5 * work_j(size)
 
 
 def work_j(trace: Trace) -> float:

@@ -68,6 +68,15 @@ def test_fingers_may_push_the_object_down_until_they_leave_it(folder: Path, lake
     assert [row["peak_force_n"] for row in lake.rows(GraspRow)] == [0.02, 0.02]
 
 
+def test_a_pull_counted_downwards_after_a_push_is_refused(folder: Path, lake: Lake) -> None:
+    rows = read_csv(folder / "traces.csv")
+    force_n = {0.0: "6", 0.1: "5.5", 1 / 3: "0.5", 2.0: "-9"}  # by lift: the peak is 5.5 N, the work -6 mJ
+    write_csv(folder / "traces.csv", [row | {"force_n": force_n[float(row["lift_mm"])]} for row in rows])
+    with pytest.raises(HandoffError, match="the pull is counted downwards"):
+        import_handoff(lake, folder, PROVENANCE)
+    assert lake.rows(GraspRow) == []
+
+
 def test_a_pull_may_end_in_a_kick_that_is_larger_than_itself(folder: Path, lake: Lake) -> None:
     rows = read_csv(folder / "traces.csv")
     tops = {row["grasp_id"]: row for row in rows}

@@ -1,8 +1,8 @@
 """A simulator version, everything that decides a simulated number, and the tiers that come with the program."""
 
-from typing import Literal
+from typing import Any, Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from fast.models.errors import UsageError
 from fast.models.ids import content_id
@@ -58,6 +58,13 @@ class SimulatorVersion(GivenRecord):
     tier: Tier = "production"
     fem_version: str = "4"
     """Of the code: what it simulates is comparable only within one."""
+
+    @field_validator("tier", mode="before")
+    @classmethod
+    def _name_usable_tiers(cls, tier: Any) -> Any:
+        if tier not in get_args(Tier):
+            raise ValueError(f"it must be {' or '.join(TIERS)}; change it.")
+        return tier
 
     @property
     def version_id(self) -> str:

@@ -114,7 +114,7 @@ def test_a_batch_to_measure_shows_its_tools() -> None:
         (lambda: fast.Theta(friction=9), "Theta: `friction` is 9, it must be at most 2.0; change it."),
         (
             lambda: fast.SimulatorVersion(tier="fine"),
-            "SimulatorVersion: `tier` is 'fine', it must be 'screening', 'production' or 'reference'; change it.",
+            "SimulatorVersion: `tier` is 'fine': it must be production or reference; change it.",
         ),
         (
             lambda: make_object(object_class="elipsoid"),

@@ -345,10 +345,12 @@ def test_own_objects_of_a_config_are_found_where_it_names_them(tmp_path, monkeyp
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     lake = Lake.open(tmp_path / "lake", create=True)
     assert start.check_config(lake, text, "own.toml").faults == ()
-    kept = load_config(configs.keep_config(lake, text, "own.toml", "mine")).objects
+    path = configs.keep_config(lake, text, "own.toml", "mine")
+    kept = load_config(path).objects
     assert kept.files == (str(folder / "rods" / "lab's.toml"), str(folder / "thin.toml"))
     assert kept.file_ids == dict(zip(kept.files, numbers.values(), strict=True))
-    assert start.check_config(lake, configs.read_config(lake, "lake/mine.toml"), "lake/mine.toml").faults == ()
+    name = f"lake/{path.name}"
+    assert start.check_config(lake, configs.read_config(lake, name), name).faults == ()
 
 
 def test_the_virtual_bench_is_that_of_the_campaign_else_of_the_lab(tmp_path, monkeypatch):

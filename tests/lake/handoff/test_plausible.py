@@ -3,17 +3,20 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
 from fast.lake.handoff.export_folder import export_handoff
 from fast.lake.handoff.import_folder import Origin, import_handoff
-from fast.lake.handoff.tables import HandoffError
+from fast.lake.handoff.samples import check_samples
+from fast.lake.handoff.tables import HandoffError, Reader
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ObjectRow
 from fast.models.errors import UsageError
 from fast.models.objects import catalogue
 from fast.models.objects.own import object_of_mesh
+from fast.models.records import Trace
 from tests.flows.cli.cli_lakes import Fast
 from tests.lake.handoff.handoff_folder import PROVENANCE, good_folder, read_csv, write_csv
 
@@ -75,6 +78,18 @@ def test_a_pull_counted_downwards_after_a_push_is_refused(folder: Path, lake: La
     with pytest.raises(HandoffError, match="the pull is counted downwards"):
         import_handoff(lake, folder, PROVENANCE)
     assert lake.rows(GraspRow) == []
+
+
+@pytest.mark.parametrize("n_down", [1, 2])
+def test_one_in_twenty_simulated_fingers_may_push_alone(tmp_path: Path, n_down: int) -> None:
+    """So do some of FAST's own, which it must read back; of another sign are many."""
+    lift_mm = np.linspace(0.0, 10.0, 40)
+    up = Trace(lift_mm / 5.0, lift_mm, np.sin(lift_mm / 10.0 * np.pi) * 9.0)
+    down = Trace(lift_mm / 5.0, lift_mm, -up.force_n)
+    traces = {f"S{place}": ([1] * 40, down if place < n_down else up) for place in range(20)}
+    reader = Reader(tmp_path)
+    check_samples(reader, {key: (place, {"fidelity": "sim"}) for place, key in enumerate(traces)}, traces)
+    assert len(reader.faults) == (0 if n_down == 1 else 2)
 
 
 def test_a_pull_may_end_in_a_kick_that_is_larger_than_itself(folder: Path, lake: Lake) -> None:

@@ -76,7 +76,6 @@ def test_an_object_that_is_missing_fails_its_grasp_and_the_plan_goes_on(controll
         ("protective on", DeviceError, "protective stop"),
         ("power off", DeviceError, "brakes are closed"),
         ("safeguard on", DeviceError, r"stopped by its safety system \(status 0x11\)"),
-        ("pause", DeviceError, "paused on the pendant"),
     ],
 )
 def test_a_stop_of_the_controller_is_a_sentence_and_keeps_the_grasp(controller, command, error, words):
@@ -92,19 +91,23 @@ def test_a_stop_of_the_controller_is_a_sentence_and_keeps_the_grasp(controller, 
     assert [(g.status, g.details["end"]) for g in grasps] == [("ok", "separated"), ("failed", BENCH_FAULT)]
 
 
-def test_a_door_that_closes_again_starts_nothing(controller):
-    """A safeguard stop ends by itself: what it interrupted must not go on then."""
+@pytest.mark.parametrize(
+    ("command", "ends_by", "words"),
+    [("safeguard on", "safeguard off", "safety system"), ("pause", "state", "paused on the pendant")],
+)
+def test_what_interrupts_a_motion_and_ends_again_starts_nothing(controller, command, ends_by, words):
+    """A safeguard stop ends as the door is closed, a pause by *play*: what they interrupted must not go on then."""
     n_motions = count(1)
 
-    def open_door() -> None:
+    def interrupt() -> None:
         if next(n_motions) == 3:  # the way down to the tool
-            threading.Timer(0.02, controller.tell, ["safeguard on"]).start()
+            threading.Timer(0.02, controller.tell, [command]).start()
 
     with open_arm_bench(controller.settings, TOOLS) as bench:
-        bench.set_leave(open_door)
-        with pytest.raises(DeviceError, match="safety system"):
+        bench.set_leave(interrupt)
+        with pytest.raises(DeviceError, match=words):
             measure(bench, [(0, 0)])
-    stopped = controller.tell("safeguard off")
+    stopped = controller.tell(ends_by)
     assert stopped["z_mm"] > controller.settings.rack_mm[3][2] + 1.0, "it was on its way"
     time.sleep(0.5)
     assert controller.tell("state") == stopped

@@ -113,6 +113,20 @@ def test_an_effect_that_explains_all_when_fitted_in_full_is_an_alarm() -> None:
     assert alarm == Alarm(True, pytest.approx(0.95), pytest.approx(2.0 * SURE_NATS / LEAST_NATS))
 
 
+def test_an_alarm_of_a_full_fit_decides_but_beside_another_simulator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = Alarm(True, 0.9, 1.2)
+    monkeypatch.setattr(weigh, "find_alarm", lambda naming, rehearsal: given)
+    lake = small_lake(tmp_path / "lake", 2)
+    assert weigh_panel(lake, ORDER, silent()).naming.alarm == given
+    monkeypatch.setattr(weigh, "FEW_CELLS", 1)
+    assert weigh_panel(lake, ORDER, silent()).naming.alarm != given
+    monkeypatch.setattr(weigh, "FEW_CELLS", 2)
+    file = write_simulated(tmp_path / "own.csv", lake, BASE, 2)
+    assert weigh_panel(lake, ORDER, silent(), file).naming.alarm != given
+
+
 def test_what_explains_little_is_not_called_alike_and_evidence_is_explained(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -20,10 +20,10 @@ _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
 _WORLDS = 120  # that are rehearsed
 _EVIDENCE = (
-    "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1); another "
-    "simulator of the same physics, with nothing missing, rarely shows more than 45, so less is no alarm by itself, "
-    "but cells that are too far off as a whole are; that is evidence before an effect is fitted in full, here is what "
-    "shows after it, which may be more: on up to 20 cells more than 90 are an alarm, too"
+    "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1). The table "
+    "has it after each effect was fitted in full. Before that, another simulator of the same physics, with nothing "
+    "missing, rarely shows more than 45: more is an alarm, and so are cells that are too far off as a whole. On up to "
+    "20 cells more than 90 after the full fit is an alarm, too."
 )
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "

@@ -19,11 +19,11 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.gap.ask.choose import ENOUGH_NATS
 from fast.models.gap.data import GapData
-from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse_panel
+from fast.models.gap.evidence.rehearsal import rehearse_panel
 from fast.models.gap.evidence.trials import Trial
 from fast.models.gap.findings import NextExperiment
 from fast.models.gap.grasps import Grasps
-from fast.models.gap.naming.name import Alarm, NamingResult, name_effect
+from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.simulated import Beside, stand_beside
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
@@ -43,9 +43,6 @@ from fast.tasks.gap.trace_rows import designs_of, measured_grasps
 from fast.tasks.simulation.plan import SimulationPlan
 
 _MOST_ROWS = 8
-# On so few cells an effect that is fitted in full has up to 76 nats where another solver's grasps hide nothing (420
-# worlds), while its evidence at the fit without it may be too little for an alarm: the constants go where it lets them.
-FEW_CELLS, SURE_NATS = 20, 90.0
 _UNIT_TOLERANCE = 0.1  # of the logarithm of a modulus
 _FORCE_TOLERANCE = np.log(2.0)  # what is missing changes forces, too
 _ALIKE = "These cannot be told apart here"
@@ -189,8 +186,6 @@ def _weigh(
     data = data if beside is None else beside.data
     rehearsal = rehearse_panel(data, (), order.rehearsed, order.settings.workers or 1, reporter.progress)
     naming = name_effect(data, rehearsal)
-    if beside is None and cells.is_wanted.sum() <= FEW_CELLS and (alarm := find_alarm(naming, rehearsal)) is not None:
-        naming = name_effect(data, rehearsal, alarm=alarm)
     search = SearchInputs(
         lake=lake,
         gap_id="",
@@ -203,15 +198,6 @@ def _weigh(
         progress=reporter.progress,
     )
     return Weighed(data.grasps, naming, ask(search, naming, order.most_asked), tuple(warnings), beside)
-
-
-def find_alarm(naming: NamingResult, rehearsal: Rehearsal) -> Alarm | None:
-    """An alarm by an effect that was fitted in full, where the evidence at the fit without it raised none."""
-    nats = max((one.nats for one in naming.trials.tried), default=0.0)
-    if naming.alarm.is_raised or nats <= max(SURE_NATS, rehearsal.nats_line):
-        return None
-    size = nats, naming.trials.fit.omnibus
-    return Alarm(True, rehearsal.judge_gap(*size), rehearsal.measure_over_line(*size))
 
 
 def _write_cost(lake: Lake, order: GapOrder, plans: Sequence[SimulationPlan], reporter: ProgressReporter) -> str:

@@ -2,16 +2,15 @@
 
 from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.evidence.rehearsal import Rehearsal, Rehearsed
-from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS
+from fast.models.gap.evidence.trials import LEAST, Signs
 
 USUAL = Rehearsal(
     worlds=(
-        *[Rehearsed("nothing", 5.0, 1.0)] * 60,
-        *[Rehearsed("listed", 20.0, 1.0, size=0.02)] * 15,
-        *[Rehearsed("listed", 300.0, 1.0, size=0.1)] * 45,
+        *[Rehearsed("nothing", Signs(5.0, 1.0))] * 60,
+        *[Rehearsed("listed", Signs(20.0, 1.0), size=0.02)] * 15,
+        *[Rehearsed("listed", Signs(300.0, 1.0), size=0.1)] * 45,
     ),
-    nats_line=LEAST_NATS,
-    omnibus_line=LEAST_OMNIBUS,
+    lines=LEAST,
     name=Odds((-5.3, 1.6, -1.8, 0.0, -2.2)),  # without the next family, which small catalogues lack
     behind=0.1,
     possible_name=0.6,

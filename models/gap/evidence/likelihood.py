@@ -25,14 +25,16 @@ from fast.models.records import EffectValue, GraspContext
 
 SHARED_SD = 0.005  # of the force: a smooth error over the lift that all grasps share
 LARGEST_SOLVER = 2.0  # how many times larger than the bank's variants a simulator's errors may be, and still be errors
-_N_STEPS, _N_TRIAL = 7, 5  # of Gauss-Newton, of a fit and of one with an effect more
+_MOST_STEPS = 20  # of Gauss-Newton
+_STILL_NATS, _STILL = 0.05, 0.1  # it ends where a step changes evidence, and ln of amplitudes, by less
 THETA_STEPS = (0.02, 0.01)  # of finite differences in friction and Poisson's ratio
 _LARGEST = np.array([0.5, 0.1, 0.05])  # step of ln E, friction, Poisson's ratio
 _PRIOR_SD = np.array([3.0, 0.5, 0.15])  # of the same from where the fit began: next to none
 _LEAST_REPEAT, _CELL = 0.002, (0.01, 0.05)  # ends of estimated scatters
 _AMPLITUDE_SD = 0.7  # of ln of an effect's amplitude about its start
+_LARGER = 0.1  # step of ln of an amplitude, of a finite difference
 _FINE = 1e-3  # step of the same, of a finite difference
-_LARGEST_AMPLITUDE = 0.5  # step of the same
+_LARGEST_AMPLITUDE, _SHORTER = 1.0, 0.85  # first step of the same, and by what factor each next one is shorter at least
 _AMPLITUDES = (0.05, 1.7)  # of where an effect starts: farther it is not fitted
 
 
@@ -115,10 +117,10 @@ class EvidenceFit:
 
     theta: 3; began: 3, about which it is held. moduli: t, ln of each print's modulus over Young's. scales: amplitudes
     of the problem's effects over those they were given with. nats: log of the evidence, to be compared with that of
-    another fit of the same data. force_n: c x b, as predicted. weights: c, how much each cell counts. columns: k x d,
-    whitened, of what is free, with prior standard deviation 1. gap: d, what is measured less what is predicted,
-    whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per value by the bank's own errors.
-    mean_roots, contrast_roots: whiten means and contrasts.
+    another fit of the same data; cell_nats: c, the cells' part of it. force_n: c x b, as predicted. weights: c, how
+    much each cell counts. columns: k x d, whitened, of what is free, with prior standard deviation 1. gap: d, what is
+    measured less what is predicted, whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per
+    value by the bank's own errors. mean_roots, contrast_roots: whiten means and contrasts.
     """
 
     problem: Problem
@@ -128,6 +130,7 @@ class EvidenceFit:
     moduli: np.ndarray
     scales: np.ndarray
     nats: float
+    cell_nats: np.ndarray
     force_n: np.ndarray
     weights: np.ndarray
     columns: np.ndarray
@@ -220,11 +223,11 @@ def _spread_weights(weights: np.ndarray, n: int) -> np.ndarray:
 
 def fit_evidence(problem: Problem) -> EvidenceFit:
     """Theta, moduli and the simulator's errors at the most probable point, with scatters as the data have them."""
-    fit = _fit(problem, Scatter(), _start(problem), _N_STEPS)
+    fit = _fit(problem, Scatter(), _start(problem))
     scatter = Scatter(_estimate_cell(fit), _estimate_repeat(fit), 1.0)
-    fit = _fit(problem, scatter, _Start.of(fit), 3)
+    fit = _fit(problem, scatter, _Start.of(fit))
     solver = float(np.clip(np.sqrt(fit.omnibus), 1.0, LARGEST_SOLVER))
-    found = _fit(problem, replace(scatter, solver=solver), _Start.of(fit), 3)
+    found = _fit(problem, replace(scatter, solver=solver), _Start.of(fit))
     return replace(found, misfit=fit.misfit)
 
 
@@ -232,7 +235,7 @@ def add_effect(fit: EvidenceFit, value: EffectValue) -> EvidenceFit:
     """The fit with one more effect in the simulator, everything fitted again but scatters; value: where it starts."""
     problem = replace(fit.problem, effects=(*fit.problem.effects, value))
     start = _Start.of(fit)
-    return _fit(problem, fit.scatter, replace(start, scales=np.append(start.scales, 1.0)), _N_TRIAL)
+    return _fit(problem, fit.scatter, replace(start, scales=np.append(start.scales, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,54 +262,70 @@ def _start(problem: Problem) -> _Start:
     return _Start(theta, theta, moduli, weights, np.ones(len(problem.effects)))
 
 
-def _fit(problem: Problem, scatter: Scatter, start: _Start, n_steps: int) -> EvidenceFit:
-    """Gauss-Newton; the last two steps change weights alone."""
-    bank, errors, reading, tool = problem.surrogate.bank, problem.errors, problem.reading, problem.tool
-    low, high = bank.grid.min(axis=0), bank.grid.max(axis=0)
-    theta, moduli, weights, scales = start.theta.copy(), start.moduli, start.weights, start.scales
-    t = len(moduli)
-    for step in range(n_steps):
-        factor, effects = np.exp(moduli)[tool][:, None], problem.scale_effects(scales)
-        force_n = problem.predict_means(theta, effects) * factor
-        columns, contrast_columns = _list_columns(problem, theta, effects, force_n, factor)
-        contrast_n = problem.predict_cells(theta) @ OF_CONTRASTS.T * factor
-        roots = _invert(errors.cover_means(force_n, reading.n_repeats, scatter))
-        contrast_roots = _invert(errors.cover_contrasts(contrast_n[reading.of_cell], scatter))
-        from_prior = np.zeros(len(columns))
-        from_prior[:3] = np.array([np.log(theta[0] / start.began[0]), *(theta[1:] - start.began[1:])]) / _PRIOR_SD
-        from_prior[3 : 3 + t] = moduli / TOOL_SD
-        gap = np.einsum("cij,cj->ci", roots, problem.means_n - force_n)
-        known_n = problem.predict_contrasts(theta, effects)
-        of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
-        white = np.einsum("cij,kcj->kci", roots, columns).reshape(len(columns), -1)
-        white_contrasts = np.einsum("rij,krj->kri", contrast_roots, contrast_columns).reshape(len(columns), -1)
-        of_facts, white_facts, fact_weights = _list_facts(problem, effects, scales, len(columns))
-        white = np.concatenate([white, white_contrasts, white_facts], axis=1)
-        all_gap = np.concatenate([gap.ravel(), of_contrasts, of_facts])
-        heavy = white * _spread_weights(weights, len(all_gap))
-        precision = heavy @ white.T + np.eye(len(white))
-        moved = np.linalg.solve(precision, heavy @ all_gap - from_prior)
-        left = all_gap - moved @ white
-        chi = (left[: gap.size].reshape(gap.shape) ** 2).sum(axis=1)
-        if step < n_steps - 1:
-            weights = _weigh_cells(chi)
-        if step < n_steps - 2:
-            by = np.clip(moved[:3] * _PRIOR_SD, -_LARGEST, _LARGEST)
-            theta[0] *= np.exp(by[0])
-            theta[1:] = np.clip(theta[1:] + by[1:], low, high)
-            moduli = moduli + TOOL_SD * moved[3 : 3 + t]
-            own = _AMPLITUDE_SD * moved[len(moved) - len(scales) :]
-            own = np.clip(own, -_LARGEST_AMPLITUDE, _LARGEST_AMPLITUDE)
-            scales = np.clip(scales * np.exp(own), *_AMPLITUDES)
+def _fit(problem: Problem, scatter: Scatter, start: _Start) -> EvidenceFit:
+    """Gauss-Newton until the evidence stands still."""
+    before, largest = -np.inf, _LARGEST_AMPLITUDE
+    for _ in range(_MOST_STEPS):
+        found, moved = _weigh(problem, scatter, start)
+        start = _move(found, moved, largest)
+        by = np.abs(np.log(start.scales / found.scales)).max(initial=0.0)
+        if abs(found.nats - before) < _STILL_NATS and by < _STILL:
+            break
+        before, largest = found.nats, _SHORTER * largest
+    return found
+
+
+def _move(fit: EvidenceFit, moved: np.ndarray, largest: float) -> _Start:
+    """Where the next step begins. moved: k, of what is free; largest: change of ln of an amplitude."""
+    grid, n_effects = fit.problem.surrogate.bank.grid, len(fit.scales)
+    by = np.clip(moved[:3] * _PRIOR_SD, -_LARGEST, _LARGEST)
+    inside = np.clip(fit.theta[1:] + by[1:], grid.min(axis=0), grid.max(axis=0))
+    own = np.clip(_AMPLITUDE_SD * moved[len(moved) - n_effects :], -largest, largest)
+    return _Start(
+        theta=np.array([fit.theta[0] * np.exp(by[0]), *inside]),
+        began=fit.began,
+        moduli=fit.moduli + TOOL_SD * moved[3 : 3 + len(fit.moduli)],
+        weights=_weigh_cells(fit.misfit * N_BINS),
+        scales=np.clip(fit.scales * np.exp(own), *_AMPLITUDES),
+    )
+
+
+def _weigh(problem: Problem, scatter: Scatter, start: _Start) -> tuple[EvidenceFit, np.ndarray]:
+    """The evidence as it is linear about the start, and how far what is free would go from there (k)."""
+    errors, reading, tool = problem.errors, problem.reading, problem.tool
+    theta, moduli, weights, scales = start.theta, start.moduli, start.weights, start.scales
+    factor, effects = np.exp(moduli)[tool][:, None], problem.scale_effects(scales)
+    force_n = problem.predict_means(theta, effects) * factor
+    columns, contrast_columns = _list_columns(problem, theta, effects, force_n, factor)
+    contrast_n = problem.predict_cells(theta) @ OF_CONTRASTS.T * factor
+    roots = _invert(errors.cover_means(force_n, reading.n_repeats, scatter))
+    contrast_roots = _invert(errors.cover_contrasts(contrast_n[reading.of_cell], scatter))
+    from_prior = np.zeros(len(columns))
+    from_prior[:3] = np.array([np.log(theta[0] / start.began[0]), *(theta[1:] - start.began[1:])]) / _PRIOR_SD
+    from_prior[3 : 3 + len(moduli)] = moduli / TOOL_SD
+    gap = np.einsum("cij,cj->ci", roots, problem.means_n - force_n)
+    known_n = problem.predict_contrasts(theta, effects)
+    of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
+    white = np.einsum("cij,kcj->kci", roots, columns).reshape(len(columns), -1)
+    white_contrasts = np.einsum("rij,krj->kri", contrast_roots, contrast_columns).reshape(len(columns), -1)
+    of_facts, white_facts, fact_weights = _list_facts(problem, effects, scales, len(columns))
+    white = np.concatenate([white, white_contrasts, white_facts], axis=1)
+    all_gap = np.concatenate([gap.ravel(), of_contrasts, of_facts])
+    heavy = white * _spread_weights(weights, len(all_gap))
+    precision = heavy @ white.T + np.eye(len(white))
+    moved = np.linalg.solve(precision, heavy @ all_gap - from_prior)
+    left = all_gap - moved @ white
+    chi = (left[: gap.size].reshape(gap.shape) ** 2).sum(axis=1)
+    cell_nats = -0.5 * (TAILS + N_BINS) * np.log1p(chi / TAILS)
     nats = float(
-        -0.5 * (TAILS + N_BINS) * np.log1p(chi / TAILS).sum()
+        cell_nats.sum()
         - 0.5 * (left[gap.size :][: of_contrasts.size] ** 2).sum()
         + weigh_rest(left[gap.size + of_contrasts.size :] / fact_weights)
         - 0.5 * ((from_prior + moved) ** 2).sum()
         - 0.5 * np.linalg.slogdet(precision)[1]
         + sum(np.log(np.diagonal(one, axis1=1, axis2=2)).sum() for one in (roots, contrast_roots))
     )
-    return EvidenceFit(
+    found = EvidenceFit(
         problem=problem,
         scatter=scatter,
         theta=theta,
@@ -314,6 +333,7 @@ def _fit(problem: Problem, scatter: Scatter, start: _Start, n_steps: int) -> Evi
         moduli=moduli,
         scales=scales,
         nats=nats,
+        cell_nats=cell_nats,
         force_n=force_n,
         weights=weights,
         columns=white,
@@ -323,6 +343,7 @@ def _fit(problem: Problem, scatter: Scatter, start: _Start, n_steps: int) -> Evi
         mean_roots=roots,
         contrast_roots=contrast_roots,
     )
+    return found, moved
 
 
 def _list_facts(
@@ -380,9 +401,11 @@ def _list_columns(
         others = [*effects[:place], *effects[place + 1 :]]
         change_n = force_n - factor * problem.predict_means(theta, others)
         columns.append(list_law_changes(problem.tool, len(grasps.tools), force_n, change_n))
-        own_n.append(_AMPLITUDE_SD * change_n)
+        larger = [*effects[:place], scale_value(value, np.exp(_LARGER)), *effects[place + 1 :]]
+        more_n = factor * problem.predict_means(theta, larger) - force_n
+        own_n.append(_AMPLITUDE_SD / _LARGER * more_n)
         own_contrasts_n.append(
-            _AMPLITUDE_SD * (contrasts_n - problem.predict_contrasts(theta, others))
+            _AMPLITUDE_SD / _LARGER * (problem.predict_contrasts(theta, larger) - contrasts_n)
             if has_memory(value.effect)
             else np.zeros_like(contrasts_n)
         )

@@ -5,7 +5,7 @@ the lab's own tools, objects, repeats and noise.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.drifts import find_effect
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.odds import Odds
-from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS, N_DESCRIBED, Trials
+from fast.models.gap.evidence.trials import LEAST, N_DESCRIBED, Signs, Trials
 from fast.models.gap.evidence.worlds import DRIFTS, LARGEST, NOTHING, SMALLEST, Group, World, make_world
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
@@ -45,15 +45,14 @@ class Named:
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """What the likelihood said of a world: the largest evidence of any candidate, and how much is left as a whole.
+    """What the likelihood said of a world.
 
     cause, family, size: of what is hidden, the family empty where the catalogue has none. named: the name of an alarm;
     left_out: the one that it would have had the catalogue nothing of the family that is hidden.
     """
 
     group: Group
-    nats: float
-    omnibus: float
+    signs: Signs
     cause: str = ""
     family: str = ""
     size: float = 0.0
@@ -81,15 +80,14 @@ class FamilyTold:
 class Rehearsal:
     """Rehearsed worlds, and what is learnt from them.
 
-    nats_line, omnibus_line: beyond which evidence and what is left are an alarm. name: odds that the family of a name
+    lines: beyond which signs are an alarm. name: odds that the family of a name
     is right, of `Trials.describe`. behind: how much less evidence than the best, as a share of it, the true effect has
     at most, nine times in ten. possible_name, possible_unknown: probabilities of a name from which on it is not
     excluded, and up to which *unknown* is not; nine in ten of each kind are kept.
     """
 
     worlds: tuple[Rehearsed, ...]
-    nats_line: float
-    omnibus_line: float
+    lines: Signs
     name: Odds
     behind: float
     possible_name: float
@@ -98,7 +96,6 @@ class Rehearsal:
     @staticmethod
     def of(worlds: Sequence[Rehearsed]) -> "Rehearsal":
         """Lines are those that one in a hundred worlds with nothing hidden passes, each: the largest of fewer."""
-        lines = _draw_line(worlds, "nats", LEAST_NATS), _draw_line(worlds, "omnibus", LEAST_OMNIBUS)
         listed = [one.named for one in worlds if one.family and one.named is not None]
         others = [one.named for one in worlds if not one.family and one.named is not None]
         others += [one.left_out for one in worlds if one.left_out is not None]
@@ -108,8 +105,7 @@ class Rehearsal:
         behind = [one.behind for one in listed if one.is_right and one.behind is not None]
         return Rehearsal(
             worlds=tuple(worlds),
-            nats_line=lines[0],
-            omnibus_line=lines[1],
+            lines=Signs(**{one.name: _draw_line(worlds, one.name) for one in fields(Signs)}),
             name=name,
             behind=max(float(np.quantile(behind, SEEN)) if behind else 0.0, LEAST_BEHIND),
             possible_name=float(np.quantile(right, 1.0 - SEEN)) if right else 0.0,
@@ -119,24 +115,20 @@ class Rehearsal:
     @property
     def suspicion_line(self) -> float:
         """Evidence that one in ten worlds with nothing hidden passes; what has more is worth a question, not a name."""
-        nothing = [one.nats for one in self.worlds if one.group == NOTHING]
-        return float(np.quantile(nothing, SEEN)) if nothing else self.nats_line
+        nothing = [one.signs.nats for one in self.worlds if one.group == NOTHING]
+        return float(np.quantile(nothing, SEEN)) if nothing else self.lines.nats
 
-    def is_alarm(self, nats: float, omnibus: float) -> bool:
+    def is_alarm(self, signs: Signs) -> bool:
         """Whether a world with these is more than what honest simulators differ by."""
-        return nats > self.nats_line or omnibus > self.omnibus_line
+        return signs.measure_over(self.lines) > 1.0
 
-    def measure_over_line(self, nats: float, omnibus: float) -> float:
-        """How many times over its line the evidence, or what is left, is."""
-        return max(nats / self.nats_line, omnibus / self.omnibus_line)
-
-    def judge_gap(self, nats: float, omnibus: float) -> float:
+    def judge_gap(self, signs: Signs) -> float:
         """Probability that something is hidden in a world with these: the share of worlds on its side of the lines.
 
         As many hide something as not.
         """
-        is_alarm = self.is_alarm(nats, omnibus)
-        same = [one for one in self.worlds if self.is_alarm(one.nats, one.omnibus) == is_alarm]
+        is_alarm = self.is_alarm(signs)
+        same = [one for one in self.worlds if self.is_alarm(one.signs) == is_alarm]
         return (sum(one.group != NOTHING for one in same) + 0.5) / (len(same) + 1.0)
 
     def tell_families(self) -> list["FamilyTold"]:
@@ -144,7 +136,7 @@ class Rehearsal:
         found = []
         for family in sorted({one.family for one in self.worlds if one.family}):
             own = [one for one in self.worlds if one.family == family]
-            alarms = [one for one in own if self.is_alarm(one.nats, one.omnibus)]
+            alarms = [one for one in own if self.is_alarm(one.signs)]
             names = [self._tell_name(one) for one in alarms]
             others = [name for name in names if name not in (family, "")]
             found.append(
@@ -174,7 +166,7 @@ class Rehearsal:
         hidden = [one for one in self.worlds if one.group != NOTHING]
         if len(hidden) < FEWEST_HIDDEN:
             return None
-        alarms = [self.is_alarm(one.nats, one.omnibus) for one in hidden]
+        alarms = [self.is_alarm(one.signs) for one in hidden]
         odds = Odds.learn(_scale_sizes(np.array([one.size for one in hidden])), alarms)
         sizes = np.geomspace(LARGEST, SMALLEST, _N_SIZES)
         seen = np.cumsum([odds.judge(row) for row in _scale_sizes(sizes)]) / np.arange(1, _N_SIZES + 1)
@@ -195,7 +187,7 @@ class Rehearsal:
                 f"simulator's constants make up for, is seen in nine of ten of {made}."
             )
         large = [one for one in hidden if one.size >= LARGE]
-        n_seen = sum(self.is_alarm(one.nats, one.omnibus) for one in large)
+        n_seen = sum(self.is_alarm(one.signs) for one in large)
         return (
             f"Much could still hide: even of causes of {spell_share(LARGE)} of the force or more, {n_seen} of "
             f"{len(large)} are seen in {made}."
@@ -248,12 +240,11 @@ def rehearse_world(panel: Panel, number: int) -> Rehearsed:
     world = make_world(panel.problem, names, np.random.default_rng([panel.seed, number]), number)
     fit = fit_evidence(panel.problem.measured(world.steps_n, world.facts))
     weighed = weigh_candidates(fit, names)
-    own = _find_family(panel.families, world)
-    said = Rehearsed(world.group, weighed[0].nats, fit.omnibus, world.cause, own, world.size)
+    own, trials = _find_family(panel.families, world), Trials.of(fit, weighed, panel.families)
+    said = Rehearsed(world.group, trials.signs, world.cause, own, world.size)
     # A name is asked for where the real panel would: beyond the least lines at least.
-    if world.group == NOTHING or (said.nats < LEAST_NATS and said.omnibus < LEAST_OMNIBUS):
+    if world.group == NOTHING or trials.signs.measure_over(LEAST) < 1.0:
         return said
-    trials = Trials.of(fit, weighed, panel.families)
     left_out = _name(trials.without(own), panel.families, world) if own else None
     return replace(said, named=_name(trials, panel.families, world), left_out=left_out)
 
@@ -278,8 +269,9 @@ def _find_family(families: Mapping[str, str], world: World) -> str:
     return families.get(cause, "")
 
 
-def _draw_line(worlds: Sequence[Rehearsed], name: str, least: float) -> float:
-    values = sorted((getattr(one, name) for one in worlds if one.group == NOTHING), reverse=True)
+def _draw_line(worlds: Sequence[Rehearsed], name: str) -> float:
+    values = sorted((getattr(one.signs, name) for one in worlds if one.group == NOTHING), reverse=True)
+    least: float = getattr(LEAST, name)
     return max(values[int(FALSE_SHARE * len(values))], least) if values else least
 
 

@@ -127,12 +127,12 @@ class Decider:
     def _find_pattern(self) -> Candidate | None:
         """The pattern or drift with most evidence, if that is an alarm of its own."""
         best = next((one for one in self.trials.weighed if one.kind != "effect"), None)
-        return best if best is not None and best.nats > self.rehearsal.nats_line else None
+        return best if best is not None and best.nats > self.rehearsal.lines.nats else None
 
     def _find_drift(self) -> str:
         """What repeats of the same grasps differ by, in words, where most of the evidence is theirs."""
         best = self.trials.weighed[0]
-        return _tell_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.nats_line else ""
+        return _tell_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.lines.nats else ""
 
     def _find_most(self, change_n: np.ndarray) -> str:
         """Where it is largest: the object and the tool with the largest mean of its squares."""

@@ -102,13 +102,13 @@ def name_effect(
     families = {name: CATALOGUE[name].family for name in names if name not in taken}
     evidence = fit_evidence(Problem.of(usable, fit.effects, data.facts))
     weighed = weigh_candidates(evidence, list(families))
+    trials = Trials.of(evidence, weighed, families)
     if alarm is None:
-        size = weighed[0].nats, evidence.omnibus
-        alarm = Alarm(rehearsal.is_alarm(*size), rehearsal.judge_gap(*size), rehearsal.measure_over_line(*size))
-    trials = Trials(evidence, tuple(weighed), ())
+        over_line = trials.signs.measure_over(rehearsal.lines)
+        alarm = Alarm(over_line > 1.0, rehearsal.judge_gap(trials.signs), over_line)
     evident = max((one.nats for one in weighed if one.kind == "effect"), default=0.0)
-    if alarm.is_raised or evident > rehearsal.suspicion_line:
-        trials = Trials.of(evidence, weighed, families).look_after_best(families)
+    is_suspicious = alarm.is_raised or evident > rehearsal.suspicion_line
+    trials = trials.look_after_best(families) if is_suspicious else Trials(evidence, tuple(weighed), ())
     decider = Decider(rehearsal, trials, fit)
     named, name = decider.decide(alarm.gap, alarm.is_raised)
     return NamingResult(

@@ -26,7 +26,7 @@ from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake, plan_rows
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.1})
-WEAK = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.05})  # too weak for an alarm
+WEAK = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.045})  # too weak for an alarm
 ORDINARY = GraspSetup()
 ORDER = GapOrder("demo", rounds=1, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 pytestmark = pytest.mark.timeout(600)

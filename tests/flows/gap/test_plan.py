@@ -15,6 +15,7 @@ from fast.lake.store import Lake
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
 from fast.models.gap.evidence.rehearsal import Rehearsal, Rehearsed
+from fast.models.gap.evidence.trials import Signs
 from fast.models.gap.evidence.visible import VisibleSize, _is_alike
 from fast.models.records import EffectValue
 from fast.tasks.campaign.campaign import Campaign
@@ -50,7 +51,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def rehearse(data: GapData, *_: Any) -> Rehearsal:
         seen.append(data)
         assert data.usable.grasps.steps_n.shape == (3 * 3 * 2, 120)
-        return Rehearsal.of([Rehearsed("listed", 10.0 * n, 1.0, size=0.01 * n) for n in range(1, 21)])
+        return Rehearsal.of([Rehearsed("listed", Signs(10.0 * n, 1.0), size=0.01 * n) for n in range(1, 21)])
 
     monkeypatch.setattr(plan, "simulate_missing", simulate)
     monkeypatch.setattr(plan, "rehearse_panel", rehearse)
@@ -84,7 +85,7 @@ def test_a_size_says_all_that_it_holds_for() -> None:
 def test_a_panel_that_nobody_gave_a_size_is_no_larger_than_the_campaign(
     config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = Rehearsal.of([Rehearsed("listed", 10.0 * n, 1.0, size=0.01 * n) for n in range(1, 21)])
+    seen = Rehearsal.of([Rehearsed("listed", Signs(10.0 * n, 1.0), size=0.01 * n) for n in range(1, 21)])
     monkeypatch.setattr(plan, "rehearse_panel", lambda *_: seen)
     outlook = look_ahead(Lake.open(tmp_path / "lake", create=True), config, None, None, 20, 1, SILENT)
     assert (len(outlook.tools), len(outlook.objects)) == (4, 4)

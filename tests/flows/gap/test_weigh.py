@@ -5,8 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ import pytest
 from fast.flows.cli.common import table_text
 from fast.flows.gap import search, weigh
 from fast.flows.gap.search import GapOrder, describe_cpu
-from fast.flows.gap.weigh import SURE_NATS, describe_cost, find_alarm, is_small, weigh_panel
+from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
 from fast.flows.progress import ProgressReporter
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, GraspRow, SimulationRow, TraceRow
@@ -22,10 +21,6 @@ from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
 from fast.models.gap.evidence.candidates import weigh_candidates, weigh_quantities
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
-from fast.models.gap.evidence.rehearsal import Rehearsal, Rehearsed
-from fast.models.gap.evidence.trials import LEAST_NATS
-from fast.models.gap.evidence.worlds import NOTHING
-from fast.models.gap.naming.name import Alarm, NamingResult
 from fast.models.records import EffectValue, Trace
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.mean_data import TooLittleDataError
@@ -95,36 +90,6 @@ def test_one_finger_on_two_objects_is_a_panel(tmp_path: Path) -> None:
     assert "load_cell_lag" in effects
     if found.naming.named.kind != "none":
         assert found.asked is not None or "No grasp of this bench would tell more." in found.sentence
-
-
-def test_an_effect_that_explains_all_when_fitted_in_full_is_an_alarm() -> None:
-    """The constants made up for most of it, so that its evidence at the fit without it was below the line."""
-    worlds = [Rehearsed(NOTHING, 30.0, 1.0)] * 9 + [Rehearsed("single", 200.0, 1.0, size=0.1)] * 9
-    rehearsal = Rehearsal.of(worlds)
-
-    def told(nats: float, is_raised: bool = False) -> Alarm | None:
-        trials = SimpleNamespace(tried=(SimpleNamespace(nats=nats),), fit=SimpleNamespace(omnibus=1.0))
-        naming = SimpleNamespace(alarm=Alarm(is_raised, 0.5, 0.5), trials=trials)
-        return find_alarm(cast("NamingResult", naming), rehearsal)
-
-    assert told(SURE_NATS - 1.0) is None
-    assert told(SURE_NATS + 1.0, is_raised=True) is None  # which stands as it is
-    alarm = told(2.0 * SURE_NATS)
-    assert alarm == Alarm(True, pytest.approx(0.95), pytest.approx(2.0 * SURE_NATS / LEAST_NATS))
-
-
-def test_an_alarm_of_a_full_fit_decides_but_beside_another_simulator(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given = Alarm(True, 0.9, 1.2)
-    monkeypatch.setattr(weigh, "find_alarm", lambda naming, rehearsal: given)
-    lake = small_lake(tmp_path / "lake", 2)
-    assert weigh_panel(lake, ORDER, silent()).naming.alarm == given
-    monkeypatch.setattr(weigh, "FEW_CELLS", 1)
-    assert weigh_panel(lake, ORDER, silent()).naming.alarm != given
-    monkeypatch.setattr(weigh, "FEW_CELLS", 2)
-    file = write_simulated(tmp_path / "own.csv", lake, BASE, 2)
-    assert weigh_panel(lake, ORDER, silent(), file).naming.alarm != given
 
 
 def test_what_explains_little_is_not_called_alike_and_evidence_is_explained(

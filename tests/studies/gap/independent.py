@@ -12,12 +12,11 @@ import pyarrow.parquet as pq
 from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.challenge.hidden.panels import Panels, TrueSet
 from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
-from fast.flows.gap.weigh import SURE_NATS
 from fast.models.gap.bank.bank import Bank
 from fast.models.gap.data import GapData
 from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
-from fast.models.gap.evidence.trials import LEAST_NATS, LEAST_OMNIBUS, Trials
+from fast.models.gap.evidence.trials import LEAST, Trials
 from fast.models.records import Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from tests.studies.benchmarks.base import Options, Tables
@@ -66,10 +65,8 @@ def is_alarm(worlds: Worlds, key: WorldKey) -> bool:
     data = GapData.of_all(problem.grasps, problem.bank).usable
     fit = fit_evidence(Problem.of(data))
     weighed = weigh_candidates(fit, data.names)
-    if fit.omnibus > LEAST_OMNIBUS or weighed[0].nats > LEAST_NATS:
-        return True
     trials = Trials.of(fit, weighed, {name: CATALOGUE[name].family for name in data.names})
-    return any(one.nats > SURE_NATS for one in trials.tried)
+    return trials.signs.measure_over(LEAST) > 1.0
 
 
 def read_independent() -> tuple[Panels, Bank]:

@@ -140,7 +140,7 @@ def _answer(
 
 def _list_rehearsed(rehearsal: Rehearsal) -> tuple[float | None, ...]:
     hidden = [one for one in rehearsal.worlds if one.group != NOTHING]
-    alarms = [(one.size, rehearsal.is_alarm(one.nats, one.omnibus)) for one in hidden]
+    alarms = [(one.size, rehearsal.is_alarm(one.signs)) for one in hidden]
     return tuple(_share(alarms, low, high) for low, high in zip(_SIZES, _SIZES[1:], strict=False))
 
 

@@ -27,7 +27,7 @@ def name(*hidden: EffectValue) -> NamingResult:
 def suspected() -> NamingResult:
     """A weak relaxation: more evidence than honest worlds have, and less than an alarm."""
     result = name(RELAXED)
-    assert USUAL.suspicion_line < result.trials.tried[0].nats < USUAL.nats_line
+    assert USUAL.suspicion_line < result.trials.tried[0].nats < USUAL.lines.nats
     return result
 
 
@@ -58,7 +58,7 @@ def test_where_nothing_has_evidence_nothing_is_possible() -> None:
 def test_a_suspicion_begins_where_one_in_ten_honest_worlds_lies() -> None:
     """The rehearsal that is used here has worlds of 5 nats alone; with none there is no suspicion below an alarm."""
     assert USUAL.suspicion_line == 5.0
-    assert replace(USUAL, worlds=()).suspicion_line == USUAL.nats_line
+    assert replace(USUAL, worlds=()).suspicion_line == USUAL.lines.nats
 
 
 def test_the_next_family_gets_what_the_best_leaves(suspected: NamingResult) -> None:

@@ -25,7 +25,7 @@ from fast.models.gap.evidence.rehearsal import (
     rehearse,
     rehearse_world,
 )
-from fast.models.gap.evidence.trials import Trials
+from fast.models.gap.evidence.trials import LEAST, Signs, Trials
 from fast.models.gap.evidence.visible import find_visible_sizes
 from fast.models.gap.evidence.worlds import make_world
 from fast.models.records import EffectValue
@@ -160,6 +160,36 @@ def test_an_effect_on_trial_is_fitted_with_everything_else(worlds: Worlds) -> No
     assert looked.left_quantities_nats > 0.1 * best.nats > best.left_quantities_nats
 
 
+@pytest.mark.parametrize("start", [0.5, 1.5])
+def test_a_trial_ends_at_the_same_evidence_wherever_it_starts(worlds: Worlds, start: float) -> None:
+    """Five steps were short of the end by up to a hundred nats."""
+    fit = fit_evidence(_hide(worlds, "load_cell_lag"))
+    value = next(one.value for one in weigh_effects(fit, ["load_cell_lag"]))
+    assert value is not None
+    ends = [add_effect(fit, scale_value(value, by)) for by in (1.0, start)]
+    assert ends[1].nats == pytest.approx(ends[0].nats, abs=0.5)
+    found, again = (one.effects[-1].parameters["time_constant_s"] for one in ends)
+    assert again == pytest.approx(found, rel=0.02)
+
+
+def test_what_helps_one_cell_alone_raises_no_alarm_by_itself(worlds: Worlds) -> None:
+    """A small effect is an alarm once it is fitted in full, unless all that it explains is in one cell."""
+    problem = _hide(worlds, "load_cell_lag")
+    fit = fit_evidence(problem)
+    weighed = weigh_effects(fit, ["load_cell_lag"])
+    families = {"load_cell_lag": CATALOGUE["load_cell_lag"].family}
+    trials = Trials.of(fit, weighed, families)
+    best = trials.tried[0]
+    gain = best.fit.cell_nats - fit.cell_nats
+    assert best.spread_nats == pytest.approx(best.nats - gain.max())
+    assert trials.signs == Signs(weighed[0].nats, fit.omnibus, best.nats, best.spread_nats)
+    assert trials.signs.measure_over(replace(LEAST, nats=1e4, omnibus=1e4, full_nats=1e4)) > 1.0
+    lonely = replace(
+        trials, tried=(replace(best, nats=60.0, spread_nats=5.0),), weighed=(replace(weighed[0], nats=9.0),)
+    )
+    assert lonely.signs.measure_over(LEAST) < 1.0
+
+
 def test_evidence_of_a_fit_is_that_of_its_linear_model(problem: Problem) -> None:
     """Of a change that is in proportion to its amplitude both ways of weighing agree."""
     offset_n = 0.3
@@ -226,28 +256,33 @@ def test_made_up_worlds_have_facts_as_they_would_be_measured_there(problem: Prob
 
 
 def test_lines_are_those_of_worlds_with_nothing_hidden() -> None:
-    nothing = [Rehearsed("nothing", 50.0 + n, 1.0 + 0.1 * n) for n in range(40)]
-    hidden = [Rehearsed("listed", 15.0 * n, 1.0, size=0.01 * n) for n in range(1, 21)]
+    nothing = [Rehearsed("nothing", Signs(50.0 + n, 1.0 + 0.1 * n, 100.0 + n, 30.0 + n)) for n in range(40)]
+    hidden = [Rehearsed("listed", Signs(15.0 * n, 1.0), size=0.01 * n) for n in range(1, 21)]
     rehearsal = Rehearsal.of([*nothing, *hidden])
-    assert rehearsal.nats_line == 89.0
-    assert rehearsal.omnibus_line == pytest.approx(4.9)
-    assert rehearsal.judge_gap(300.0, 1.0) == pytest.approx(15.5 / 16.0)  # of 15 hidden and none else
-    assert rehearsal.judge_gap(60.0, 1.0) == pytest.approx(5.5 / 46.0)  # of 40 with nothing and 5 that were missed
+    assert rehearsal.lines.nats == 89.0
+    assert rehearsal.lines.omnibus == pytest.approx(4.9)
+    assert (rehearsal.lines.full_nats, rehearsal.lines.spread_nats) == (139.0, 69.0)
+    assert rehearsal.judge_gap(Signs(300.0, 1.0)) == pytest.approx(15.5 / 16.0)  # of 15 hidden and none else
+    assert rehearsal.judge_gap(Signs(60.0, 1.0)) == pytest.approx(
+        5.5 / 46.0
+    )  # of 40 with nothing and 5 that were missed
 
 
 def test_what_could_still_hide_has_a_size() -> None:
     """Of causes from 6 % on all are seen, so nine in ten are from a little less on; nobody is ever told nothing."""
-    nothing = [Rehearsed("nothing", 5.0, 1.0)] * 20
-    hidden = [Rehearsed("listed", 15.0 * n, 1.0, size=0.01 * n) for n in range(1, 21)]
-    rehearsal = replace(Rehearsal.of([*nothing, *hidden]), nats_line=89.0)
+    nothing = [Rehearsed("nothing", Signs(5.0, 1.0))] * 20
+    hidden = [Rehearsed("listed", Signs(15.0 * n, 1.0), size=0.01 * n) for n in range(1, 21)]
+    rehearsal = replace(Rehearsal.of([*nothing, *hidden]), lines=replace(LEAST, nats=89.0))
     size = rehearsal.find_seen_size()
     assert size is not None
     assert 0.03 < size < 0.08
     assert f"by {100.0 * size:.2g} % ({size * 8.0:.2g} N) or more" in rehearsal.tell_seen_size(8.0)
     assert " N)" not in rehearsal.tell_seen_size()
-    sizes = [replace(rehearsal, nats_line=line).find_seen_size() or 1.0 for line in (45.0, 89.0, 150.0)]
+    sizes = [
+        replace(rehearsal, lines=replace(LEAST, nats=line)).find_seen_size() or 1.0 for line in (45.0, 89.0, 150.0)
+    ]
     assert sizes == sorted(sizes)
-    unseen = replace(rehearsal, nats_line=1e3)
+    unseen = replace(rehearsal, lines=replace(LEAST, nats=1e3))
     assert unseen.find_seen_size() is None
     assert "even of causes of 5 % of the force or more, 0 of 16 are seen" in unseen.tell_seen_size()
     few = replace(rehearsal, worlds=(*nothing, *hidden[:5]))
@@ -261,10 +296,10 @@ def test_names_are_learnt_from_what_was_right_and_what_was_not() -> None:
     right = Named("load_cell_lag", (1.0, -3.0, -1.0, 0.0), is_right=True, behind=0.02)
     wrong = Named("tool_weight", (1.0, 0.0, -1.0, 1.0), is_right=False)
     worlds = [
-        Rehearsed("nothing", 5.0, 1.0),
-        *[Rehearsed("listed", 300.0, 1.0, "load_cell_lag", lag, 0.05, right, wrong)] * 12,
-        Rehearsed("listed", 20.0, 1.0, "load_cell_lag", lag, 0.01),
-        *[Rehearsed("unlisted", 300.0, 1.0, "a hose", "", 0.05, wrong)] * 3,
+        Rehearsed("nothing", Signs(5.0, 1.0)),
+        *[Rehearsed("listed", Signs(300.0, 1.0), "load_cell_lag", lag, 0.05, right, wrong)] * 12,
+        Rehearsed("listed", Signs(20.0, 1.0), "load_cell_lag", lag, 0.01),
+        *[Rehearsed("unlisted", Signs(300.0, 1.0), "a hose", "", 0.05, wrong)] * 3,
     ]
     rehearsal = Rehearsal.of(worlds)
     assert rehearsal.name.judge(np.array(right.description)) > 0.9
@@ -331,4 +366,4 @@ def test_worlds_have_the_effects_of_the_model(worlds: Worlds) -> None:
     problem = Problem.of(worlds.problem(worlds.draw("null", 0)).usable, (known,))
     family = {"object_edge_radius": CATALOGUE["object_edge_radius"].family}
     rehearsal = rehearse(Panel(problem, family), 4)
-    assert max(one.nats for one in rehearsal.worlds if one.group == "nothing") < 25.0
+    assert max(one.signs.nats for one in rehearsal.worlds if one.group == "nothing") < 25.0

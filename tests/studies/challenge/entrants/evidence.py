@@ -36,12 +36,11 @@ class Evidence:
         usable, lines = fitted.world.data.usable, self.rehearsal
         families = _find_families(usable)
         fit = fit_evidence(fitted.problem)
-        weighed = weigh_candidates(fit, usable.names)
-        nats = weighed[0].nats
-        probability = lines.judge_gap(nats, fit.omnibus)
-        if not lines.is_alarm(nats, fit.omnibus):
+        trials = Trials.of(fit, weigh_candidates(fit, usable.names), families)
+        probability = lines.judge_gap(trials.signs)
+        if not lines.is_alarm(trials.signs):
             return Opinion(False, probability, fitted.foretell_with())
-        trials = Trials.of(fit, weighed, families).look_after_best(families)
+        trials = trials.look_after_best(families)
         best, name = trials.tried[0], lines.name.judge(trials.describe())
         forces_n = fitted.foretell_with((best.value,))
         return Opinion(True, probability, forces_n, best.effect if name >= EVEN else NOT_LISTED)

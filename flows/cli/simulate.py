@@ -93,10 +93,6 @@ def simulate(
         ),
     ] = None,
     out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
-    export_calculix: Annotated[
-        Path | None,
-        Parameter(help="Folder for an input deck of CalculiX up to the first lift, and our numbers."),
-    ] = None,
     designs: Annotated[
         Path | None,
         Parameter(help="CSV file of designs, in place of --design: each on --object, or on all objects; one table."),
@@ -108,10 +104,9 @@ def simulate(
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
-    """Simulate one grasp: closing, lift and pull-off. Without --out or --export-calculix, nothing is written."""
+    """Simulate one grasp: closing, lift and pull-off. Without --out, nothing is written."""
     if designs is not None:
-        others: dict[str, Any] = {"simulation": asked.simulation, "along": along, "tolerance": tolerance}
-        others |= {"export-calculix": export_calculix}
+        others = {"simulation": asked.simulation, "along": along, "tolerance": tolerance}
         refuse_beside("designs", {"design": asked.design, **others})
         simulate_file(designs, family, asked, workers, out, lake, json)
         return
@@ -133,10 +128,6 @@ def simulate(
     data = {**ids, "placement": placement.model_dump(), **_numbers_of(result), **scatter, **_slopes_of(result)}
     show(data, describe_grasp(data), json)
     files = [] if out is None else write_outputs(out, design, met, placement, data, result, recording)
-    if export_calculix is not None:
-        from fast.flows.simulation.calculix import write_calculix
-
-        files += write_calculix(export_calculix, design, met, simulator, setup, placement)
     if files and not json:
         say("wrote " + ", ".join(map(str, files)))
 

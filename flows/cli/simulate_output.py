@@ -49,7 +49,7 @@ def write_outputs(
         _draw(out, place(obj, placement), result, recording, title)
         files[-1:-1] = _write_slopes(out, result, title)
     except OSError as error:
-        raise unwritable("--out", out, error) from error
+        raise unwritable(out, error) from error
     write_simulation(files[-1], obj.object_id, result, recording, title, placement)
     return files
 
@@ -95,14 +95,14 @@ def make_folder(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise unwritable("--out", out, error) from error
+        raise unwritable(out, error) from error
 
 
-def unwritable(option: str, folder: Path, error: OSError) -> "UsageError":
-    """The error for a folder that cannot be written."""
+def unwritable(folder: Path, error: OSError) -> "UsageError":
+    """The error for a folder of --out that cannot be written."""
     from fast.models.errors import UsageError, tell_cause
 
-    return UsageError(f"{option} `{folder}` cannot be written: {tell_cause(error)}; give a folder you may write to.")
+    return UsageError(f"--out `{folder}` cannot be written: {tell_cause(error)}; give a folder you may write to.")
 
 
 def _csv(trace: "Trace") -> str:

@@ -1,1 +1,1 @@
-"""Around the simulator: progress of many simulations, and a grasp written as an input deck of CalculiX."""
+"""Around the simulator: many designs at once, and progress of many simulations."""

@@ -1,1 +1,1 @@
-"""What a grasp shows: snapshots of every step, the finger's surface for pictures, and input decks of CalculiX."""
+"""What a grasp shows: snapshots of every step, and the finger's surface for pictures."""

@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fast.flows.simulation.calculix import write_calculix
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.objects.distance import distance
 from fast.models.records import EffectValue, GraspSetup, Placement
 from fast.models.simulation.mesh.build import build_mesh
-from fast.models.simulation.output.export_calculix import contact_sides
 from fast.models.simulation.placement import place
 from fast.models.simulation.version import MeshSettings, SimulatorVersion
+from tests.models.simulation.verification.calculix import contact_sides, write_calculix
 
 SPHERE = get_object(1)
 SHORT = GraspSetup(closed_gap_mm=34)  # 3 mm of overlap

@@ -5,6 +5,8 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from fast.models.errors import UsageError
+
 if TYPE_CHECKING:
     import torch
 
@@ -104,7 +106,6 @@ def simulate_many(
 
     from fast.flows.progress import ProgressReporter
     from fast.flows.simulation.many_designs import SimulatedGrasps, simulate_designs
-    from fast.models.errors import UsageError
     from fast.models.objects.rigid import RigidObject
     from fast.models.records import Design, Placement
     from fast.tasks.campaign.own_designs import OwnDesign
@@ -132,7 +133,6 @@ def _find_object(given: Any, lake: Path | str) -> "RigidObject":
     Raises:
         UsageError: it is none of these, or there is no such object.
     """
-    from fast.models.errors import UsageError
     from fast.models.objects.rigid import RigidObject
     from fast.models.validation import plain
     from fast.tasks.objects import find_object
@@ -157,7 +157,6 @@ def _read_given(
     Raises:
         UsageError: a value is out of its range, or the version is of code that this program does not have.
     """
-    from fast.models.errors import UsageError
     from fast.models.records import GraspSetup
     from fast.models.simulation.version import IN_ROWS, SimulatorVersion
 
@@ -179,7 +178,6 @@ def _check(given: R, kind: type[R], name: str) -> R:
     Raises:
         UsageError: it is of another kind, or a value is out of its range.
     """
-    from fast.models.errors import UsageError
     from fast.models.validation import check_again
 
     if not isinstance(given, kind):
@@ -193,8 +191,6 @@ def _check_names(given: Any, what: str) -> tuple[str, ...]:
     Raises:
         UsageError: it is something else.
     """
-    from fast.models.errors import UsageError
-
     names = tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,)
     if not all(isinstance(name, str) for name in names):
         raise UsageError(f'{what} is {given!r}, it must be names of parameters, such as ("friction",); change it.')

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from fast.flows.cli.campaign import open_lake, resolve_campaign
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from fast.flows.cli.live import open_reporter
 
 if TYPE_CHECKING:
     from fast.lake.tables.campaign import CalibrationRow
@@ -106,8 +108,6 @@ def calibrate(
     twice; a killed command continues when it is given again.
     """
     from fast.flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
-    from fast.flows.cli.campaign import open_lake, resolve_campaign
-    from fast.flows.cli.live import open_reporter
     from fast.models.calibration.inference.settings import CalibrationSettings
     from fast.models.validation import load_record
     from fast.tasks.calibration.means import OF_IMPORTED

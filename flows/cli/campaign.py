@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, CampaignId, LakePath, make_app, show, table_text
-from fast.flows.cli.real import YesMove
+from fast.flows.cli.live import open_reporter
+from fast.flows.cli.real import YesMove, ask_leave
+from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
@@ -45,8 +47,6 @@ def run(
     safe state at once. The same command continues later.
     """
     from fast.flows.campaign.launch import run_campaign
-    from fast.flows.cli.live import open_reporter
-    from fast.flows.cli.real import ask_leave
 
     def confirm(bench_file: Path, settings: "RealBench") -> None:
         ask_leave(bench_file, settings, None, yes_move)
@@ -124,7 +124,6 @@ def leave_out(
     The grasp in progress is finished. After a fault, `fast campaign run` goes on with the rest.
     """
     from fast.flows.campaign.status import read_campaign
-    from fast.models.errors import UsageError
     from fast.tasks.bench.leave_out import leave_out as leave_part_out
     from fast.tasks.bench.leave_out import read_part
     from fast.tasks.objects import find_object
@@ -150,7 +149,6 @@ def answer(
     json: AsJson = False,
 ) -> None:
     """Answer what the bench of a campaign asks; the same can be done on the lab's page."""
-    from fast.models.errors import UsageError
     from fast.tasks.bench.questions import answer_question, list_open_questions
 
     found = open_lake(lake)
@@ -194,7 +192,6 @@ def campaign_ids(lake: "Lake") -> list[str]:
 
 def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     """The campaign asked for, or the only one there is."""
-    from fast.models.errors import UsageError
     from fast.models.validation import closest
 
     known = campaign_ids(lake)

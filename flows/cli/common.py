@@ -10,6 +10,8 @@ from typing import Annotated, Any, TextIO, get_args
 from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.exceptions import CoercionError
 
+from fast.models.errors import UsageError, tell_cause
+
 LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Lake: a folder, or s3://BUCKET/PREFIX.")]
 AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON, for machines.")]
 CampaignId = Annotated[str | None, Parameter(help="Campaign; not needed when the lake has only one.")]
@@ -75,7 +77,6 @@ def write_out(option: str, path: Path, content: bytes) -> None:
         UsageError: it cannot be written; an older file of its name is as it was.
     """
     from fast.lake.storage.files import write_file
-    from fast.models.errors import UsageError, tell_cause
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,9 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from fast.flows.cli.campaign import open_lake, resolve_campaign
 from fast.flows.cli.common import AsJson, show, table_text, tell, write_out
+from fast.models.errors import UsageError
 
 AT_LEAST_ONE = Number(gte=1)
 WIDTH = 100  # columns of text
@@ -37,8 +39,6 @@ def compare(
     designs. With --lake they are replayed on the tools of a campaign, where the nearest measured design stands for one
     that is proposed; the error of that is said.
     """
-    from fast.models.errors import UsageError
-
     if lake is not None and config is None:
         _replay(lake, campaign, races, json)
         return
@@ -80,7 +80,6 @@ def compare(
 def _replay(lake: Path, campaign: str | None, races: int, as_json: bool) -> None:
     """Strategies on what a campaign has measured."""
     from fast.flows.campaign.status import read_campaign
-    from fast.flows.cli.campaign import open_lake, resolve_campaign
     from fast.tasks.campaign.simulator_versions import at_present
     from fast.tasks.scientist.backtest import backtest
 
@@ -100,7 +99,6 @@ def _names(text: str | None, known: Sequence[str]) -> list[str]:
     Raises:
         UsageError: there is no such strategy.
     """
-    from fast.models.errors import UsageError
     from fast.models.validation import closest
 
     if text is None:

@@ -11,6 +11,10 @@ from typing import Annotated, NamedTuple
 from cyclopts import Parameter
 
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
+from fast.flows.cli.speed import measure_speed
+from fast.flows.cli.wire import log_folder
+from fast.flows.dependencies import ALL, BASE, LOCK, find_mismatches, is_checkout, is_installed, missing_sentence
+from fast.models.errors import FastError
 
 MIN_FREE_GB = 2.0
 MESH_LIMIT_S = 60.0
@@ -40,8 +44,6 @@ def doctor(
 ) -> None:
     """Check Python, packages, solver, mesher, disk, lake and ports; exit status 1 when a check fails."""
     if speed:
-        from fast.flows.cli.speed import measure_speed
-
         rows = measure_speed()
         show(rows, table_text(rows), json)
         return
@@ -56,7 +58,6 @@ def _tell(checks: list[Check], as_json: bool) -> None:
 
 
 def _bench(bench_file: Path) -> list[Check]:
-    from fast.flows.cli.wire import log_folder
     from fast.hardware.checkup.bench import check_bench
     from fast.tasks.campaign.setup import read_bench
 
@@ -64,7 +65,6 @@ def _bench(bench_file: Path) -> list[Check]:
 
 
 def _computer(lake: Path, server: bool) -> list[Check]:
-    from fast.flows.dependencies import is_installed
 
     checks = [_python(), _packages(), _versions(), _disk(lake), _lake(lake)]
     if is_installed("prefect"):
@@ -92,7 +92,6 @@ def _python() -> Check:
 
 
 def _packages() -> Check:
-    from fast.flows.dependencies import ALL, BASE, is_checkout, is_installed, missing_sentence
 
     wanted = ALL if is_checkout() else BASE
     missing = [name for name in wanted if not is_installed(name)]
@@ -104,7 +103,6 @@ def _packages() -> Check:
 
 
 def _versions() -> Check:
-    from fast.flows.dependencies import LOCK, find_mismatches
 
     wrong = list(find_mismatches(LOCK.read_text(encoding="utf-8"))) if LOCK.exists() else []
     others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
@@ -137,7 +135,6 @@ def _disk(lake: Path) -> Check:
 def _lake(lake: Path) -> Check:
     from fast.lake.storage.open import storage_at
     from fast.lake.store import Lake
-    from fast.models.errors import FastError
 
     storage = storage_at(lake)
     try:

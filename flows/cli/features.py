@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from fast.flows.cli.campaign import open_lake, resolve_campaign
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
 from fast.models.units import spell_share
 
@@ -32,7 +33,6 @@ def features(
     json: AsJson = False,
 ) -> None:
     """Calculate the features of traces that lack them; quality, work and stability by objects and batch; anomalies."""
-    from fast.flows.cli.campaign import open_lake, resolve_campaign
     from fast.tasks.traces.anomalies import update_anomalies
     from fast.tasks.traces.features import class_quality, update_features
 

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, show
-from fast.flows.cli.real import YesMove
-from fast.flows.cli.virtual import Designs, rack
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, show, tell
+from fast.flows.cli.real import YesMove, ask_leave
+from fast.flows.cli.virtual import Designs, rack, watch_signals
+from fast.flows.cli.wire import log_folder
+from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.hardware.bench import Bench
@@ -135,9 +137,6 @@ def lend(*, bench: ChosenBench = VIRTUAL_BENCH, lake: LakePath = DEFAULT_LAKE, j
     Of a real bench this terminal gives the leave to move, once, for as long as it lends it. Stay at the emergency stop.
     """
     from fast.flows.campaign.lend import lend_bench
-    from fast.flows.cli.common import tell
-    from fast.flows.cli.real import ask_leave
-    from fast.flows.cli.virtual import watch_signals
     from fast.lake.store import Lake
     from fast.tasks.campaign.setup import read_real_bench
 
@@ -163,8 +162,6 @@ def tool_place(
     json: AsJson = False,
 ) -> None:
     """Where the tool is, from the journal and the sensors, and the one safe way on. Homes first; moves no tool."""
-    from fast.models.errors import UsageError
-
     says = on_head is not None or head_empty
     if says != bool(person) or (on_head is not None and head_empty):
         raise UsageError("say either --on-head SLOT or --head-empty, and who looked with --person NAME.")
@@ -180,7 +177,6 @@ def _check_target(
 ) -> None:
     """Raises UsageError for an object without a place or an empty slot, before a bench is opened."""
     from fast.hardware.parts.layout import N_OBJECTS, BenchLayout
-    from fast.models.errors import UsageError
 
     is_own = met.shape is not None
     if is_own and not own_objects:
@@ -228,8 +224,6 @@ def open_bench(
     Raises:
         UsageError: a wrong file, or the real bench was not confirmed.
     """
-    from fast.flows.cli.real import ask_leave
-    from fast.flows.cli.wire import log_folder
     from fast.hardware.bench import LogFolders, open_real_bench, open_virtual_bench
     from fast.hardware.parts.layout import BenchLayout
     from fast.tasks.campaign.setup import read_bench, read_world

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from fast.flows.cli.campaign import open_lake, resolve_campaign
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, show, table_text
+from fast.flows.cli.live import open_reporter
+from fast.models.errors import UsageError
 from fast.models.units import spell_share
 
 if TYPE_CHECKING:
@@ -82,11 +85,9 @@ def gap(
     if catalogue:
         _show_catalogue(json)
         return
-    from fast.flows.cli.campaign import open_lake, resolve_campaign
     from fast.flows.gap.example import CAMPAIGN, open_example
     from fast.flows.gap.search import GapOrder
     from fast.flows.gap.weigh import is_small
-    from fast.models.errors import UsageError
     from fast.tasks.gap.panel import PanelSize
 
     found, folder = open_example(out) if example else (open_lake(lake), out)
@@ -113,7 +114,6 @@ def _show_catalogue(as_json: bool) -> None:
 
 def _search(lake: "Lake", order: "GapOrder", folder: Path | None, is_dry: bool, as_json: bool) -> None:
     """Search and write the page into a folder, or only say what that costs."""
-    from fast.flows.cli.live import open_reporter
     from fast.flows.gap.folder import write_folder
     from fast.flows.gap.search import run_gap, tell_cost
 
@@ -128,7 +128,6 @@ def _search(lake: "Lake", order: "GapOrder", folder: Path | None, is_dry: bool, 
 
 def _weigh(lake: "Lake", order: "GapOrder", simulated: Path | None, is_dry: bool, as_json: bool) -> None:
     """Weigh a panel with all its grasps, or only say what that costs."""
-    from fast.flows.cli.live import open_reporter
     from fast.flows.gap.weigh import describe_cost, weigh_panel
 
     with open_reporter() as reporter:
@@ -164,7 +163,6 @@ def plan_(
     panel are answered as the real one will be: from what size on causes are seen, by which name, and what they are
     taken for. One tool, and one object, less are compared with it.
     """
-    from fast.flows.cli.live import open_reporter
     from fast.flows.gap.plan import choose_size, look_ahead
     from fast.lake.store import Lake
     from fast.tasks.campaign.config import load_config
@@ -206,7 +204,6 @@ def next_(
 
     Add the samples to the folder and give it back with `fast lake import`; `fast gap` then goes on with the answer.
     """
-    from fast.flows.cli.campaign import open_lake
     from fast.flows.gap.bench_plan import explain_silence, plan_next, write_bench_plan
 
     found = open_lake(lake)
@@ -256,8 +253,6 @@ def answer(
     """Answer what a search asked a person, where no grasp of the bench tells; the next search takes it."""
     from fast.flows.campaign.forms import close_forms
     from fast.flows.campaign.operator_prompts import make_reading_form
-    from fast.flows.cli.campaign import open_lake, resolve_campaign
-    from fast.models.errors import UsageError
     from fast.models.gap.ask.answers import Reading
     from fast.models.validation import load_record
     from fast.tasks.gap.findings import find_newest_run

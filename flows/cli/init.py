@@ -7,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from fast.flows.cli.common import AsJson, show
+from fast.models.errors import UsageError
 
 PARTS = ("campaigns", "worlds", "materials", "recipes")
 _SHIPPED = Path(__file__).resolve().parents[2]
@@ -37,8 +38,6 @@ def init(
 
     Nothing is ever replaced: a folder that holds something is refused.
     """
-    from fast.models.errors import UsageError
-
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise UsageError(f"{folder} exists and is not an empty folder; give another one.")
     try:

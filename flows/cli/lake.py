@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, say, show, table_text, tell
+from fast.models.errors import ConfigError, UsageError
+from fast.models.units import spell_count
 
 if TYPE_CHECKING:
     from fast.lake.handoff.import_folder import HandoffCounts, Origin
@@ -96,7 +98,6 @@ def _note_usual_setup(folder: Path, setup: "GraspSetup", settings: list[str]) ->
 def _check_lab(lab: str | None) -> None:
     """Raises ConfigError for a name that no lab can have."""
     from fast.lake.handoff.cells import lab_name
-    from fast.models.errors import ConfigError
 
     try:
         lab_name(lab or "")
@@ -110,7 +111,6 @@ def _read_setup(settings: list[str]) -> "GraspSetup":
     Raises:
         ConfigError: a name is unknown, or a value out of its range.
     """
-    from fast.models.errors import ConfigError
     from fast.models.records import GraspSetup
     from fast.models.validation import load_record
 
@@ -122,8 +122,6 @@ def _read_setup(settings: list[str]) -> "GraspSetup":
 
 def show_import(counts: "HandoffCounts", *, is_dry: bool, as_json: bool) -> None:
     """Say what an import wrote, or with `is_dry` what it would have."""
-    from fast.models.units import spell_count
-
     numbers, n_known = counts._asdict(), counts.n_known
     words = _counts_text("nothing was written (--dry-run); it would be:" if is_dry else "imported", numbers)
     if n_known:
@@ -142,7 +140,6 @@ def _take_answers(lake: "Lake", folder: Path, origin: "Origin", *, is_dry: bool)
     from fast.flows.campaign.ask_tell import find_told_campaign
     from fast.lake.handoff.files import read_handoff
     from fast.lake.tables.campaign import CampaignRow, DesignRow
-    from fast.models.errors import UsageError
     from fast.tasks.bench.told import take_told
     from fast.tasks.bench.told_files import read_folder
 
@@ -234,7 +231,6 @@ def publish(
     from fast.lake.handoff.publish import publish as write_deposit
     from fast.lake.handoff.zenodo import read_access, upload_deposit
     from fast.lake.store import Lake
-    from fast.models.errors import UsageError
 
     if directory is None and eln is None and not zenodo:
         raise UsageError("nothing is asked for; give a new folder, --eln FILE.eln, --zenodo, or several of them.")
@@ -332,15 +328,12 @@ def lineage(
 
 def _check_not_negative(option: str, value: int | None) -> None:
     """Raises UsageError for a negative count."""
-    from fast.models.errors import UsageError
-
     if value is not None and value < 0:
         raise UsageError(f"{option} is {value}, it must be at least 0; change it.")
 
 
 def _check_campaign(lake: "Lake", campaign: str) -> None:
     """Raises UsageError when neither a campaign nor an import of this name is in the lake."""
-    from fast.models.errors import UsageError
     from fast.models.validation import closest
 
     sql = "SELECT campaign_id FROM campaigns UNION SELECT campaign_id FROM grasps"
@@ -350,7 +343,6 @@ def _check_campaign(lake: "Lake", campaign: str) -> None:
 
 
 def _counts_text(verb: str, counts: dict[str, int]) -> str:
-    from fast.models.units import spell_count
 
     nouns = {"n_designs": "design", "n_real": "measured grasp", "n_sim": "simulated grasp", "n_samples": "sample"}
     return f"{verb} " + ", ".join(spell_count(counts[name], noun) for name, noun in nouns.items())

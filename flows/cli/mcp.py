@@ -1,6 +1,8 @@
 """`fast mcp`: the lab's page for agents."""
 
 from fast.flows.cli.common import DEFAULT_LAKE, LakePath
+from fast.flows.dependencies import require
+from fast.models.errors import FastError
 
 
 def mcp(*, lake: LakePath = DEFAULT_LAKE) -> None:
@@ -9,9 +11,7 @@ def mcp(*, lake: LakePath = DEFAULT_LAKE) -> None:
     It reads the state, the data and the findings, simulates, and proposes what a person accepts or denies on the page.
     A page of the lake must stand (`fast serve`).
     """
-    from fast.flows.dependencies import require
     from fast.lake.storage.open import storage_at
-    from fast.models.errors import FastError
 
     require(["mcp"])
     from fast.flows.page.door import make_server

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from cyclopts import Parameter
 
 from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, show, table_text, write_out
+from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
@@ -137,7 +138,6 @@ def _remarks(obj: "RigidObject") -> list[str]:
 
 
 def _check_suffix(out: Path, suffix: str) -> None:
-    from fast.models.errors import UsageError
 
     if out.suffix.lower() != suffix:
         raise UsageError(f"--out `{out}` must end in {suffix}; change it.")

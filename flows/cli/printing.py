@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from cyclopts import Parameter
 
+from fast.flows.cli.campaign import open_lake, resolve_campaign
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, show
+from fast.models.errors import UsageError
+from fast.models.units import spell_count
 
 if TYPE_CHECKING:
     from fast.tasks.bench.measured_tools import MeasuredTool
@@ -77,7 +80,6 @@ def confirm(
     from fast.flows.campaign.forms import close_forms
     from fast.flows.campaign.operator_prompts import make_print_form
     from fast.lake.store import Lake
-    from fast.models.units import spell_count
     from fast.models.validation import load_record
     from fast.tasks.bench.print import PrintConfirmation, confirm_print
     from fast.tasks.bench.reference_tools import note_gone
@@ -124,7 +126,6 @@ def measured(
 ) -> None:
     """Say what callipers and durometer gave of a printed tool, also after it was measured on the bench."""
     from fast.lake.store import Lake
-    from fast.models.errors import UsageError
     from fast.tasks.bench.measured_tools import MEASURES, measure_printed, take_back_measured
 
     if undo == bool(values):
@@ -146,9 +147,6 @@ def parse_batch(lake: Any, text: str) -> tuple[str, int]:
     Raises:
         UsageError: neither form.
     """
-    from fast.flows.cli.campaign import resolve_campaign
-    from fast.models.errors import UsageError
-
     match = re.fullmatch(r"(?:(?P<campaign>[^/]+)/)?[Bb](?P<batch>\d+)", text)
     if match is None:
         raise UsageError(f"`{text}` is not a batch; write it like quick/B01 or B01.")
@@ -171,9 +169,6 @@ def mounted(
     from fast.flows.campaign.forms import close_forms
     from fast.flows.campaign.operator_prompts import make_mount_form
     from fast.flows.campaign.status import read_campaign
-    from fast.flows.cli.campaign import open_lake, resolve_campaign
-    from fast.models.errors import UsageError
-    from fast.models.units import spell_count
     from fast.models.validation import load_record
     from fast.tasks.bench.mount import plan_rack
     from fast.tasks.bench.mounting import Mounting, confirm_mounting
@@ -199,8 +194,6 @@ def mounted(
 
 def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:
     """Raises UsageError when a slot is named twice: one word would silently win over the other."""
-    from fast.models.errors import UsageError
-
     slots = [slot for slot, _ in entries]
     twice = sorted({slot for slot in slots if slots.count(slot) > 1})
     if twice:
@@ -209,7 +202,6 @@ def _by_slot(option: str, entries: list[tuple[int, V]]) -> dict[int, V]:
 
 
 def _reason(option: str, entry: str) -> tuple[int, str]:
-    from fast.models.errors import UsageError
 
     slot, separator, reason = entry.partition("=")
     if not (slot.isdigit() and separator and reason.strip()):
@@ -218,7 +210,6 @@ def _reason(option: str, entry: str) -> tuple[int, str]:
 
 
 def _mounting(entry: str) -> tuple[int, int]:
-    from fast.models.errors import UsageError
 
     slot, _, rack_slot = entry.partition("=")
     if not (slot.isdigit() and rack_slot.isdigit()):
@@ -227,7 +218,6 @@ def _mounting(entry: str) -> tuple[int, int]:
 
 
 def _measurement(entry: str) -> tuple[int, "MeasuredTool"]:
-    from fast.models.errors import UsageError
 
     slot, _, pairs = entry.partition(":")
     measures = _read_measures(pairs, f"--measured `{entry}`")
@@ -243,7 +233,6 @@ def _read_measures(pairs: str, place: str) -> "MeasuredTool":
         UsageError: a measure is unknown, or no number.
         ConfigError: a number is out of its range.
     """
-    from fast.models.errors import UsageError
     from fast.models.validation import closest
     from fast.tasks.bench.measured_tools import MEASURES, read_measured
 

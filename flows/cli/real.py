@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from fast.flows.cli.common import tell
+from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.hardware.arm.settings import ArmSettings
@@ -45,8 +46,6 @@ def ask_leave(
     Raises:
         UsageError: no leave; nothing was moved.
     """
-    from fast.models.errors import UsageError
-
     name = bench_file.stem
     tell(what_moves(name, settings, tools))
     if os.environ.get(BUILD_VARIABLE, "").lower() in ("1", "true", "yes") and not is_rehearsal(settings):

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from fast.flows.cli.campaign import campaign_ids, open_lake, resolve_campaign
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, tell
+from fast.flows.cli.virtual import wait_for
+from fast.flows.dependencies import require
+from fast.models.errors import UsageError
+from fast.models.units import spell_count
 
 if TYPE_CHECKING:
     from fast.lake.store import Lake
@@ -28,7 +33,6 @@ def report(
     json: AsJson = False,
 ) -> None:
     """Write a report as one folder of HTML, figures and data: of a campaign, finished or not, or of a calibration."""
-    from fast.flows.cli.campaign import open_lake, resolve_campaign
     from fast.flows.report.campaign.insights import read_written
     from fast.flows.report.campaign.page import add_features, write_report
     from fast.lake.tables.campaign import CalibrationRow
@@ -60,11 +64,6 @@ def view(
     It is served to this machine until Ctrl-C. The printed address lets a browser in; nobody else gets in, neither pages
     of other sites nor other users of the computer.
     """
-    from fast.flows.cli.campaign import open_lake
-    from fast.flows.cli.virtual import wait_for
-    from fast.flows.dependencies import require
-    from fast.models.units import spell_count
-
     found = open_lake(lake)
     folder, write = _choose_recording(found, what)
     path = save or found.root / "outputs" / folder / f"{what.replace('/', '-')}.rrd"
@@ -117,7 +116,6 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, began: Callable[[], None
     Raises:
         UsageError: it is no campaign.
     """
-    from fast.flows.cli.campaign import resolve_campaign
     from fast.flows.viewer.campaign import follow
     from fast.lake.leases import is_held
     from fast.tasks.campaign.requests import lease_name
@@ -132,12 +130,10 @@ def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Pa
     Raises:
         UsageError: the lake has nothing of this name.
     """
-    from fast.flows.cli.campaign import campaign_ids
     from fast.flows.viewer.campaign import write_recording
     from fast.flows.viewer.design import write_design_recording
     from fast.flows.viewer.grasp import write_grasp_recording
     from fast.lake.tables.campaign import DesignRow, GraspRow, ToolRow
-    from fast.models.errors import UsageError
 
     if lake.has(GraspRow, what):
         campaign_id = lake.records(GraspRow, grasp_id=what)[-1].campaign_id

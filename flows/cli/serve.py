@@ -12,6 +12,9 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, tell
+from fast.flows.cli.virtual import watch_signals
+from fast.flows.dependencies import require
+from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.flows.server.lab import Lab
@@ -38,8 +41,6 @@ def serve(
     gets in, neither pages of other sites nor other users of the computer. A server that FAST_PREFECT_API_URL names is
     used instead of one of its own. FAST_PASSWORD is a password in place of the key in the address (user `fast`).
     """
-    from fast.flows.cli.virtual import watch_signals
-    from fast.flows.dependencies import require
     from fast.flows.server.access import address_for_person
     from fast.flows.server.environment import named_server
     from fast.flows.server.lab import LabPlan, open_lab, refuse_second
@@ -90,7 +91,6 @@ def _tend(lab: "Lab", asked: threading.Event) -> None:
 def _check_server_wanted(host: str, port: int, option: str = "--port") -> None:
     """Raises UsageError when the port is taken, or others would reach a server without password."""
     from fast.flows.server.access import PASSWORD_VARIABLE
-    from fast.models.errors import UsageError
 
     if not _is_loopback(host) and not os.environ.get(PASSWORD_VARIABLE):
         raise UsageError(f"--host {host} is reached by others; set a password in {PASSWORD_VARIABLE}, then try again.")
@@ -106,8 +106,6 @@ def _check_server_wanted(host: str, port: int, option: str = "--port") -> None:
 
 def _is_loopback(host: str) -> bool:
     """Raises UsageError for what is no IPv4 address."""
-    from fast.models.errors import UsageError
-
     try:
         return ipaddress.IPv4Address(host).is_loopback
     except ValueError as error:

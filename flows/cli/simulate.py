@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show, table_text
-from fast.flows.cli.simulate_output import make_folder, write_outputs
+from fast.flows.cli.live import open_reporter
+from fast.flows.cli.simulate_output import make_folder, write_outputs, write_table
+from fast.models.errors import ConfigError, UsageError
+from fast.models.units import spell_name
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
@@ -61,7 +64,6 @@ class Asked:
             UsageError: no object, options that exclude each other, or an id that the lake does not have.
             ConfigError: a design file or a setting that cannot be used.
         """
-        from fast.models.errors import UsageError
         from fast.models.records import Placement
         from fast.tasks.objects import find_object
 
@@ -136,11 +138,8 @@ def simulate_file(
     designs: Path, family: str, asked: Asked, workers: int, out: Path | None, lake: Path, as_json: bool
 ) -> None:
     """Simulate a file of designs and show them as a table, the best first; with `out` also as CSV files."""
-    from fast.flows.cli.live import open_reporter
-    from fast.flows.cli.simulate_output import write_table
     from fast.flows.simulation.many_designs import simulate_designs
     from fast.models.design.families import find_family
-    from fast.models.errors import UsageError
     from fast.models.objects.catalogue import OBJECTS
     from fast.tasks.campaign.own_designs import read_designs
     from fast.tasks.objects import find_object
@@ -184,7 +183,6 @@ def read_tolerances(values: list[str]) -> "Tolerances":
     Raises:
         UsageError: no NAME=MM, an unknown name, or a value out of its range.
     """
-    from fast.models.errors import ConfigError, UsageError
     from fast.models.simulation.tolerances import Tolerances
     from fast.models.validation import load_record
 
@@ -231,7 +229,6 @@ def read_design(path: Path | None) -> "Design":
     from fast.models.design.families import read_design as read_family_design
     from fast.models.design.fin_ray import FinRay
     from fast.models.design.space import BEST_PUBLISHED, numbered_design
-    from fast.models.errors import ConfigError
     from fast.models.validation import load_record, parse_json
 
     if path is None or path == BEST:
@@ -261,7 +258,6 @@ def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, RigidObjec
     """
     from fast.lake.store import Lake
     from fast.lake.tables.campaign import DesignRow, SimulationRow, SimulatorVersionRow
-    from fast.models.errors import UsageError
     from fast.models.objects.catalogue import get_object
     from fast.models.records import GraspSetup
     from fast.models.validation import closest
@@ -286,8 +282,6 @@ def refuse_beside(option: str, others: dict[str, Any]) -> None:
     Raises:
         UsageError: naming the first of them that was given.
     """
-    from fast.models.errors import UsageError
-
     for name, value in others.items():
         if value is not None:
             raise UsageError(f"--{option} already says what --{name} would; leave one of them out.")
@@ -308,7 +302,6 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
     Raises:
         UsageError: the lake has no such version, or it is another lab's simulator.
     """
-    from fast.models.errors import UsageError
     from fast.models.simulation.version import SimulatorVersion
     from fast.models.validation import closest, load_record
 
@@ -334,7 +327,6 @@ def apply_settings(settings: list[str], base: "SimulatorVersion") -> "tuple[Simu
         ConfigError: unknown name or value out of range.
         UsageError: the jaws would not close.
     """
-    from fast.models.errors import ConfigError
     from fast.models.records import GraspSetup, Placement, Theta
     from fast.models.simulation.version import MeshSettings
     from fast.models.validation import closest, load_record
@@ -374,8 +366,6 @@ def describe_grasp(data: dict[str, Any]) -> str:
 
 def _scatter_words(data: dict[str, Any]) -> str:
     """The scatter of the peak between prints and mountings, and of what; nothing where it was not asked for."""
-    from fast.models.units import spell_name
-
     if "peak_sd_n" not in data:
         return ""
     without = ", ".join(map(spell_name, data["sd_is_without"]))

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fast.flows.cli.common import write_out
+from fast.models.errors import UsageError, tell_cause
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy as np
 
-    from fast.models.errors import UsageError
     from fast.models.objects.rigid import RigidObject
     from fast.models.records import Design, GraspSimulation, Placement, Trace
     from fast.models.simulation.output.recording import GraspRecording
@@ -100,8 +100,6 @@ def make_folder(out: Path) -> None:
 
 def unwritable(folder: Path, error: OSError) -> "UsageError":
     """The error for a folder of --out that cannot be written."""
-    from fast.models.errors import UsageError, tell_cause
-
     return UsageError(f"--out `{folder}` cannot be written: {tell_cause(error)}; give a folder you may write to.")
 
 

@@ -13,6 +13,8 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell, write_out
+from fast.models.errors import UsageError
+from fast.models.units import spell_count
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -52,8 +54,6 @@ def sql(
     from fast.lake.query.limits import Limits
     from fast.lake.query.sql import run_sql
     from fast.lake.store import Lake
-    from fast.models.errors import UsageError
-    from fast.models.units import spell_count
 
     if query is None:
         if format or out:

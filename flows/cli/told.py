@@ -8,6 +8,8 @@ from cyclopts import Parameter
 
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 from fast.flows.cli.common import tell as say_progress
+from fast.models.errors import UsageError
+from fast.models.units import spell_count
 
 _SHOWN = 4  # samples of a guess
 _MOST_PULLS = 12
@@ -30,7 +32,6 @@ def ask(
     """
     from fast.flows.campaign.ask_tell import ask as ask_next
     from fast.lake.store import Lake
-    from fast.models.units import spell_count
     from fast.tasks.campaign.config import load_config
     from fast.tasks.campaign.state import rank_tools
 
@@ -85,8 +86,6 @@ def tell(
 
     from fast.flows.campaign.ask_tell import Telling, untell
     from fast.flows.campaign.ask_tell import tell as tell_all
-    from fast.models.errors import UsageError
-    from fast.models.units import spell_count
 
     if undo == bool(results):
         raise UsageError("give files to tell, or --undo and no files; nothing was written.")

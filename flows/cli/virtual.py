@@ -14,6 +14,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from fast.flows.cli.common import AsJson, make_app, say
+from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.hardware.tools.mounted import MountedTool
@@ -143,7 +144,6 @@ def read_fault(text: str) -> tuple[str, float]:
         UsageError: unknown name, or no time.
     """
     from fast.hardware.virtual.faults import find_fault
-    from fast.models.errors import UsageError
 
     name, _, time_s = text.partition("@")
     find_fault(name)
@@ -162,7 +162,6 @@ def rack(designs: list[Path] | None) -> "dict[int, MountedTool]":
     from fast.flows.cli.simulate import read_design
     from fast.hardware.parts.layout import N_SLOTS
     from fast.hardware.tools.mounted import MountedTool
-    from fast.models.errors import UsageError
     from fast.models.ids import tool_label
 
     chosen = [read_design(path) for path in designs] if designs else [read_design(None)] * N_SLOTS

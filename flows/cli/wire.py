@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from fast.flows.cli.campaign import open_lake
 from fast.flows.cli.common import AsJson, show, table_text
+from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.hardware.replay.outcome import Replay
@@ -89,7 +91,6 @@ def log_folder(lake: Path | None) -> Path:
     from fast.models.folders import folder_of_person
 
     if lake is not None:
-        from fast.flows.cli.campaign import open_lake
         from fast.tasks.campaign.requests import bench_log_folder
 
         return bench_log_folder(open_lake(lake))
@@ -98,7 +99,6 @@ def log_folder(lake: Path | None) -> Path:
 
 def _listing(folder: Path) -> list[dict[str, Any]]:
     from fast.hardware.wire.log_files import list_logs, read_header
-    from fast.models.errors import UsageError
 
     rows = []
     for path in list_logs(folder):
@@ -125,10 +125,8 @@ def _of_grasp(lake: Path | None, folder: Path, grasp_id: str) -> "tuple[float, f
     Raises:
         UsageError: no such grasp, or its logs were not kept or have made room since.
     """
-    from fast.flows.cli.campaign import open_lake
     from fast.hardware.wire.log_files import list_logs, read_session
     from fast.lake.tables.campaign import GraspRow
-    from fast.models.errors import UsageError
 
     if lake is None:
         raise UsageError("--grasp needs --lake, the lake that holds the grasp.")

@@ -94,8 +94,7 @@ def recalibrate(
     `simulate`: points of the Latin hypercube, simulated once. `campaign`: None is all measurements of the lake.
     `lot`: the material lot of the priors; None is the one that the campaigns name.
     """
-    from fast.flows.calibration.calibrate import CalibrationOrder
-    from fast.flows.calibration.scheduled import recalibrate_lake
+    from fast.flows.calibration.calibrate import CalibrationOrder, recalibrate_lake
     from fast.flows.progress import ProgressReporter
     from fast.lake.store import Lake
     from fast.models.calibration.inference.settings import CalibrationSettings

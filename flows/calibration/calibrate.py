@@ -12,10 +12,10 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.calibration.means.hypercube import HypercubePlan
-from fast.models.errors import UsageError
-from fast.tasks.calibration.calibrate import CalibrationOutcome, calibrate_once
-from fast.tasks.calibration.lot import describe_lot, take_lot
+from fast.models.errors import FastError, UsageError
+from fast.tasks.calibration.calibrate import CalibrationOutcome, calibrate_once, describe_lot, take_lot
 from fast.tasks.calibration.mean_data import (
+    TooLittleDataError,
     check_enough,
     find_base_version,
     plan_hypercube,
@@ -23,6 +23,7 @@ from fast.tasks.calibration.mean_data import (
     read_simulated_points,
 )
 from fast.tasks.calibration.means import N_FIRST, check_first, compare_means, plan_verification, verify
+from fast.tasks.campaign.flow_runs import record_sentence
 from fast.tasks.gap.data import read_grasps
 from fast.tasks.gap.theta import check_middle, gather_traces, plan_grid, plan_middle
 
@@ -144,3 +145,37 @@ def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None)
 
     calibration_id = outcome.row.calibration_id
     return write_calibration_report(lake, calibration_id, out or lake.root / "outputs" / calibration_id / "report")
+
+
+FLOW = "recalibrate"
+
+
+def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, reporter: ProgressReporter) -> str:
+    """Calibrate the lake if anything is new; a sentence says what was done, or why nothing was.
+
+    The run and its sentence are a row of `flow_runs`. A new calibration gets its page, which shows theta over time, in
+    the lake's outputs, and is an event of the Prefect server.
+
+    Raises:
+        FastError: the calibration could not be done, or gave no simulator version.
+    """
+    seed = order.settings.seed
+    return record_sentence(
+        lake, FLOW, flow_run_id, order.campaign_id, seed, lambda: _recalibrate(lake, order, reporter)
+    )
+
+
+def _recalibrate(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> str:
+    from fast.flows.campaign.events import announce_calibrated
+
+    try:
+        outcome = run_calibration(lake, order, reporter)
+    except TooLittleDataError as error:
+        return f"nothing to calibrate: {error}"
+    if outcome.row.version_id is None:
+        raise FastError(outcome.sentence)
+    if not outcome.is_new:
+        return outcome.sentence
+    reporter.progress(f"page: {write_page(lake, outcome)}")
+    announce_calibrated(lake, outcome.row.calibration_id, outcome.sentence)
+    return " ".join([f"{outcome.sentence}.", *outcome.row.warnings])

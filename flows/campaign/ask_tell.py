@@ -14,7 +14,7 @@ from pathlib import Path
 from queue import Queue
 from typing import Any
 
-from fast.flows.campaign.batch_folder import write_batch
+from fast.flows.campaign.batch_folder import is_told, plan_batch, write_batch
 from fast.lake.leases import exclusive, is_held
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow, CampaignRow
@@ -22,7 +22,6 @@ from fast.models.errors import ConfigError, UsageError
 from fast.models.records import Design, GraspRequest
 from fast.models.show import html_table
 from fast.models.units import spell_count
-from fast.tasks.bench.folder import is_told, plan_batch
 from fast.tasks.bench.machine_files.format import MachineFormat, read_format
 from fast.tasks.bench.machine_files.guess import guess_format, parse_format
 from fast.tasks.bench.machine_files.pulls import read_pulls

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from prefect.futures import PrefectFuture
 
+from fast.flows.campaign.batch_folder import is_told
 from fast.flows.campaign.pace import Pace
 from fast.flows.campaign.told_step import ToldPrompts, await_batch
 from fast.flows.progress import ProgressReporter
@@ -18,7 +19,6 @@ from fast.hardware.parts.safe_state import Verb
 from fast.lake.maintenance import LOOSE_BYTES, compact
 from fast.lake.tables.campaign import DesignRow, ProposalRow, SimTraceRow, SimulationRow
 from fast.models.records import Design
-from fast.tasks.bench.folder import is_told
 from fast.tasks.bench.live import live_path, show_live
 from fast.tasks.bench.measure import OpenBench
 from fast.tasks.bench.mount import MountPrompts

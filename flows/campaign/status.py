@@ -3,6 +3,7 @@
 import shlex
 from typing import Any
 
+from fast.flows.campaign.batch_folder import is_told
 from fast.flows.campaign.progress import count_work
 from fast.hardware.parts.safe_state import Verb
 from fast.lake.leases import holder_of
@@ -12,7 +13,6 @@ from fast.lake.tables.campaign import GraspRow, SimulationRow, SimulatorVersionR
 from fast.lake.tables.imported import IMPORTED, importing_campaign, is_imported
 from fast.models.ids import tool_label
 from fast.models.units import spell_count
-from fast.tasks.bench.folder import is_told
 from fast.tasks.bench.ways_on import WayOnward, list_ways, read_fault
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import read_stored_config

@@ -7,10 +7,9 @@ from typing import Protocol
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from fast.flows.campaign.batch_folder import write_batch
+from fast.flows.campaign.batch_folder import bench_folder, is_told, write_batch
 from fast.flows.gap.bench_plan import SHEET, plan_next, write_bench_plan
 from fast.tasks.bench.asked import read_open_requests
-from fast.tasks.bench.folder import bench_folder, is_told
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.prefect_tasks import is_answered
 from fast.tasks.campaign.requests import append_event

@@ -68,7 +68,7 @@ for _name, _target, _help in (
         "fast.flows.cli.serve:serve",
         "The lab's page, Prefect's server, a worker and the deployments; prints the addresses.",
     ),
-    ("mcp", "fast.flows.cli.mcp:mcp", "The lab's page for agents: reads, simulates, and proposes."),
+    ("mcp", "fast.flows.cli.serve:mcp", "The lab's page for agents: reads, simulates, and proposes."),
     (
         "doctor",
         "fast.flows.cli.doctor:doctor",

@@ -1,4 +1,4 @@
-"""`fast serve`: the lab's page of a lake, Prefect's server with a worker, and the deployments."""
+"""`fast serve`: the page of a lab, Prefect's server with a worker, the deployments. `fast mcp`: the page for agents."""
 
 import ipaddress
 import json as json_module
@@ -14,7 +14,7 @@ from cyclopts.validators import Number
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, tell
 from fast.flows.cli.virtual import watch_signals
 from fast.flows.dependencies import require
-from fast.models.errors import UsageError
+from fast.models.errors import FastError, UsageError
 
 if TYPE_CHECKING:
     from fast.flows.server.lab import Lab
@@ -110,3 +110,21 @@ def _is_loopback(host: str) -> bool:
         return ipaddress.IPv4Address(host).is_loopback
     except ValueError as error:
         raise UsageError(f"--host {host} is no IPv4 address; give one of this machine, e.g. 127.0.0.1.") from error
+
+
+def mcp(*, lake: LakePath = DEFAULT_LAKE) -> None:
+    """Offer the lab's page to an agent over standard input and output (Model Context Protocol).
+
+    It reads the state, the data and the findings, simulates, and proposes what a person accepts or denies on the page.
+    A page of the lake must stand (`fast serve`).
+    """
+    from fast.lake.storage.open import storage_at
+
+    require(["mcp"])
+    from fast.flows.page.door import make_server
+    from fast.flows.server.page_port import find_page
+
+    api = find_page(storage_at(lake).root)
+    if api is None:
+        raise FastError(f"no page of {lake} stands; start one with `fast serve`, then try again.")
+    make_server(api).run("stdio")

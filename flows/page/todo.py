@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from fast.flows.campaign.batch_folder import bench_folder, is_told, plan_batch
 from fast.flows.campaign.status import read_campaign
 from fast.flows.page.now import draw_path
 from fast.lake.handoff.plan_folder import RESULTS, SHEET
@@ -16,7 +17,6 @@ from fast.models.gap.findings import PersonQuestion
 from fast.models.ids import tool_label
 from fast.models.records import Design
 from fast.tasks.bench.asked import read_open_requests
-from fast.tasks.bench.folder import bench_folder, is_told, plan_batch
 from fast.tasks.bench.mount import plan_rack
 from fast.tasks.bench.mounting import read_mounting
 from fast.tasks.bench.print import open_slots, print_folder

@@ -28,7 +28,6 @@ from fast.lake.handoff.format import (
 )
 from fast.lake.handoff.import_folder import HandoffCounts
 from fast.lake.provenance import PACKAGE
-from fast.lake.query.lots import read_lot_rows
 from fast.lake.storage.files import TEMPORARY_PREFIX, discard, make_folder, publish
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import (
@@ -41,6 +40,7 @@ from fast.lake.tables.campaign import (
     ToolRow,
     TraceRow,
 )
+from fast.lake.tables.catalogue_rows import read_lot_rows
 from fast.lake.tables.imported import importing_campaign
 from fast.models.errors import LakeError, UsageError, tell_cause
 from fast.models.records import GraspSetup

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EffectRow, ObjectRow, SimulatorVersionRow
+from fast.lake.tables.material import MaterialRow
 from fast.lake.tables.row import Row
 from fast.models.objects.catalogue import OBJECTS
 from fast.models.objects.rigid import RigidObject
@@ -52,3 +53,9 @@ def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:
 def object_rows(own: Sequence[RigidObject] = ()) -> list[ObjectRow]:
     """A row for each of the 36 test objects, and for own ones."""
     return [ObjectRow.of(obj) for obj in (*OBJECTS, *own)]
+
+
+def read_lot_rows(lake: Lake, lot: str | Sequence[str] | None = None) -> list[MaterialRow]:
+    """What is measured of a lot, of several, or of all of the lake, but for what was taken back."""
+    where = {} if lot is None else {"lot": lot}
+    return lake.records(MaterialRow, taken_back_by=None, **where)

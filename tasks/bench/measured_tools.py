@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import Field
 
-from fast.lake.query.lots import read_lot_rows
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, ProposalRow, ToolRow
+from fast.lake.tables.catalogue_rows import read_lot_rows
 from fast.models.design.measured import Wall, find_hardness_questions, find_wall_questions
 from fast.models.errors import ConfigError, UsageError
 from fast.models.ids import tool_label

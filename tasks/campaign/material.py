@@ -10,9 +10,9 @@ from pathlib import Path
 from statistics import median
 
 from fast.lake.provenance import current_provenance
-from fast.lake.query.lots import read_lot_rows
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow, ToolRow
+from fast.lake.tables.catalogue_rows import read_lot_rows
 from fast.lake.tables.imported import is_imported
 from fast.lake.tables.material import MaterialRow, lot_of_rows
 from fast.models.design.recipe import Recipe

@@ -1,11 +1,13 @@
 """Prefect tasks: the names and boundaries under which the work shows in the Prefect UI."""
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar, cast
+from uuid import UUID
 
-from prefect import task
+from prefect import get_client, task
 from prefect.cache_policies import NO_CACHE
 from prefect.runtime import task_run
 from prefect.utilities.annotations import quote
@@ -21,11 +23,14 @@ from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
 from fast.tasks.bench.plan import ToolWork
 from fast.tasks.bench.reference_tools import ask_references
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.run_names import PlaceInName
-from fast.tasks.campaign.state import ProposedTool
+from fast.tasks.campaign.settings import ObjectPlan
+from fast.tasks.campaign.state import Cell, ProposedTool
 from fast.tasks.scientist import propose as proposing
 from fast.tasks.simulation import simulate as simulating
 from fast.tasks.simulation.engine import Engine
+
+logger = logging.getLogger(__name__)
+INTERVAL_S = 10.0  # a grasp takes 15 s; on a virtual bench in lockstep they come much faster
 
 T = TypeVar("T")
 
@@ -195,3 +200,35 @@ def is_answered(
         time.sleep(campaign.config.execution.print_poll_s)
         remind()
     return True
+
+
+class PlaceInName:
+    """Names a tool's task run after the object it is at, as grasps are made.
+
+    When the run ends, Prefect gives it its first name back.
+    """
+
+    def __init__(self, label: str, run_id: str, plan: ObjectPlan, done: set[Cell]) -> None:
+        self._label = label
+        self._run_id = UUID(run_id)
+        self._n_objects, self._n_grasps = len(plan.object_ids), plan.n_grasps
+        self._done = set(done)
+        self._renamed_s = time.monotonic()
+
+    @property
+    def name(self) -> str:
+        """The name that fits now."""
+        return f"{self._label}, object {len({object_id for object_id, _ in self._done})} of {self._n_objects}"
+
+    def count(self, grasp: MeasuredGrasp) -> None:
+        """A grasp was made, whatever came of it; the name follows now and then, and at the end."""
+        self._done.add((grasp.object_id, grasp.repeat))
+        is_last = len(self._done) >= self._n_grasps
+        if not is_last and time.monotonic() - self._renamed_s < INTERVAL_S:
+            return
+        self._renamed_s = time.monotonic()
+        try:
+            with get_client(sync_client=True) as client:
+                client.set_task_run_name(self._run_id, self.name)
+        except Exception as error:  # a server that restarts, or has not heard of the run yet: only the name is old
+            logger.debug("the run %s keeps its name: %s", self._run_id, error)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fast.lake.query.lots import read_lot_rows
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, ToolRow
+from fast.lake.tables.catalogue_rows import read_lot_rows
 from fast.lake.tables.material import MaterialRow
 from fast.lake.tables.row import Row
 from fast.models.errors import UsageError

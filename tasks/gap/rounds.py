@@ -19,8 +19,7 @@ from fast.models.gap.ask.settle import settle, tell_asked
 from fast.models.gap.bank.bank import BankPlan
 from fast.models.gap.bank.surrogate import N_BINS
 from fast.models.gap.data import GapData
-from fast.models.gap.evaluation.confounds import find_confounds
-from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, measure_change
+from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate, find_confounds, measure_change
 from fast.models.gap.evaluation.held_out import HeldOut, Prediction, PrintFactors, add_scatter
 from fast.models.gap.evaluation.rest import describe_rest
 from fast.models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict

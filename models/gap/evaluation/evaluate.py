@@ -3,6 +3,7 @@
 Closed is counted of what is above the noise floor, with an interval over designs and objects.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +17,23 @@ from fast.models.gap.evaluation.held_out import (
     compute_class_errors,
     compute_metrics,
 )
-from fast.models.gap.findings import Gap
+from fast.models.gap.findings import Confound, Gap
 from fast.models.objects.catalogue import get_object
+from fast.models.simulation.effects.catalogue import CATALOGUE
+from fast.models.units import spell_share
 
 BEFORE, AFTER = "theta recalibrated", "after the search"
 WORSE, WORSE_N = 1.05, 0.01  # an effect that makes a class of objects worse by more than both is reported
 N_BOOTSTRAP = 2000
 FEWEST_HELD_OUT = 3  # designs, and objects: an interval over fewer is too narrow
 _LEAST_GAP = 1.02  # before over floor: less than that above it is no gap to close
+HARDLY_VISIBLE = 0.1  # of a signature left once theta and tools are fitted again
+_OF = {
+    "young_modulus_mpa": "Young's modulus",
+    "friction": "friction, as long as all lifts have one speed",
+    "tool_modulus": "the modulus of each tool",
+}
+_ANYWHERE = "a second lift speed, a second closed gap and a dead weight on the load cell"
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,3 +192,26 @@ class _Cells:
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.clip((before - after) / (before - floor), -1.0, 1.0)
         return np.where(before > _LEAST_GAP * floor, share, np.where(np.isfinite(before), 0.0, np.nan))
+
+
+def find_confounds(visible: Mapping[str, float] | None = None) -> tuple[Confound, ...]:
+    """Declared aliases of the catalogue, and effects of which theta and tools swallow all but a tenth in these data.
+
+    visible: by effect, the share of its signature that is left once theta and tools are fitted again.
+    """
+    declared = [
+        Confound(effect=name, of=_OF[spec.alias_of], experiment=spec.experiment or _ANYWHERE)
+        for name, spec in CATALOGUE.items()
+        if spec.alias_of is not None
+    ]
+    names = {confound.effect for confound in declared}
+    hidden = [
+        Confound(
+            effect=name,
+            of=f"theta and tools, which take up {spell_share(1 - share)} of it in these data",
+            experiment=CATALOGUE[name].experiment or _ANYWHERE,
+        )
+        for name, share in (visible or {}).items()
+        if share < HARDLY_VISIBLE and name in CATALOGUE and name not in names
+    ]
+    return (*declared, *hidden)

@@ -1,14 +1,13 @@
-"""Object, class and orientation of an object from the inputs of a trace."""
+"""Object, class, orientation and sides of an object from the inputs of a trace."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import OBJECTS
-from fast.models.traces.identification.kinds import SIDES, SIDES_OF_OBJECTS
 
 N_OBJECTS = len(OBJECTS)
 CLASSES: tuple[str, ...] = tuple(dict.fromkeys(obj.object_class for obj in OBJECTS))
@@ -16,6 +15,23 @@ ORIENTATIONS: tuple[str, ...] = tuple(dict.fromkeys(obj.orientation for obj in O
 N_TREES = 300
 SHARE_OF_INPUTS = 0.3  # that a split chooses from
 LEAST_PROBABILITY = 1e-3  # of an object that no tree voted for: one grasp never rules an object out
+
+# The four kinds of sides that the paper tells apart by their traces (Figs. 5c to 5f).
+Sides = Literal["flat sides", "curved sides", "tapers inwards", "pronounced geometry"]
+SIDES: tuple[Sides, ...] = get_args(Sides)
+
+MEANINGS: dict[Sides, str] = {
+    "flat sides": "holds firmly until contact is lost",
+    "curved sides": "holds stably, with a steady decline",
+    "tapers inwards": "unstable, a narrow peak of force",
+    "pronounced geometry": "the force follows the contour",
+}
+
+# By the outline that the fingers meet, as the object stands: parallel to the lift; narrowing all the way up; with a
+# waist, an overhang or separate parts; all others bulge.
+_TAPERS_INWARDS = {19, 20, 24, 25}
+_PRONOUNCED = {13, 22, 23, 26, 28, 29}
+_FLAT = {4, 5, 7, 8, 14, 21, 30, 31, 32, 33, 34}
 
 _CLASS_OF = np.array([CLASSES.index(obj.object_class) for obj in OBJECTS])
 _ORIENTATION_OF = np.array([ORIENTATIONS.index(obj.orientation) for obj in OBJECTS])
@@ -99,3 +115,15 @@ class Identifier:
         objects = np.zeros((len(inputs), count_columns(self.classifier.classes_)))
         objects[:, self.classifier.classes_] = self.classifier.predict_proba(inputs)
         return Beliefs(objects)
+
+
+def sides_of(object_id: int) -> Sides:
+    """The sides that an object of the catalogue shows to the fingers."""
+    if object_id in _TAPERS_INWARDS:
+        return "tapers inwards"
+    if object_id in _PRONOUNCED:
+        return "pronounced geometry"
+    return "flat sides" if object_id in _FLAT else "curved sides"
+
+
+SIDES_OF_OBJECTS = np.array([SIDES.index(sides_of(obj.object_id)) for obj in OBJECTS])

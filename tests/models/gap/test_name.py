@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fast.models.gap.data import GapData
-from fast.models.gap.evaluation.confounds import find_confounds
+from fast.models.gap.evaluation.evaluate import find_confounds
 from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.naming.decide import choose_alike
 from fast.models.gap.naming.name import Alarm, NamingResult, name_effect, share_names

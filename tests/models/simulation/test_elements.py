@@ -15,7 +15,7 @@ from fast.models.simulation.body.elasticity import (
     lame_constants,
 )
 from fast.models.simulation.body.shape_functions import ElementKind, face_shape, quadrature_of, shape_of
-from fast.models.simulation.mesh.extrude import extrude
+from fast.models.simulation.mesh.build import extrude
 from fast.models.simulation.mesh.planar import add_middles
 from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 

@@ -18,9 +18,8 @@ from fast.models.simulation.contact.law import ContactLaw, Obstacle
 from fast.models.simulation.contact.self_contact import SelfContact
 from fast.models.simulation.finger import FingerStep
 from fast.models.simulation.grasp import INWARD, simulate_grasp
-from fast.models.simulation.mesh.build import build_mesh
+from fast.models.simulation.mesh.build import build_mesh, extrude
 from fast.models.simulation.mesh.cavities import cavity_faces
-from fast.models.simulation.mesh.extrude import extrude
 from fast.models.simulation.mesh.section import planar_mesh
 from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 from fast.models.simulation.model import to_object_frame

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from fast.models.records import Trace
-from fast.models.traces.anomalies import Labels, find_anomalies
+from fast.models.traces.anomalies import Labels, find_anomalies, p_values, shortfall_to_repeats
 from fast.models.traces.batch import TraceFeatures, features_of
-from fast.models.traces.departures import p_values, shortfall_to_repeats
 from fast.models.traces.expected import find_shortfalls, fit_chance
 from fast.models.traces.flags import KINDS
 from tests.studies.traces.planted import PLANTS

@@ -168,7 +168,7 @@ def _confused(beliefs: "Beliefs", object_id: np.ndarray) -> Rows:
 
 def _sides(beliefs: "Beliefs", object_id: np.ndarray) -> Rows:
     """Precision and recall of the flags for the four kinds of sides."""
-    from fast.models.traces.identification.kinds import SIDES, SIDES_OF_OBJECTS
+    from fast.models.traces.identification.classifier import SIDES, SIDES_OF_OBJECTS
 
     found, truth = beliefs.sides.argmax(axis=1), SIDES_OF_OBJECTS[object_id]
     rows: Rows = []

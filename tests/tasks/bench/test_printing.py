@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from fast.flows.campaign.batch_folder import plan_batch
 from fast.flows.report.campaign.queries import FAILURES
 from fast.lake.handoff.export_folder import export_handoff
 from fast.lake.handoff.import_folder import Origin, import_handoff
@@ -12,7 +13,6 @@ from fast.lake.tables.campaign import EventRow, ToolRow
 from fast.models.design.recipe import Recipe
 from fast.models.design.space import FIN_RAYS, PARAMETERS, to_unit
 from fast.models.errors import UsageError
-from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.measured_tools import MEASURED, MeasuredTool, measure_printed, take_back_measured
 from fast.tasks.bench.print import (
     PrintConfirmation,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fast.flows.campaign.batch_folder import plan_batch
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, SimTraceRow, SimulationRow, ToolRow, TraceRow
 from fast.models.errors import UsageError
@@ -17,7 +18,6 @@ from fast.models.question import Question
 from fast.models.records import Design, Trace
 from fast.models.simulation import grasp
 from fast.tasks.bench import told_questions
-from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.told import ToldGrasp, take_back, take_told
 from fast.tasks.bench.told_files import read_peaks, read_rows_of
 from fast.tasks.bench.told_questions import ask_about

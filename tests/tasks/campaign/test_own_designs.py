@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
+from fast.flows.campaign.batch_folder import plan_batch
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import ProposalRow
 from fast.models.design.families import find_family
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import ConfigError, UsageError
-from fast.tasks.bench.folder import plan_batch
 from fast.tasks.bench.reference_tools import ask_references, list_owed, note_gone
 from fast.tasks.bench.told import ToldGrasp, take_told
 from fast.tasks.campaign.campaign import Campaign, read_own_designs

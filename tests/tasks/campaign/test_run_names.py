@@ -6,8 +6,8 @@ from uuid import UUID, uuid4
 
 import pytest
 
-from fast.tasks.campaign import run_names
-from fast.tasks.campaign.run_names import PlaceInName
+from fast.tasks.campaign import prefect_tasks
+from fast.tasks.campaign.prefect_tasks import PlaceInName
 from fast.tasks.campaign.settings import ObjectPlan
 
 RUN = str(uuid4())
@@ -25,13 +25,13 @@ def named(monkeypatch):
     def client(sync_client):
         yield SimpleNamespace(set_task_run_name=lambda run_id, name: names.append((run_id, name)))
 
-    monkeypatch.setattr(run_names, "get_client", client)
+    monkeypatch.setattr(prefect_tasks, "get_client", client)
     return names
 
 
 def test_the_name_says_which_object_of_how_many(named, monkeypatch):
     now_s = [0.0]
-    monkeypatch.setattr(run_names.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(prefect_tasks.time, "monotonic", lambda: now_s[0])
     place = PlaceInName("B07 gantry, tool 4", RUN, ObjectPlan(ids=(3, 9), repeats=2), {(3, 0)})
     place.count(grasp(3, 1))
     assert named == []  # too soon
@@ -45,5 +45,5 @@ def test_a_server_that_does_not_answer_changes_nothing_else(monkeypatch):
     def broken(sync_client):
         raise ConnectionError("refused")
 
-    monkeypatch.setattr(run_names, "get_client", broken)
+    monkeypatch.setattr(prefect_tasks, "get_client", broken)
     PlaceInName("B07 gantry, tool 4", RUN, ObjectPlan(ids=(3,), repeats=1), set()).count(grasp(3, 0))

@@ -1,4 +1,4 @@
-from fast.models.gap.evaluation.confounds import find_confounds
+from fast.models.gap.evaluation.evaluate import find_confounds
 
 
 def test_aliases_are_declared_with_what_tells() -> None:

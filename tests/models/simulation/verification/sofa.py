@@ -18,7 +18,7 @@ from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.body.elasticity import MaterialLaw
 from fast.models.simulation.contact import points as contact_points
 from fast.models.simulation.contact.law import PointSpacing
-from fast.models.simulation.mesh.extrude import extrude
+from fast.models.simulation.mesh.build import extrude
 from fast.models.simulation.mesh.section import planar_mesh
 from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
 from fast.models.simulation.model import to_object_frame

@@ -176,11 +176,11 @@ def _order(verb: str, campaign: str | None, lake: Path, as_json: bool) -> None:
     show({"campaign": name, "asked": verb}, sentence, as_json)
 
 
-def open_lake(lake: Path) -> "Lake":
-    """The lake at a path that must exist already."""
+def open_lake(lake: Path, *, create: bool = False) -> "Lake":
+    """The lake at a path, which must exist already unless it is to be made."""
     from fast.lake.store import Lake
 
-    return Lake.open(lake)
+    return Lake.open(lake, create=create)
 
 
 def campaign_ids(lake: "Lake") -> list[str]:

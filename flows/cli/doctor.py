@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 
 from cyclopts import Parameter
 
+from fast.flows.cli.campaign import open_lake
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 from fast.flows.cli.speed import measure_speed
 from fast.flows.cli.wire import log_folder
@@ -134,13 +135,12 @@ def _disk(lake: Path) -> Check:
 
 def _lake(lake: Path) -> Check:
     from fast.lake.storage.open import storage_at
-    from fast.lake.store import Lake
 
     storage = storage_at(lake)
     try:
         if storage.is_empty():
             return Check("lake", True, f"none yet at {storage.address}; `fast campaign run` makes one")
-        Lake.open(lake)
+        open_lake(lake)
         storage.try_writing()
     except FastError as error:
         return Check("lake", False, str(error))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from fast.flows.cli.campaign import open_lake
 from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, show, tell
 from fast.flows.cli.real import YesMove, ask_leave
 from fast.flows.cli.virtual import Designs, rack, watch_signals
@@ -137,10 +138,9 @@ def lend(*, bench: ChosenBench = VIRTUAL_BENCH, lake: LakePath = DEFAULT_LAKE, j
     Of a real bench this terminal gives the leave to move, once, for as long as it lends it. Stay at the emergency stop.
     """
     from fast.flows.campaign.lend import lend_bench
-    from fast.lake.store import Lake
     from fast.tasks.campaign.setup import read_real_bench
 
-    found = Lake.open(lake, create=True)
+    found = open_lake(lake, create=True)
     if bench.real is not None:
         ask_leave(bench.real, read_real_bench(bench.real), None, bench.yes_move)
     asked = watch_signals()

@@ -98,12 +98,7 @@ def gap(
     if simulated is None and not is_small(found, order):
         _search(found, order, folder, dry_run, json)
         return
-    if out is not None:
-        raise UsageError(
-            f"{'--simulated' if simulated is not None else 'so small a panel'} gets no page, its answer is printed; "
-            "leave out --out (`--json > FILE` keeps the answer)."
-        )
-    _weigh(found, order, simulated, dry_run, json)
+    _weigh(found, order, simulated, out, dry_run, json)
 
 
 def _show_catalogue(as_json: bool) -> None:
@@ -126,8 +121,19 @@ def _search(lake: "Lake", order: "GapOrder", folder: Path | None, is_dry: bool, 
     show(_data(told) | {"report": str(page)}, _text(told, page), as_json)
 
 
-def _weigh(lake: "Lake", order: "GapOrder", simulated: Path | None, is_dry: bool, as_json: bool) -> None:
-    """Weigh a panel with all its grasps, or only say what that costs."""
+def _weigh(
+    lake: "Lake", order: "GapOrder", simulated: Path | None, out: Path | None, is_dry: bool, as_json: bool
+) -> None:
+    """Weigh a panel with all its grasps, or only say what that costs.
+
+    Raises:
+        UsageError: a folder was given, for which there is no page.
+    """
+    if out is not None:
+        raise UsageError(
+            f"{'--simulated' if simulated is not None else 'so small a panel'} gets no page, its answer is printed; "
+            "leave out --out (`--json > FILE` keeps the answer)."
+        )
     from fast.flows.gap.weigh import describe_cost, weigh_panel
 
     with open_reporter() as reporter:
@@ -164,11 +170,10 @@ def plan_(
     taken for. One tool, and one object, less are compared with it.
     """
     from fast.flows.gap.plan import choose_size, look_ahead
-    from fast.lake.store import Lake
     from fast.tasks.campaign.config import load_config
 
     choose_size(load_config(config), tools, objects)  # what is wrong is named before a lake is made
-    found = Lake.open(lake, create=True)
+    found = open_lake(lake, create=True)
     with open_reporter() as reporter:
         outlook = look_ahead(found, config, tools, objects, rehearse, workers, reporter)
     families = [

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from fast.flows.cli.campaign import open_lake
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, say, show, table_text, tell
 from fast.models.errors import ConfigError, UsageError
 from fast.models.units import spell_count
@@ -64,7 +65,7 @@ def import_(
             if dry_run:
                 show_import(count_all(handoff), is_dry=True, as_json=json)
                 return
-        found = Lake.open(lake, create=True)
+        found = open_lake(lake, create=True)
         origin = Origin(campaign, setup, source, lab)
         if (taken := _take_answers(found, folder, origin, is_dry=dry_run)) is not None:
             words = f"nothing was written (--dry-run); it would be: {taken.sentence}" if dry_run else taken.sentence
@@ -168,9 +169,8 @@ def export(
 ) -> None:
     """Export designs, grasps and traces in the hand-off format."""
     from fast.lake.handoff.export_folder import export_handoff
-    from fast.lake.store import Lake
 
-    found = Lake.open(lake)
+    found = open_lake(lake)
     if campaign is not None:
         _check_campaign(found, campaign)
     counts = export_handoff(found, directory, campaign_id=campaign)
@@ -186,9 +186,8 @@ def labs(
 ) -> None:
     """Compare labs that measured the same fingers: bias, scatter by object and finger, and their fits."""
     from fast.flows.report.labs import format_bias, write_labs_report
-    from fast.lake.store import Lake
 
-    found = Lake.open(lake)
+    found = open_lake(lake)
     page, shown = write_labs_report(found, out or (found.root or Path()) / "outputs" / "labs")
     compared = shown.compared
     rows = [
@@ -230,14 +229,13 @@ def publish(
     from fast.lake.handoff.eln import check_eln_path, write_eln
     from fast.lake.handoff.publish import publish as write_deposit
     from fast.lake.handoff.zenodo import read_access, upload_deposit
-    from fast.lake.store import Lake
 
     if directory is None and eln is None and not zenodo:
         raise UsageError("nothing is asked for; give a new folder, --eln FILE.eln, --zenodo, or several of them.")
     access = read_access() if zenodo else None
     if eln is not None:
         check_eln_path(eln)
-    found = Lake.open(lake)
+    found = open_lake(lake)
     if campaign is not None:
         _check_campaign(found, campaign)
     with TemporaryDirectory(prefix="fast-deposit-") as spare:
@@ -262,9 +260,8 @@ def check(
 ) -> None:
     """Find torn, unreadable, foreign and incomplete files; exit status 1 when there are any."""
     from fast.lake.maintenance import check as check_lake
-    from fast.lake.store import Lake
 
-    findings = check_lake(Lake.open(lake), quarantine=quarantine)
+    findings = check_lake(open_lake(lake), quarantine=quarantine)
     text = "\n".join(finding.line for finding in findings) or "every file of the lake is whole."
     show([finding._asdict() for finding in findings], text, json)
     if findings:
@@ -275,10 +272,9 @@ def check(
 def compact(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Merge small files into few; no row is lost, and readers and writers need not stop."""
     from fast.lake.maintenance import compact as compact_table
-    from fast.lake.store import Lake
     from fast.lake.tables.campaign import TABLES
 
-    found = Lake.open(lake)
+    found = open_lake(lake)
     rows = [compact_table(found, row_type)._asdict() for row_type in TABLES]
     merged = [row for row in rows if row["n_files_before"] != row["n_files_after"]]
     lines = [f"{row['table']}: {row['n_files_before']} files merged into {row['n_files_after']}" for row in merged]
@@ -289,9 +285,8 @@ def compact(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
 def stats(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Rows, files and size of every table; superseded rows are kept, but no query sees them."""
     from fast.lake.maintenance import stats as table_stats
-    from fast.lake.store import Lake
 
-    rows = [entry._asdict() for entry in table_stats(Lake.open(lake))]
+    rows = [entry._asdict() for entry in table_stats(open_lake(lake))]
     show(rows, table_text(rows, ["table", "n_rows", "n_files", "n_superseded", "size_mb"]), json)
 
 
@@ -313,13 +308,12 @@ def lineage(
     """Show what a row was made from, back to config, code and seed; each row with its parents in turn."""
     from fast.flows.report.lineage import lineage_json, lineage_text
     from fast.lake.query.lineage import find_lineage
-    from fast.lake.store import Lake
 
     _check_not_negative("--depth", depth)
     _check_not_negative("--limit", limit)
     if limit is None:
         limit = _LIMIT_JSON if json else _LIMIT_TEXT
-    found = find_lineage(Lake.open(lake), row_id, forward=children, depth=depth, limit=limit)
+    found = find_lineage(open_lake(lake), row_id, forward=children, depth=depth, limit=limit)
     if json:
         show(lineage_json(found), "", json)
     else:
@@ -343,6 +337,5 @@ def _check_campaign(lake: "Lake", campaign: str) -> None:
 
 
 def _counts_text(verb: str, counts: dict[str, int]) -> str:
-
     nouns = {"n_designs": "design", "n_real": "measured grasp", "n_sim": "simulated grasp", "n_samples": "sample"}
     return f"{verb} " + ", ".join(spell_count(counts[name], noun) for name, noun in nouns.items())

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from cyclopts import Parameter
 
+from fast.flows.cli.campaign import open_lake
 from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, show, table_text, write_out
 from fast.models.errors import UsageError
 
@@ -44,14 +45,13 @@ def check(files: Files, *, json: AsJson = False) -> None:
 def add(files: Files, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Write own objects to the lake, where they are known by name and number from then on."""
     from fast.lake.provenance import current_provenance
-    from fast.lake.store import Lake
     from fast.lake.tables.campaign import ObjectRow
     from fast.tasks.objects import check_names, own_objects, read_objects
 
     found, known = read_objects(files), own_objects(lake)
     check_names(found, known)
     earlier = {obj.object_id: obj.name for obj in known}
-    opened = Lake.open(lake, create=True)
+    opened = open_lake(lake, create=True)
     opened.append([ObjectRow.of(obj) for obj in found], current_provenance())
     opened.close()
     rows = [_row(obj) for obj in found]

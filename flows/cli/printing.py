@@ -33,10 +33,9 @@ def sheet(
     json: AsJson = False,
 ) -> None:
     """Write the tray files and the sheet of a batch again."""
-    from fast.lake.store import Lake
     from fast.tasks.bench.print import print_folder, write_tray
 
-    found = Lake.open(lake)
+    found = open_lake(lake)
     campaign_id, number = parse_batch(found, batch)
     folder = out or print_folder(found, campaign_id, number)
     page = write_tray(found, campaign_id, number, folder)
@@ -79,12 +78,11 @@ def confirm(
     """Say that a batch is printed and mounted; the campaign goes on."""
     from fast.flows.campaign.forms import close_forms
     from fast.flows.campaign.operator_prompts import make_print_form
-    from fast.lake.store import Lake
     from fast.models.validation import load_record
     from fast.tasks.bench.print import PrintConfirmation, confirm_print
     from fast.tasks.bench.reference_tools import note_gone
 
-    found = Lake.open(lake)
+    found = open_lake(lake)
     campaign_id, number = parse_batch(found, batch)
     word = load_record(
         PrintConfirmation,
@@ -125,12 +123,11 @@ def measured(
     json: AsJson = False,
 ) -> None:
     """Say what callipers and durometer gave of a printed tool, also after it was measured on the bench."""
-    from fast.lake.store import Lake
     from fast.tasks.bench.measured_tools import MEASURES, measure_printed, take_back_measured
 
     if undo == bool(values):
         raise UsageError("give what was measured, or --undo and no numbers; nothing was written.")
-    found = Lake.open(lake)
+    found = open_lake(lake)
     if undo:
         row, words = take_back_measured(found, tool, operator), "taken back; what stood before stands again"
     else:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from fast.flows.cli.campaign import open_lake
 from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, say, show, table_text
 from fast.flows.cli.live import open_reporter
 from fast.flows.cli.simulate_output import make_folder, write_outputs, write_table
@@ -256,13 +257,12 @@ def read_simulation(lake: Path, simulation_id: str) -> "tuple[Design, RigidObjec
     Raises:
         UsageError: the lake has no such simulation, or it is another lab's.
     """
-    from fast.lake.store import Lake
     from fast.lake.tables.campaign import DesignRow, SimulationRow, SimulatorVersionRow
     from fast.models.objects.catalogue import get_object
     from fast.models.records import GraspSetup
     from fast.models.validation import closest
 
-    found = Lake.open(lake)
+    found = open_lake(lake)
     rows = found.records(SimulationRow, simulation_id=simulation_id)
     if not rows:
         known = closest(simulation_id, sorted(found.ids(SimulationRow)))
@@ -307,10 +307,9 @@ def read_version(lake: Path, version_id: str | None) -> "SimulatorVersion":
 
     if version_id is None:
         return SimulatorVersion()
-    from fast.lake.store import Lake
     from fast.lake.tables.campaign import SimulatorVersionRow
 
-    found = Lake.open(lake)
+    found = open_lake(lake)
     rows = found.rows(SimulatorVersionRow)
     known = {row["version_id"]: row["version_json"] for row in rows if row["tier"] != "imported"}
     if version_id not in known:

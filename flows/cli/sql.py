@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from fast.flows.cli.campaign import open_lake
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell, write_out
 from fast.models.errors import UsageError
 from fast.models.units import spell_count
@@ -53,7 +54,6 @@ def sql(
     """Run one SELECT over the lake's tables, views and macros; without a query, list them."""
     from fast.lake.query.limits import Limits
     from fast.lake.query.sql import run_sql
-    from fast.lake.store import Lake
 
     if query is None:
         if format or out:
@@ -66,7 +66,7 @@ def sql(
     if chosen == "parquet" and out is None:
         raise UsageError("--format parquet is binary and needs a file; add --out FILE.parquet.")
     limits = Limits(limit_s, limit_mb)
-    table = run_sql(Lake.open(lake), sys.stdin.read() if query == _STDIN else query, limits, _end_at_once)
+    table = run_sql(open_lake(lake), sys.stdin.read() if query == _STDIN else query, limits, _end_at_once)
     content = _formatted(table, chosen)
     if out is None:
         say(content.decode().rstrip("\n"))

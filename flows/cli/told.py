@@ -6,6 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from fast.flows.cli.campaign import open_lake
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
 from fast.flows.cli.common import tell as say_progress
 from fast.models.errors import UsageError
@@ -37,7 +38,7 @@ def ask(
 
     asked = ask_next(config, lake, out, say_progress)
     if asked is None:
-        best = rank_tools(Lake.open(lake), load_config(config).campaign_id)[:1]
+        best = rank_tools(open_lake(lake), load_config(config).campaign_id)[:1]
         words = f"; best tool {best[0]['tool_id']}, {best[0]['tool_quality_n']:.2f} N" if best else ""
         text = f"the schedule is complete{words}. Raise schedule.guided_batches for more."
         show({"batch": None, "best_tool": best[0] if best else None}, text, json)

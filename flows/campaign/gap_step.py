@@ -105,11 +105,11 @@ def _carry_out(run: CampaignRun, search_id: str, asked: NextExperiment, wait: Wa
     if not read_open_requests(lake, search_id=search_id):
         return
     if run.campaign.config.bench.is_folder:
-        waits = unmapped(run.campaign), search_id, unmapped(run.should_stop), unmapped(run.told_prompts)
+        waits = unmapped(run.campaign), search_id, unmapped(run.should_stop), unmapped(run.prompts)
         _run(run, wait, await_asked.submit(label, *waits))
         return
     if read_mounting(lake, search_id) is None:
-        words = (search_id, run.auto_print, unmapped(run.should_stop), unmapped(run.mount_prompts))
+        words = (search_id, run.auto_print, unmapped(run.should_stop), unmapped(run.prompts))
         _run(run, wait, steps.mount_tools.submit(label, unmapped(run.campaign), *words))
     tools = list_asked_tools(run.campaign, run.campaign.state(), search_id)
     if run.should_stop() or not tools:

@@ -10,8 +10,9 @@ from typing import Any, Protocol
 from prefect.futures import PrefectFuture
 
 from fast.flows.campaign.batch_folder import is_told
+from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.campaign.pace import Pace
-from fast.flows.campaign.told_step import ToldPrompts, await_batch
+from fast.flows.campaign.told_step import await_batch
 from fast.flows.progress import ProgressReporter
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
@@ -21,8 +22,6 @@ from fast.lake.tables.campaign import DesignRow, ProposalRow, SimTraceRow, Simul
 from fast.models.records import Design
 from fast.tasks.bench.live import live_path, show_live
 from fast.tasks.bench.measure import OpenBench
-from fast.tasks.bench.mount import MountPrompts
-from fast.tasks.bench.print import OperatorPrompts
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.prefect_tasks import unmapped
@@ -54,12 +53,8 @@ class CampaignRun:
     """Hears of each grasp."""
     on_simulated: Callable[[str, int], None]
     """Hears of each design: its label, and how many of its grasps failed."""
-    prompts: OperatorPrompts
-    """Asks the person who prints."""
-    mount_prompts: MountPrompts
-    """Asks the person who mounts kept tools."""
-    told_prompts: ToldPrompts
-    """Asks the person whose bench it is."""
+    prompts: Prompts
+    """Asks people at the bench."""
     reporter: ProgressReporter
     """Says what happens."""
     pace: Pace = field(default_factory=Pace)
@@ -158,7 +153,7 @@ class BenchLoop:
                     unmapped(run.campaign),
                     batch,
                     unmapped(run.should_stop),
-                    unmapped(run.told_prompts),
+                    unmapped(run.prompts),
                 )
                 return run.watch(future)
         return None

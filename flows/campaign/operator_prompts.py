@@ -35,18 +35,20 @@ class HumanStep:
     event: str
 
 
-class Prompts:
+class Prompt:
     """Asks for one step until it is done; all calls come from one task."""
 
-    def __init__(self, campaign: Campaign, reporter: ProgressReporter, notifier: Notifier) -> None:
+    def __init__(self, campaign: Campaign, reporter: ProgressReporter, notifier: Notifier, step: HumanStep) -> None:
         self._campaign = campaign
         self._reporter = reporter
         self._notifier = notifier
+        self._step = step
         self._asked_s = self._reminded_s = self._looked_s = 0.0
         self._form: str | None = None
 
-    def ask_for(self, step: HumanStep) -> None:
+    def ask(self) -> None:
         """It has to be done now."""
+        step = self._step
         self._asked_s = self._reminded_s = self._looked_s = time.monotonic()
         self._form = open_form(self._campaign.lake, step.form)
         self._reporter.announce(
@@ -54,11 +56,11 @@ class Prompts:
             f"    {step.command}\n{self._form_line()}Simulations go on meanwhile."
         )
         append_event(self._campaign.lake, self._campaign.campaign_id, step.event, f"waiting for {step.name}")
-        self._notifier.send("needs_you", f"FAST needs you: {step.name}", self._what_to_do(step))
+        self._notifier.send("needs_you", f"FAST needs you: {step.name}", self._what_to_do())
 
-    def remind_of(self, step: HumanStep) -> None:
+    def remind(self) -> None:
         """Nobody has answered yet: keep a form open, and remind when it is time."""
-        now_s = time.monotonic()
+        step, now_s = self._step, time.monotonic()
         if now_s - self._looked_s > (FORM_S if self._form else NO_FORM_S):
             self._looked_s = now_s
             form = open_form(self._campaign.lake, step.form)
@@ -70,99 +72,66 @@ class Prompts:
             self._reminded_s = now_s
             title = f"FAST still needs you: {step.name}, for {describe_duration(now_s - self._asked_s)}"
             self._reporter.announce(f"{title}; {step.command}")
-            self._notifier.send("needs_you", title, self._what_to_do(step))
+            self._notifier.send("needs_you", title, self._what_to_do())
 
-    def end(self, step: HumanStep) -> None:
+    def close(self) -> None:
         """It is done; a form that is still open is not needed."""
-        close_forms(self._campaign.lake, step.form, "confirmed elsewhere")
+        close_forms(self._campaign.lake, self._step.form, "confirmed elsewhere")
         self._form = None
 
     def _form_line(self) -> str:
         return f"or fill in the form at {self._form}\n" if self._form else ""
 
-    def _what_to_do(self, step: HumanStep) -> str:
-        what = step.what[0].upper() + step.what[1:]
-        return f"{what}, then {step.command}\n{self._form_line()}".strip()
+    def _what_to_do(self) -> str:
+        what = self._step.what[0].upper() + self._step.what[1:]
+        return f"{what}, then {self._step.command}\n{self._form_line()}".strip()
 
 
-class PrintPrompts(Prompts):
-    """Asks for a batch to be printed and mounted until it is confirmed."""
+@dataclass(frozen=True, eq=False)
+class Prompts:
+    """What a campaign can ask of people."""
 
-    def ask(self, batch: int, sheet: Path) -> None:
-        """A batch has to be printed and mounted now; `sheet` says what and how."""
-        self.ask_for(self._step(batch, f" ({sheet})"))
+    campaign: Campaign
+    reporter: ProgressReporter
+    notifier: Notifier
 
-    def remind(self, batch: int, sheet: Path) -> None:
-        """Nobody has answered yet."""
-        self.remind_of(self._step(batch, f" ({sheet})"))
-
-    def close(self, batch: int) -> None:
-        """The batch is confirmed."""
-        self.end(self._step(batch, ""))
-
-    def _step(self, batch: int, sheet: str) -> HumanStep:
-        name = BatchRow.make_id(self._campaign.campaign_id, batch)
-        return HumanStep(
+    def to_print(self, batch: int, sheet: Path) -> Prompt:
+        """A batch is to be printed and mounted; `sheet` says what and how."""
+        lake, name = self.campaign.lake, BatchRow.make_id(self.campaign.campaign_id, batch)
+        step = HumanStep(
             name=f"batch {name}",
-            what=f"print and mount batch {name}{sheet}",
-            command=f"fast print confirm {name} --operator NAME --lake {shlex.quote(self._campaign.lake.address)}",
-            form=make_print_form(self._campaign.lake, self._campaign.campaign_id, batch),
+            what=f"print and mount batch {name} ({sheet})",
+            command=f"fast print confirm {name} --operator NAME --lake {shlex.quote(lake.address)}",
+            form=make_print_form(lake, self.campaign.campaign_id, batch),
             event="print_waiting",
         )
+        return Prompt(self.campaign, self.reporter, self.notifier, step)
 
-
-class MountPrompts(Prompts):
-    """Asks for kept tools to be mounted again until they are."""
-
-    def ask(self, search_id: str, slots: Mapping[str, int]) -> None:
-        """Kept tools have to be mounted now."""
-        self.ask_for(self._step(search_id, slots))
-
-    def remind(self, search_id: str, slots: Mapping[str, int]) -> None:
-        """Nobody has answered yet."""
-        self.remind_of(self._step(search_id, slots))
-
-    def close(self, search_id: str) -> None:
-        """They are mounted."""
-        self.end(self._step(search_id, {}))
-
-    def _step(self, search_id: str, slots: Mapping[str, int]) -> HumanStep:
-        name = self._campaign.campaign_id
+    def to_mount(self, search_id: str, slots: Mapping[str, int]) -> Prompt:
+        """Kept tools are to be mounted again; `slots`: of the rack, by tool."""
+        lake, name = self.campaign.lake, self.campaign.campaign_id
         where = ", ".join(f"{tool_id.rpartition('/')[2]} in slot {slot}" for tool_id, slot in slots.items())
-        return HumanStep(
+        step = HumanStep(
             name=f"kept tools of {name}",
             what=f"mount these kept tools again, nothing is printed: {where}",
-            command=f"fast print mounted {name} --operator NAME --lake {shlex.quote(self._campaign.lake.address)}",
-            form=make_mount_form(self._campaign.lake, name, search_id),
+            command=f"fast print mounted {name} --operator NAME --lake {shlex.quote(lake.address)}",
+            form=make_mount_form(lake, name, search_id),
             event="mount_waiting",
         )
+        return Prompt(self.campaign, self.reporter, self.notifier, step)
 
-
-class FolderPrompts(Prompts):
-    """Asks for the grasps of a bench of one's own until they are told."""
-
-    def ask(self, name: str, folder: Path, batch: int | None) -> None:
-        """Grasps have to be made now; `folder` says which. batch: None where a search asks for them."""
-        self.ask_for(self._step(name, folder, batch))
-
-    def remind(self, name: str, folder: Path, batch: int | None) -> None:
-        """Nobody has told them all yet."""
-        self.remind_of(self._step(name, folder, batch))
-
-    def close(self, name: str, folder: Path, batch: int | None) -> None:
-        """They are told."""
-        self.end(self._step(name, folder, batch))
-
-    def _step(self, name: str, folder: Path, batch: int | None) -> HumanStep:
-        lake, config = self._campaign.lake, self._campaign.config_path or "CONFIG"
+    def to_tell(self, name: str, folder: Path, batch: int | None) -> Prompt:
+        """The grasps of a folder are to be made on a bench of one's own, and told; batch: None where a search asks."""
+        lake, config = self.campaign.lake, self.campaign.config_path or "CONFIG"
         what = "make the grasps" if batch is None else "print its tools (folder print) and make the grasps"
-        return HumanStep(
+        step = HumanStep(
             name=name,
             what=f"{name}: {what} of {folder / RESULTS}, write the peaks into it",
             command=shlex.join(["fast", "tell", str(config), str(folder / RESULTS), "--lake", lake.address]),
-            form=make_told_form(self._campaign, name),
+            form=make_told_form(self.campaign, name),
             event="told_waiting",
         )
+        return Prompt(self.campaign, self.reporter, self.notifier, step)
 
 
 def make_told_form(campaign: Campaign, name: str) -> Form:

@@ -18,7 +18,7 @@ from prefect.logging.handlers import APILogWorker
 from fast.flows.campaign.flow import run_flow
 from fast.flows.campaign.loops import CampaignRun
 from fast.flows.campaign.notify import notifier
-from fast.flows.campaign.operator_prompts import FolderPrompts, MountPrompts, PrintPrompts
+from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.campaign.progress import CampaignProgress
 from fast.flows.memory import limit_arenas
 from fast.flows.progress import Bar, ProgressReporter, format_report
@@ -110,9 +110,7 @@ def run_in_process(
         auto_print=auto_print,
         on_grasp=functools.partial(_tell_grasp, progress),
         on_simulated=functools.partial(_tell_simulated, progress),
-        prompts=PrintPrompts(campaign, reporter, told),
-        mount_prompts=MountPrompts(campaign, reporter, told),
-        told_prompts=FolderPrompts(campaign, reporter, told),
+        prompts=Prompts(campaign, reporter, told),
         reporter=reporter,
         pace=progress.pace,
     )

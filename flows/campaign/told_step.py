@@ -1,37 +1,21 @@
 """What a campaign does on a bench of one's own: write the folder of a batch, and wait until its grasps are told."""
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Protocol
 
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from fast.flows.campaign.batch_folder import bench_folder, is_told, write_batch
+from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.gap.bench_plan import SHEET, plan_next, write_bench_plan
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.prefect_tasks import is_answered
+from fast.tasks.campaign.prefect_tasks import ask_person
 from fast.tasks.campaign.requests import append_event
 
 
-class ToldPrompts(Protocol):
-    """Where a campaign and the person at a bench of their own meet; `batch` is None where a search asks."""
-
-    def ask(self, name: str, folder: Path, batch: int | None) -> None:
-        """The grasps of a folder have to be made now."""
-
-    def remind(self, name: str, folder: Path, batch: int | None) -> None:
-        """Called again and again until they are told."""
-
-    def close(self, name: str, folder: Path, batch: int | None) -> None:
-        """They are told."""
-
-
 @task(task_run_name="{label} told", cache_policy=NO_CACHE)
-def await_batch(
-    label: str, campaign: Campaign, batch: int, should_stop: Callable[[], bool], prompts: ToldPrompts
-) -> None:
+def await_batch(label: str, campaign: Campaign, batch: int, should_stop: Callable[[], bool], prompts: Prompts) -> None:
     """Write the folder of a batch, then wait until all its grasps are told."""
     folder = bench_folder(campaign.lake, campaign.campaign_id, batch)
     if not (folder / SHEET).exists():
@@ -41,15 +25,13 @@ def await_batch(
     def is_open() -> bool:
         return not is_told(campaign, campaign.state(), batch)
 
-    prompts.ask(name, folder, batch)
-    if is_answered(campaign, is_open, should_stop, lambda: prompts.remind(name, folder, batch)):
-        prompts.close(name, folder, batch)
+    if ask_person(campaign, prompts.to_tell(name, folder, batch), is_open, should_stop):
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"{label} measured", batch=batch)
 
 
 @task(task_run_name="{label} told", cache_policy=NO_CACHE)
 def await_asked(
-    label: str, campaign: Campaign, search_id: str, should_stop: Callable[[], bool], prompts: ToldPrompts
+    label: str, campaign: Campaign, search_id: str, should_stop: Callable[[], bool], prompts: Prompts
 ) -> None:
     """Write the grasps that a search asks for, then wait until they are told."""
     folder = campaign.output / f"asked-{search_id}"
@@ -61,6 +43,4 @@ def await_asked(
     def is_open() -> bool:
         return bool(read_open_requests(campaign.lake, search_id=search_id))
 
-    prompts.ask(name, folder, None)
-    if is_answered(campaign, is_open, should_stop, lambda: prompts.remind(name, folder, None)):
-        prompts.close(name, folder, None)
+    ask_person(campaign, prompts.to_tell(name, folder, None), is_open, should_stop)

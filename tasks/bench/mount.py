@@ -4,9 +4,8 @@ Nothing is printed. What a person says is an event of the lake; a tool that is g
 and nobody waits for them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
@@ -24,19 +23,6 @@ from fast.tasks.campaign.requests import GANTRY_LEASE, note_verbs
 from fast.tasks.campaign.state import CampaignState, ProposedTool
 
 OnGrasp = Callable[[ProposedTool, MeasuredGrasp], None]
-
-
-class MountPrompts(Protocol):
-    """Where a campaign and the person who mounts kept tools meet; `slots`: of the rack, by tool."""
-
-    def ask(self, search_id: str, slots: Mapping[str, int]) -> None:
-        """Kept tools have to be mounted now."""
-
-    def remind(self, search_id: str, slots: Mapping[str, int]) -> None:
-        """Called again and again until they are."""
-
-    def close(self, search_id: str) -> None:
-        """They are mounted."""
 
 
 def plan_rack(lake: Lake, state: CampaignState, search_id: str) -> dict[str, int]:

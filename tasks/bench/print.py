@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -56,19 +56,6 @@ class _Stock(NamedTuple):
 
     lot: str
     recipe: Recipe | None
-
-
-class OperatorPrompts(Protocol):
-    """Where a campaign and the person at the printer meet."""
-
-    def ask(self, batch: int, sheet: Path) -> None:
-        """A batch has to be printed and mounted now."""
-
-    def remind(self, batch: int, sheet: Path) -> None:
-        """Called again and again until the batch is confirmed."""
-
-    def close(self, batch: int) -> None:
-        """The batch is confirmed."""
 
 
 def print_folder(lake: Lake, campaign_id: str, batch: int) -> Path:

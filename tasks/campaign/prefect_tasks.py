@@ -2,9 +2,10 @@
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from pathlib import Path
+from typing import Protocol, TypeVar, cast
 from uuid import UUID
 
 from prefect import get_client, task
@@ -35,6 +36,29 @@ INTERVAL_S = 10.0  # a grasp takes 15 s; on a virtual bench in lockstep they com
 T = TypeVar("T")
 
 
+class Prompt(Protocol):
+    """Asks a person for one thing until it is done."""
+
+    def ask(self) -> None:
+        """It has to be done now."""
+
+    def remind(self) -> None:
+        """Called again and again until it is."""
+
+    def close(self) -> None:
+        """It is done."""
+
+
+class Prompts(Protocol):
+    """What a campaign can ask of people at the gantry."""
+
+    def to_print(self, batch: int, sheet: Path) -> Prompt:
+        """A batch is to be printed and mounted."""
+
+    def to_mount(self, search_id: str, slots: Mapping[str, int]) -> Prompt:
+        """Kept tools are to be mounted again; `slots`: of the rack, by tool."""
+
+
 def unmapped(value: T) -> T:
     """Pass a value to a task as it is: Prefect would otherwise walk into it, looking for futures."""
     return cast(T, quote(value))
@@ -62,7 +86,7 @@ def print_batch(
     batch: int,
     auto_print: bool,
     should_stop: Callable[[], bool],
-    prompts: printing.OperatorPrompts,
+    prompts: Prompts,
 ) -> None:
     """Write tray and sheet, then wait until a person has confirmed the batch."""
     ask_references(campaign, campaign.state(), batch)
@@ -71,13 +95,11 @@ def print_batch(
         word = printing.PrintConfirmation(operator="nobody (--auto-print)", confirmed_by="auto")
         printing.confirm_print(campaign.lake, campaign.campaign_id, batch, word)
         return
-    prompts.ask(batch, sheet)
 
     def is_open() -> bool:
         return bool(printing.open_slots(campaign.lake, campaign.campaign_id, batch))
 
-    if is_answered(campaign, is_open, should_stop, lambda: prompts.remind(batch, sheet)):
-        prompts.close(batch)
+    ask_person(campaign, prompts.to_print(batch, sheet), is_open, should_stop)
 
 
 @dataclass(frozen=True)
@@ -153,7 +175,7 @@ def mount_tools(
     search_id: str,
     auto: bool,
     should_stop: Callable[[], bool],
-    prompts: mounting.MountPrompts,
+    prompts: Prompts,
 ) -> None:
     """Wait until a person has mounted the tools of which a search asks a grasp."""
     slots = mounting.plan_rack(campaign.lake, campaign.state(), search_id)
@@ -161,13 +183,11 @@ def mount_tools(
         word = Mounting(search_id=search_id, slots=slots, operator="nobody (--auto-print)", confirmed_by="auto")
         confirm_mounting(campaign.lake, campaign.campaign_id, word)
         return
-    prompts.ask(search_id, slots)
 
     def is_open() -> bool:
         return read_mounting(campaign.lake, search_id) is None
 
-    if is_answered(campaign, is_open, should_stop, lambda: prompts.remind(search_id, slots)):
-        prompts.close(search_id)
+    ask_person(campaign, prompts.to_mount(search_id, slots), is_open, should_stop)
 
 
 @task(task_run_name="{label} asked grasps", cache_policy=NO_CACHE)
@@ -190,15 +210,17 @@ def measure_asked(
     )
 
 
-def is_answered(
-    campaign: Campaign, is_open: Callable[[], bool], should_stop: Callable[[], bool], remind: Callable[[], None]
+def ask_person(
+    campaign: Campaign, prompt: Prompt, is_open: Callable[[], bool], should_stop: Callable[[], bool]
 ) -> bool:
-    """Wait for a person's answer; False if the campaign is to stop before it comes."""
+    """Ask a person, and wait for the answer; False if the campaign is to stop before it comes."""
+    prompt.ask()
     while is_open():
         if should_stop():
             return False
         time.sleep(campaign.config.execution.print_poll_s)
-        remind()
+        prompt.remind()
+    prompt.close()
     return True
 
 

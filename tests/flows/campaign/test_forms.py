@@ -7,7 +7,7 @@ import pytest
 
 from fast.flows.campaign.forms import close_forms, open_form
 from fast.flows.campaign.notify import SILENT
-from fast.flows.campaign.operator_prompts import PrintPrompts, make_print_form
+from fast.flows.campaign.operator_prompts import Prompts, make_print_form
 from fast.flows.progress import ProgressReporter
 from fast.flows.server.access import Api
 from fast.flows.server.server import address_for_others, ask_server
@@ -110,21 +110,21 @@ def test_a_person_is_asked_and_reminded_and_forms_are_closed(tmp_path, pages, mo
     lake = Lake.open(proposed_lake(home))
     campaign = Campaign(lake, load_config(home / "quick.toml"))
     said = []
-    prompts = PrintPrompts(campaign, ProgressReporter(said.append, said.append), SILENT)
-    sheet = ensure_tray(lake, "quick", 1)
-    prompts.ask(1, sheet)
+    prompts = Prompts(campaign, ProgressReporter(said.append, said.append), SILENT)
+    prompt = prompts.to_print(1, ensure_tray(lake, "quick", 1))
+    prompt.ask()
     assert "fast print confirm quick/B01 --operator NAME" in said[0]
     command = next(line for line in said[0].splitlines() if "fast print confirm" in line)
     assert shlex.split(command)[-1] == lake.address
     assert "form at http://" in said[0]
     assert [row["kind"] for row in lake.rows(EventRow)][-1] == "print_waiting"
-    prompts.remind(1, sheet)
+    prompt.remind()
     assert len(said) == 1
     later_s = 5 * 3600
-    monkeypatch.setattr("fast.flows.campaign.operator_prompts.time.monotonic", lambda: prompts._asked_s + later_s)
-    prompts.remind(1, sheet)
-    prompts.remind(1, sheet)
+    monkeypatch.setattr("fast.flows.campaign.operator_prompts.time.monotonic", lambda: prompt._asked_s + later_s)
+    prompt.remind()
+    prompt.remind()
     assert [line.partition(";")[0] for line in said[1:]] == ["FAST still needs you: batch quick/B01, for 5 h 0 min"]
     confirm_print(lake, "quick", 1, PrintConfirmation(operator="ada"))
-    prompts.close(1)
+    prompt.close()
     assert [run["open"] for run in pages.runs] == [False]

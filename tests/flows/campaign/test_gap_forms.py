@@ -17,7 +17,7 @@ from fast.flows.campaign.gap_forms import (
     read_number,
 )
 from fast.flows.campaign.notify import SILENT
-from fast.flows.campaign.operator_prompts import MountPrompts
+from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.campaign.operator_prompts import make_mount_form as make_mount_step
 from fast.flows.campaign.operator_prompts import make_reading_form as make_reading_step
 from fast.flows.progress import ProgressReporter
@@ -149,8 +149,8 @@ def test_a_campaign_says_which_kept_tool_goes_where(lake: Lake, tmp_path: Path) 
     search_id = search_made_up(lake, SimpleNamespace(campaign_id="quick"), None).run.gap_id  # type: ignore[arg-type]
     campaign = Campaign(lake, load_config(tmp_path / "quick.toml"))
     said: list[str] = []
-    prompts = MountPrompts(campaign, ProgressReporter(said.append, said.append), SILENT)
-    prompts.ask(search_id, plan_rack(lake, campaign.state(), search_id))
+    prompts = Prompts(campaign, ProgressReporter(said.append, said.append), SILENT)
+    prompts.to_mount(search_id, plan_rack(lake, campaign.state(), search_id)).ask()
     assert "mount these kept tools again, nothing is printed: B01T0 in slot 0, B01T1 in slot 1" in said[0]
     assert "fast print mounted quick --operator NAME" in said[0]
     assert lake.records(EventRow)[-1].kind == "mount_waiting"

@@ -121,7 +121,7 @@ def make_run(campaign: Campaign, dies_after: int = 0, auto_print: bool = True) -
         auto_print=auto_print,
         bench_use=steps.BenchUse(open_bench, World().world_hash, lambda: False, on_grasp),
         should_stop=lambda: False,
-        mount_prompts=None,
+        prompts=None,
         reporter=SILENT,
         watch=futures.append,
     )

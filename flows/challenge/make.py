@@ -15,7 +15,7 @@ from fast.flows.challenge.hidden.bound import Bound
 from fast.flows.challenge.hidden.panel_file import PANEL, read_small
 from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.flows.challenge.keys import SealedKey, find_keys, hash_forces, name_challenge, write_keys
-from fast.flows.challenge.manifest import BANK, EFFECTS, NOT_LISTED, OBJECTS, Manifest, Noise
+from fast.flows.challenge.manifest import BANK, EFFECTS, NOT_LISTED, OBJECTS, Manifest
 from fast.flows.challenge.world_folder import Made, name_grasp, write_world
 from fast.lake.handoff.export_folder import write_csv
 from fast.models.design.space import numbered_design
@@ -27,6 +27,7 @@ from fast.models.ids import seed_from
 from fast.models.records import Trace
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import is_usable
+from fast.models.traces.step_noise import SensorNoise
 
 N_WORLDS = 12
 SHORTEST_SEED = 16  # characters
@@ -124,7 +125,7 @@ def _write_challenge(worlds: Worlds, seed: str, folder: Path, n_worlds: int, tel
         tell(f"{one.name} sealed, {keys[-1].key_hash[:12]}")
     hashes = {key.world: key.key_hash for key in keys}
     how = keys[0].key.nuisance
-    noise = Noise(sd_n=how.noise_sd_n, correlation_s=how.noise_correlation_s, rate_hz=how.rate_hz)
+    noise = SensorNoise(how.noise_sd_n, how.noise_correlation_s, how.rate_hz)
     manifest = Manifest(challenge=name_challenge(hashes), load_cell=noise, worlds=hashes)
     manifest.write(folder)
     write_keys(find_keys(folder), keys, withheld)

@@ -13,26 +13,13 @@ NOT_LISTED = "not listed"
 TOOLS_PER_BATCH = 7
 
 
-class Noise(Record):
-    """Noise of the load cell: an AR(1) process."""
-
-    sd_n: float
-    correlation_s: float
-    rate_hz: float
-
-
 class Manifest(Record):
     """`challenge.json`. challenge: id of the set, derived from the hashes. worlds: by name, the hash of each key."""
 
     challenge: str
     format: int = 1
-    load_cell: Noise
+    load_cell: SensorNoise
     worlds: dict[str, str]
-
-    @property
-    def noise(self) -> SensorNoise:
-        """Noise of the load cell, as models take it."""
-        return SensorNoise(**self.load_cell.model_dump())
 
     @staticmethod
     def read(folder: Path) -> "Manifest":

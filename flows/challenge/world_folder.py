@@ -107,7 +107,7 @@ def read_world(challenge: Path, name: str) -> GivenWorld:
         contexts=tuple(contexts),
         steps_n=np.array([steps_n.get(row["grasp_id"], nothing) for row in told]),
         grasp_ids=tuple(row["grasp_id"] for row in told),
-        noise=manifest.noise,
+        noise=manifest.load_cell,
         **of_one_setup(len(told)),
     )
     is_asked = np.array(["status" not in row for row in told])

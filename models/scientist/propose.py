@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,14 @@ from fast.models.design.space import FIN_RAYS, DesignSpace
 from fast.models.errors import UsageError
 from fast.models.own_code import is_own
 from fast.models.records import Design
-from fast.models.scientist.acquisition.candidates import CandidateSettings, Predictor, Spacing, candidate_points, mutate
+from fast.models.scientist.acquisition.candidates import (
+    CandidateSettings,
+    Pool,
+    Predictor,
+    Spacing,
+    candidate_points,
+    mutate,
+)
 from fast.models.scientist.acquisition.front import Criterion, select_by_hypervolume
 from fast.models.scientist.acquisition.improvement import select_by_improvement
 from fast.models.scientist.acquisition.mes import select_by_mes
@@ -20,10 +28,8 @@ from fast.models.scientist.surrogate.observations import REAL, SIM
 from fast.models.scientist.surrogate.posterior import Surrogate
 from fast.models.validation import closest
 
-# (surrogate, points m x 9, fidelity, n, pending p x 10, spacing, rng) -> [(row of points, value)], best first
-Selection = Callable[
-    [Surrogate, np.ndarray, int, int, np.ndarray, Spacing, np.random.Generator], list[tuple[int, float]]
-]
+# (pool, n, rng) -> up to n (row of the pool's points, value), best first
+Selection = Callable[[Pool, int, np.random.Generator], list[tuple[int, float]]]
 # A new rule is one function and one line here; `random` needs no surrogate, and no function. Rules of a user's own and
 # models of a user's own go through BoTorch (`models.scientist.bridge`).
 ACQUISITIONS: dict[str, Selection] = {"mes": select_by_mes, "ei": select_by_improvement}
@@ -125,9 +131,9 @@ def propose(
     spacing = Spacing(known, neighbours, room.min_distance)
     if surrogate is None or rule.acquisition == RANDOM:
         return _propose_random(n, spacing, rng, room)
-    select: Callable[..., list[tuple[int, float]]] = _selection(rule.acquisition, surrogate)
+    select = _selection(rule.acquisition, surrogate)
     if rule.criteria:
-        select = select_by_hypervolume(rule.criteria)
+        select = partial(select_by_hypervolume, rule.criteria)
     with one_blas_thread():
         # From fresh candidates until n are found; what is already chosen counts as pending.
         settings = SINGLE_CANDIDATES if n == 1 else BATCH_CANDIDATES
@@ -140,8 +146,7 @@ def propose(
             points = room.keep(_candidates(surrogate, rule.criteria, rng, settings, space))
             if not len(points):
                 continue
-            n_left = n - len(proposals)
-            chosen = select(surrogate, points, fidelity, n_left, pending, spacing, rng)
+            chosen = select(Pool(surrogate, points, fidelity, pending, spacing), n - len(proposals), rng)
             rows = [row for row, _ in chosen]
             designs = space.from_unit(points[rows])
             proposals += [Proposal(design, value) for design, (_, value) in zip(designs, chosen, strict=True)]
@@ -204,14 +209,14 @@ def _candidates(
     return np.concatenate(parts)
 
 
-def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Callable[..., list[tuple[int, float]]]:
+def _selection(acquisition: str, surrogate: Surrogate | OwnSurrogate) -> Selection:
     if not is_own(acquisition) and not isinstance(surrogate, OwnSurrogate):
         return ACQUISITIONS[acquisition]
     if not is_own(acquisition) and acquisition != "mes":
         raise UsageError(f"Acquisition `{acquisition}` needs FAST's surrogate; with a model of your own use `mes`.")
     from fast.models.scientist.bridge.choose import select_by_rule  # imports torch
 
-    return select_by_rule(acquisition)
+    return partial(select_by_rule, acquisition)
 
 
 def keep_allowed(

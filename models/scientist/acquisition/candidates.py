@@ -5,8 +5,9 @@ local points surround incumbents (climbed posterior means of the real outcome an
 scales, each incumbent with every level of every such parameter.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -135,6 +136,43 @@ class Spacing:
     def allowed(self, points: np.ndarray) -> np.ndarray:
         """Mask of the `points` (n x d) that may still be chosen."""
         return _clear(points, self._known, DUPLICATE_DISTANCE) & _clear(points, self._neighbours, self._min_distance)
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Candidates from which designs of a fidelity (0 sim, 1 real) are chosen."""
+
+    surrogate: Any
+    """A `Surrogate`; of rules that go through BoTorch also an `OwnSurrogate`."""
+    points: np.ndarray
+    """The candidates, m x d, unit cube."""
+    fidelity: int
+    """Of the designs that are chosen."""
+    pending: np.ndarray
+    """Points under way and their fidelity in the last column, p x (d + 1)."""
+    spacing: Spacing
+    """Which candidates may be chosen; what is chosen is added."""
+
+    @property
+    def competitors(self) -> np.ndarray:
+        """Designs that are measured or under way to be, k x d."""
+        measured = self.surrogate.data.x[self.surrogate.data.s == REAL]
+        return np.concatenate([measured, self.pending[self.pending[:, -1] == REAL, :-1]])
+
+    def choose(self, n: int, gain: Callable[[list[int]], np.ndarray]) -> list[tuple[int, float]]:
+        """Up to n (row, gain) greedily, in the order of choice; fewer when spacing leaves no more candidates.
+
+        gain: of every candidate (m), given the rows that are chosen already; called once a choice.
+        """
+        chosen: list[tuple[int, float]] = []
+        allowed = self.spacing.allowed(self.points)
+        while len(chosen) < n and allowed.any():
+            gains = gain([row for row, _ in chosen])
+            row = int(np.argmax(np.where(allowed, gains, -np.inf)))
+            chosen.append((row, float(gains[row])))
+            self.spacing.add(self.points[row])
+            allowed = self.spacing.allowed(self.points)
+        return chosen
 
 
 def _clear(points: np.ndarray, obstacles: np.ndarray, distance: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.models.scientist.acquisition.candidates import Predictor, Spacing
+from fast.models.scientist.acquisition.candidates import Pool, Predictor
 from fast.models.scientist.acquisition.paths import real_paths
 from fast.models.scientist.surrogate.observations import REAL
 from fast.models.scientist.surrogate.posterior import Surrogate
@@ -61,62 +61,36 @@ class Criterion:
 
 
 def select_by_hypervolume(
-    criteria: Sequence[Criterion],
-) -> Callable[[Surrogate, np.ndarray, int, int, np.ndarray, Spacing, np.random.Generator], list[tuple[int, float]]]:
-    """The selection (`models.scientist.propose.Selection`) by the hypervolume improvement of these criteria.
-
-    The surrogate's data tell it what was measured; the fidelity must be 1, and pending points of fidelity 1 count. It
-    gives up to n rows of its points (m x d) greedily, by mean improvement over measured, pending and chosen: (row,
-    improvement) in the order of choice, the improvement as a share of the area that the range of the competitors spans;
-    fewer than n when spacing leaves no more candidates.
-    """
-
-    def select(
-        surrogate: Surrogate,
-        points: np.ndarray,
-        fidelity: int,
-        n: int,
-        pending: np.ndarray,
-        spacing: Spacing,
-        rng: np.random.Generator,
-    ) -> list[tuple[int, float]]:
-        assert fidelity == REAL
-        measured = surrogate.data.x[surrogate.data.s == REAL]
-        competitors = np.concatenate([measured, pending[pending[:, -1] == REAL, :-1]])
-        return _select(criteria, points, competitors, n, spacing, rng)
-
-    return select
-
-
-def _select(
-    criteria: Sequence[Criterion],
-    points: np.ndarray,
-    competitors: np.ndarray,
-    n: int,
-    spacing: Spacing,
-    rng: np.random.Generator,
+    criteria: Sequence[Criterion], pool: Pool, n: int, rng: np.random.Generator
 ) -> list[tuple[int, float]]:
-    """Up to n rows of points (m x d) by their improvement over competitors (k x d), greedily."""
-    drawn = [one.paths(np.concatenate([points, competitors]), rng) for one in criteria]
+    """Up to n rows of the pool, greedily by the hypervolume improvement of these criteria.
+
+    The surrogate's data tell it what was measured; the fidelity must be 1, and pending points of fidelity 1 count. By
+    mean improvement over measured, pending and chosen designs: (row, improvement) in the order of choice, the
+    improvement as a share of the area that the range of the competitors spans.
+    """
+    assert pool.fidelity == REAL
+    drawn = [one.paths(np.concatenate([pool.points, pool.competitors]), rng) for one in criteria]
     is_good, shortfall = np.ones_like(drawn[0], dtype=bool), np.zeros_like(drawn[0])
     for one, outcome in zip(criteria, drawn, strict=True):
         if one.at_least is not None:
             is_good &= outcome >= one.at_least
             shortfall += np.maximum(one.at_least - outcome, 0.0) / max(abs(one.at_least), 1e-9)
-    missed = _TIE * shortfall[: len(points)].mean(axis=1)  # where nothing keeps the limits, what misses them least
+    m = len(pool.points)
+    missed = _TIE * shortfall[:m].mean(axis=1)  # where nothing keeps the limits, what misses them least
     wanted = np.array([outcome for one, outcome in zip(criteria, drawn, strict=True) if one.is_objective])
-    scaled = np.where(is_good, _scale(wanted, len(points)), 0.0)  # at the reference point a design adds nothing
-    m, allowed = len(points), spacing.allowed(points)
-    fronts = [list(_front(scaled[:, m:, path].T)) for path in range(N_PATHS)]
-    chosen: list[tuple[int, float]] = []
-    while len(chosen) < n and allowed.any():
-        gains = np.mean([_gains(scaled[:, :m, path].T, np.array(fronts[path])) for path in range(N_PATHS)], axis=0)
-        row = int(np.argmax(np.where(allowed, gains - missed, -np.inf)))
-        chosen.append((row, float(gains[row])))
-        fronts = [list(_front(np.array([*front, scaled[:, row, path]]))) for path, front in enumerate(fronts)]
-        spacing.add(points[row])
-        allowed = spacing.allowed(points)
-    return chosen
+    scaled = np.where(is_good, _scale(wanted, m), 0.0)  # at the reference point a design adds nothing
+    fronts = [_front(scaled[:, m:, path].T) for path in range(N_PATHS)]
+    improvements: list[np.ndarray] = []
+
+    def gain(rows: list[int]) -> np.ndarray:
+        for row in rows[-1:]:
+            fronts[:] = [_front(np.array([*front, scaled[:, row, path]])) for path, front in enumerate(fronts)]
+        gains = [_gains(scaled[:, :m, path].T, front) for path, front in enumerate(fronts)]
+        improvements.append(np.mean(gains, axis=0))
+        return np.asarray(improvements[-1] - missed)
+
+    return [(row, float(gains[row])) for (row, _), gains in zip(pool.choose(n, gain), improvements, strict=True)]
 
 
 def find_front(values: np.ndarray) -> np.ndarray:

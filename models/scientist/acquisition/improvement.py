@@ -10,48 +10,33 @@ import numpy as np
 from scipy.special import logsumexp
 
 from fast.models.errors import UsageError
-from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.candidates import Pool
 from fast.models.scientist.acquisition.paths import real_paths
 from fast.models.scientist.surrogate.observations import REAL
-from fast.models.scientist.surrogate.posterior import Surrogate
 
 N_PATHS = 256
 _SMOOTHING = 0.01  # of the spread of the best outcome over the paths
 
 
-def select_by_improvement(
-    surrogate: Surrogate,
-    points: np.ndarray,
-    fidelity: int,
-    n: int,
-    pending: np.ndarray,
-    spacing: Spacing,
-    rng: np.random.Generator,
-) -> list[tuple[int, float]]:
-    """Up to n rows of `points` (m x 9), greedily by expected improvement over measured, pending and chosen designs.
+def select_by_improvement(pool: Pool, n: int, rng: np.random.Generator) -> list[tuple[int, float]]:
+    """Up to n rows of the pool, greedily by expected improvement over measured, pending and chosen designs.
 
-    Returns (row, improvement in N) in the order of choice; fewer than n when spacing leaves no more candidates.
+    Returns (row, improvement in N) in the order of choice.
 
     Raises:
         UsageError: asked for simulations, which improve nothing by themselves.
     """
-    if fidelity != REAL:
+    if pool.fidelity != REAL:
         raise UsageError("Acquisition `ei` improves on the target, fidelity 1; choose simulations with `mes`.")
-    measured = surrogate.data.x[surrogate.data.s == REAL]
-    competitors = np.concatenate([measured, pending[pending[:, -1] == REAL, :-1]])
-    paths = real_paths(surrogate, np.concatenate([points, competitors]), N_PATHS, rng)
-    paths, best = paths[: len(points)], _best_of(paths[len(points) :], paths)
+    m = len(pool.points)
+    paths = real_paths(pool.surrogate, np.concatenate([pool.points, pool.competitors]), N_PATHS, rng)
+    paths, best = paths[:m], _best_of(paths[m:], paths)
     smoothing = _SMOOTHING * max(float(np.std(paths.max(axis=0))), 1e-9)
-    allowed = spacing.allowed(points)
-    chosen: list[tuple[int, float]] = []
-    while len(chosen) < n and allowed.any():
-        log_gain = log_expected_improvement(paths, best, smoothing)
-        row = int(np.argmax(np.where(allowed, log_gain, -np.inf)))
-        chosen.append((row, float(np.exp(log_gain[row]))))
-        best = np.maximum(best, paths[row])
-        spacing.add(points[row])
-        allowed = spacing.allowed(points)
-    return chosen
+
+    def log_gain(rows: list[int]) -> np.ndarray:
+        return log_expected_improvement(paths, np.max([best, *paths[rows]], axis=0), smoothing)
+
+    return [(row, float(np.exp(gain))) for row, gain in pool.choose(n, log_gain)]
 
 
 def log_expected_improvement(paths: np.ndarray, best: np.ndarray, smoothing: float) -> np.ndarray:

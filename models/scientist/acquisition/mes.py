@@ -11,9 +11,8 @@ f* comes from joint posterior paths over the candidates, not from a Gumbel fit, 
 import numpy as np
 from scipy.special import log_ndtr
 
-from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.candidates import Pool
 from fast.models.scientist.acquisition.paths import PromisedPosterior
-from fast.models.scientist.surrogate.posterior import Surrogate
 
 N_PATHS = 64
 _LOG_SQRT_2_PI = 0.5 * np.log(2.0 * np.pi)
@@ -47,31 +46,19 @@ def truncation_gain(gamma: np.ndarray, correlation_2: np.ndarray) -> np.ndarray:
     return np.asarray(-0.5 * np.log1p(-np.minimum(correlation_2, _MAX_CORRELATION_2) * shrinkage))
 
 
-def select_by_mes(
-    surrogate: Surrogate,
-    points: np.ndarray,
-    fidelity: int,
-    n: int,
-    pending: np.ndarray,
-    spacing: Spacing,
-    rng: np.random.Generator,
-) -> list[tuple[int, float]]:
-    """Up to n rows of `points` (m x 9), greedily by information gain given pending points and the batch so far.
+def select_by_mes(pool: Pool, n: int, rng: np.random.Generator) -> list[tuple[int, float]]:
+    """Up to n rows of the pool, greedily by information gain given pending points and the batch so far.
 
-    Returns (row, gain in nats) in the order of choice; fewer than n when spacing leaves no more candidates.
+    Returns (row, gain in nats) in the order of choice.
     """
-    posterior = PromisedPosterior(surrogate, points, fidelity, pending, N_PATHS, rng)
-    allowed = spacing.allowed(points)
-    chosen: list[tuple[int, float]] = []
-    while len(chosen) < n and allowed.any():
-        if chosen:
-            posterior.promise(chosen[-1][0])
-        gain = _gains(posterior)
-        row = int(np.argmax(np.where(allowed, gain, -np.inf)))
-        chosen.append((row, float(gain[row])))
-        spacing.add(points[row])
-        allowed = spacing.allowed(points)
-    return chosen
+    posterior = PromisedPosterior(pool.surrogate, pool.points, pool.fidelity, pool.pending, N_PATHS, rng)
+
+    def gain(rows: list[int]) -> np.ndarray:
+        for row in rows[-1:]:
+            posterior.promise(row)
+        return _gains(posterior)
+
+    return pool.choose(n, gain)
 
 
 def _gains(posterior: PromisedPosterior) -> np.ndarray:

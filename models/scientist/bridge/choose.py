@@ -1,6 +1,5 @@
 """Choose designs by a BoTorch acquisition function, over FAST's candidates."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +11,11 @@ from torch import Tensor
 
 from fast.models.errors import UsageError
 from fast.models.own_code import call_own, is_own
-from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.candidates import Pool
 from fast.models.scientist.bridge.entropy import MaxValueEntropy
 from fast.models.scientist.bridge.model import SurrogateModel
 from fast.models.scientist.bridge.own_model import OwnSurrogate, own_draws
 from fast.models.scientist.surrogate.observations import REAL
-from fast.models.scientist.surrogate.posterior import Surrogate
 
 _ROWS_AT_ONCE = 256  # candidates that a rule is asked about together; bounds the memory
 
@@ -41,53 +39,32 @@ class Situation:
     best_n: float | None
 
 
-def select_by_rule(
-    rule: str,
-) -> Callable[
-    [Surrogate | OwnSurrogate, np.ndarray, int, int, np.ndarray, Spacing, np.random.Generator], list[tuple[int, float]]
-]:
-    """The selection (`models.scientist.propose.Selection`) by an acquisition function; what it chooses becomes pending.
+def select_by_rule(rule: str, pool: Pool, n: int, rng: np.random.Generator) -> list[tuple[int, float]]:
+    """Up to n rows of the pool by an acquisition function; what it chooses becomes pending.
 
     `rule` is the `module:function` that makes the acquisition function of (model, situation), or `mes`. One that cannot
-    take pending points is made again on the model given their predicted outcomes. The selection raises `UsageError`
-    where the user's function is not found, fails, or gives something unusable.
+    take pending points is made again on the model given their predicted outcomes.
+
+    Raises:
+        UsageError: the user's function is not found, fails, or gives something unusable.
     """
-
-    def select(
-        surrogate: Surrogate | OwnSurrogate,
-        points: np.ndarray,
-        fidelity: int,
-        n: int,
-        pending: np.ndarray,
-        spacing: Spacing,
-        rng: np.random.Generator,
-    ) -> list[tuple[int, float]]:
-        with own_draws(int(rng.integers(2**31))):
-            return _select(rule, surrogate, points, fidelity, n, pending, spacing)
-
-    return select
+    with own_draws(int(rng.integers(2**31))):
+        return _select(rule, pool, n)
 
 
-def _select(
-    rule: str,
-    surrogate: Surrogate | OwnSurrogate,
-    points: np.ndarray,
-    fidelity: int,
-    n: int,
-    pending: np.ndarray,
-    spacing: Spacing,
-) -> list[tuple[int, float]]:
+def _select(rule: str, pool: Pool, n: int) -> list[tuple[int, float]]:
+    surrogate, fidelity = pool.surrogate, pool.fidelity
     model = surrogate.model if isinstance(surrogate, OwnSurrogate) else SurrogateModel(surrogate)
-    candidates, under_way = _tensor(points, fidelity), torch.from_numpy(np.asarray(pending, dtype=float))
+    candidates, under_way = _tensor(pool.points, fidelity), torch.from_numpy(np.asarray(pool.pending, dtype=float))
     measured = _tensor(surrogate.data.x[surrogate.data.s == REAL], REAL)
     best_n = float(surrogate.mean(measured[:, :-1].numpy(), REAL).max()) if len(measured) else None
     situation = Situation(fidelity, candidates, measured, under_way, best_n)
     # A rule compares outcomes of one fidelity, so what is under way at the other is not among its pending points.
     waiting = under_way[under_way[:, -1] == fidelity] if is_own(rule) else under_way
     acquisition = _make(rule, model, situation)
-    allowed = spacing.allowed(points)
+    allowed = pool.spacing.allowed(pool.points)
     chosen: list[tuple[int, float]] = []
-    while len(chosen) < n and allowed.any():
+    while len(chosen) < n and allowed.any():  # a rule is asked about those alone that may be chosen
         rows = np.flatnonzero(allowed)
         acquisition = _with_pending(acquisition, rule, model, situation, waiting)
         values = _values(acquisition, rule, candidates[rows])
@@ -95,8 +72,8 @@ def _select(
         row = int(rows[best])
         chosen.append((row, float(values[best])))
         waiting = torch.cat([waiting, candidates[row : row + 1]])
-        spacing.add(points[row])
-        allowed = spacing.allowed(points)
+        pool.spacing.add(pool.points[row])
+        allowed = pool.spacing.allowed(pool.points)
     return chosen
 
 

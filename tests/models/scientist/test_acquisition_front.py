@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fast.models.design.space import random_unit
-from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.candidates import Pool, Spacing
 from fast.models.scientist.acquisition.front import (
     Criterion,
     _gains,
@@ -66,8 +66,8 @@ def limit_on(model: Surrogate, limit: float, less_is_better: bool = False) -> Cr
 
 def choose(criteria, n=4, points=None):
     points = random_unit(300, np.random.default_rng(5)) if points is None else points
-    select = select_by_hypervolume(criteria)
-    rows = select(criteria[0].predictor, points, REAL, n, NO_PENDING, NOWHERE, np.random.default_rng(1))
+    pool = Pool(criteria[0].predictor, points, REAL, NO_PENDING, NOWHERE)
+    rows = select_by_hypervolume(criteria, pool, n, np.random.default_rng(1))
     return points[[row for row, _ in rows]]
 
 

@@ -6,7 +6,7 @@ from scipy.stats import norm
 
 from fast.models.design.space import random_unit
 from fast.models.errors import UsageError
-from fast.models.scientist.acquisition.candidates import Spacing
+from fast.models.scientist.acquisition.candidates import Pool, Spacing
 from fast.models.scientist.acquisition.improvement import log_expected_improvement, select_by_improvement
 from fast.models.scientist.acquisition.paths import real_paths
 from fast.models.scientist.surrogate.observations import ObservationSet
@@ -55,9 +55,11 @@ def test_candidates_that_improve_on_no_path_are_still_ordered():
 def test_a_batch_by_improvement_gains_more_than_its_best_members_alone():
     """The greedy batch has a larger joint improvement than the five best single candidates, which crowd together."""
     surrogate, points = fitted(), random_unit(300, np.random.default_rng(1))
-    top = select_by_improvement(surrogate, points, 1, 1, NONE, free(), np.random.default_rng(3))[0][0]
+    top = select_by_improvement(Pool(surrogate, points, 1, NONE, free()), 1, np.random.default_rng(3))[0][0]
     points[:40] = np.clip(points[top] + 0.01 * np.random.default_rng(2).normal(size=(40, 9)), 0, 1)
-    rows = [row for row, _ in select_by_improvement(surrogate, points, 1, 5, NONE, free(), np.random.default_rng(3))]
+    rows = [
+        row for row, _ in select_by_improvement(Pool(surrogate, points, 1, NONE, free()), 5, np.random.default_rng(3))
+    ]
     paths = real_paths(surrogate, np.concatenate([points, surrogate.data.x[-6:]]), 4000, np.random.default_rng(4))
     best = paths[300:].max(axis=0)
     alone = np.argsort(-np.maximum(paths[:300] - best, 0).mean(axis=1))[:5]
@@ -70,14 +72,17 @@ def test_a_batch_by_improvement_gains_more_than_its_best_members_alone():
 
 def test_improvement_counts_from_pending_tools_too():
     surrogate, points = fitted(), random_unit(200, np.random.default_rng(1))
-    first = select_by_improvement(surrogate, points, 1, 1, NONE, free(), np.random.default_rng(3))[0]
+    first = select_by_improvement(Pool(surrogate, points, 1, NONE, free()), 1, np.random.default_rng(3))[0]
     pending = np.append(points[first[0]], 1.0)[None, :]
-    again = select_by_improvement(surrogate, points, 1, 1, pending, free(), np.random.default_rng(3))[0]
+    again = select_by_improvement(Pool(surrogate, points, 1, pending, free()), 1, np.random.default_rng(3))[0]
     assert again[1] < first[1]
 
 
 def test_improvement_without_any_measurement_and_none_for_simulations():
     points = random_unit(50, np.random.default_rng(1))
-    assert len(select_by_improvement(fitted(n_real=0), points, 1, 3, NONE, free(0.05), np.random.default_rng(0))) == 3
+    assert (
+        len(select_by_improvement(Pool(fitted(n_real=0), points, 1, NONE, free(0.05)), 3, np.random.default_rng(0)))
+        == 3
+    )
     with pytest.raises(UsageError, match="`ei` improves on the target, fidelity 1"):
-        select_by_improvement(fitted(), points, 0, 1, NONE, free(), np.random.default_rng(0))
+        select_by_improvement(Pool(fitted(), points, 0, NONE, free()), 1, np.random.default_rng(0))

@@ -16,7 +16,7 @@ from fast.flows.simulation.progress import n_missing, simulate_missing
 from fast.lake.leases import exclusive
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
-from fast.lake.tables.catalogue_rows import missing_version_rows
+from fast.lake.tables.catalogue_rows import append_version
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import FastError
 from fast.models.gap.data import GapData
@@ -122,9 +122,8 @@ def run_gap(
         if known is not None:
             return GapOutcome(known, False)
         reporter.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
-        version_rows = missing_version_rows(lake, search.version)  # an imported lake has never simulated with it
-        if version_rows:
-            lake.append(version_rows, current_provenance(seed=order.seed))
+        # An imported lake has never simulated with it.
+        append_version(lake, search.version, current_provenance(seed=order.seed))
         if n_missing(lake, search.plans):
             reporter.announce(_write_cost(lake, search, reporter))
         simulator = Simulator(lake, order, reporter, should_stop)

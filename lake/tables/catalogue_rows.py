@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EffectRow, ObjectRow, SimulatorVersionRow
 from fast.lake.tables.material import MaterialRow
@@ -28,6 +29,12 @@ def version_rows(version: SimulatorVersion) -> list[Row]:
 def missing_version_rows(lake: Lake, version: SimulatorVersion) -> list[Row]:
     """Rows of `version_rows` that the lake lacks; of a lake older than the table of effects, those alone."""
     return [row for row in version_rows(version) if not lake.has(type(row), getattr(row, row.id_column()))]
+
+
+def append_version(lake: Lake, version: SimulatorVersion, provenance: Provenance) -> None:
+    """Make sure that the lake describes a simulator version and its effects."""
+    if rows := missing_version_rows(lake, version):
+        lake.append(rows, provenance)
 
 
 def _effect_row(version_id: str, place: int, value: EffectValue) -> EffectRow:

@@ -10,7 +10,7 @@ import numpy as np
 from fast.lake.provenance import Provenance, current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow
-from fast.lake.tables.catalogue_rows import missing_version_rows
+from fast.lake.tables.catalogue_rows import append_version
 from fast.lake.tables.row import Row
 from fast.models.calibration.inference.lot_priors import TAIL, make_lot_priors
 from fast.models.calibration.inference.result import CalibrationResult
@@ -142,9 +142,7 @@ def infer(
     provenance = current_provenance(content_id("H", write_settings(settings)), settings.seed)
     lake.append(make_draw_rows(calibration_id, result), provenance)
     if version is not None:
-        version_rows = missing_version_rows(lake, version)
-        if version_rows:
-            lake.append(version_rows, _with_parents(provenance, [calibration_id]))
+        append_version(lake, version, _with_parents(provenance, [calibration_id]))
     history = read_theta_history(lake, data.base.version_id, data.campaign_id, data.kind)
     can_drift = version is not None and result.method != WITH_EFFECTS
     drift = find_drift(history, summarise_theta(result)) if can_drift else ()

@@ -116,7 +116,7 @@ def newest_calibrated(lake: Lake, base_version_id: str, campaign_id: str) -> tup
 
 def _decide(campaign: Campaign, stage: int) -> None:
     """Take the newest version for a stage and write down which it is."""
-    from fast.lake.tables.catalogue_rows import missing_version_rows
+    from fast.lake.tables.catalogue_rows import append_version
     from fast.models.simulation.effects.scaling import force_ratio
 
     base = campaign.config.simulator.version
@@ -128,8 +128,7 @@ def _decide(campaign: Campaign, stage: int) -> None:
 
         chosen = choose_designs(campaign, stage, campaign.config.night.max_designs)
         reruns = [design.design_id for design in chosen]
-    if rows := missing_version_rows(campaign.lake, version):
-        campaign.lake.append(rows, campaign.provenance())
+    append_version(campaign.lake, version, campaign.provenance())
     batch = campaign.config.schedule.batches_of(stage)[-1]
     message = f"B{batch:02d} is chosen and simulated with {version.version_id}"
     if version != campaign.version:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from fast.lake.tables.campaign import Row, SimTraceRow, SimulationRow
-from fast.lake.tables.catalogue_rows import missing_version_rows
+from fast.lake.tables.catalogue_rows import append_version
 from fast.lake.tables.requests import setup_columns
 from fast.models.ids import canonical_json
 from fast.models.objects.catalogue import get_object
@@ -28,7 +28,7 @@ def simulate_design(
     The worker is given the next grasp before the row of the last one is written, so it never waits for the lake.
     `should_stop` is asked before each object. Returns the number of failed grasps.
     """
-    append_version(campaign)
+    append_version(campaign.lake, campaign.version, campaign.provenance())
     n_failed = 0
     state = campaign.state()
     with pool.lend() as worker, _Writer(campaign, design) as writer:
@@ -44,13 +44,6 @@ def simulate_design(
         if last is not None:
             n_failed += writer.add(*last)
     return n_failed
-
-
-def append_version(campaign: Campaign) -> None:
-    """Make sure that the lake describes the campaign's simulator and its effects."""
-    rows = missing_version_rows(campaign.lake, campaign.version)
-    if rows:
-        campaign.lake.append(rows, campaign.provenance())
 
 
 def _job(campaign: Campaign, design: Design, object_id: int) -> GraspJob:

@@ -4,7 +4,7 @@ import random
 from collections.abc import Collection, Iterable
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from fast.hardware.parts.layout import N_OBJECTS, N_SLOTS, BenchLayout
 from fast.models.design.families import find_family
@@ -214,25 +214,12 @@ class ScientistSettings(Record):
     printing: PrintingRules = PrintingRules()
     """What a tool must keep to be printed."""
 
-    @field_validator("acquisition", "simulation_acquisition")
+    @field_validator("acquisition", "simulation_acquisition", "surrogate", "constraint")
     @classmethod
-    def _check_rule(cls, rule: str) -> str:
-        if rule not in RULES and not is_own(rule):
-            raise ValueError(f"it must be {_alternatives((*RULES, OWN))}; change it")
-        return rule
-
-    @field_validator("surrogate")
-    @classmethod
-    def _check_surrogate(cls, name: str) -> str:
-        if name not in SURROGATES and not is_own(name):
-            raise ValueError(f"it must be {_alternatives((*SURROGATES, OWN))}; change it")
-        return name
-
-    @field_validator("constraint")
-    @classmethod
-    def _check_constraint(cls, name: str | None) -> str | None:
-        if name is not None and not is_own(name):
-            raise ValueError(f'it must be "{OWN}"; change it')
+    def _check_function(cls, name: str | None, info: ValidationInfo) -> str | None:
+        known = {"surrogate": SURROGATES, "constraint": ()}.get(info.field_name or "", RULES)
+        if name is not None and name not in known and not is_own(name):
+            raise ValueError(f"it must be {_alternatives((*known, OWN))}; change it")
         return name
 
     @model_validator(mode="after")

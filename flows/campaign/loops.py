@@ -129,10 +129,8 @@ class BenchLoop:
     def advance(self, state: CampaignState) -> bool:
         """Start the next thing if idle; True while something is running."""
         if self._running is None and not self._run.should_stop():
-            if self._run.campaign.config.bench.is_folder:
-                self._running = self._start_waiting(state)
-            else:
-                self._running = self._start_measuring(state) or self._start_printing(state)
+            future = self._start(state)
+            self._running = None if future is None else self._run.watch(future)
         return self._running is not None
 
     def finish(self, future: PrefectFuture) -> bool:
@@ -143,48 +141,21 @@ class BenchLoop:
         future.result()
         return True
 
-    def _start_waiting(self, state: CampaignState) -> PrefectFuture | None:
-        """On a bench of one's own: until somebody has told every grasp of the batch."""
-        run = self._run
-        for batch in self._batches:
-            if not is_told(run.campaign, state, batch):
-                future = await_batch.submit(
-                    f"B{batch:02d}",
-                    unmapped(run.campaign),
-                    batch,
-                    unmapped(run.should_stop),
-                    unmapped(run.prompts),
-                )
-                return run.watch(future)
-        return None
-
-    def _start_measuring(self, state: CampaignState) -> PrefectFuture | None:
-        run = self._run
-        for batch in self._batches:
-            tools = unfinished_tools(run.campaign, state, batch)
-            if tools:
-                future = steps.measure_batch.submit(
-                    f"B{batch:02d}",
-                    unmapped(run.campaign),
-                    unmapped(tools),
-                    unmapped(run.bench_use),
-                )
-                return run.watch(future)
-        return None
-
-    def _start_printing(self, state: CampaignState) -> PrefectFuture | None:
-        run = self._run
-        for batch in self._batches:
+    def _start(self, state: CampaignState) -> PrefectFuture | None:
+        """The next thing to do: what can be measured, else what is to be printed; on a bench of one's own, to wait."""
+        run, labels = self._run, {batch: f"B{batch:02d}" for batch in self._batches}
+        campaign, stop, prompts = unmapped(run.campaign), unmapped(run.should_stop), unmapped(run.prompts)
+        if run.campaign.config.bench.is_folder:
+            for batch, label in labels.items():
+                if not is_told(run.campaign, state, batch):
+                    return await_batch.submit(label, campaign, batch, stop, prompts)
+            return None
+        for batch, label in labels.items():
+            if tools := unfinished_tools(run.campaign, state, batch):
+                return steps.measure_batch.submit(label, campaign, unmapped(tools), unmapped(run.bench_use))
+        for batch, label in labels.items():
             if not state.is_confirmed(batch):
-                future = steps.print_batch.submit(
-                    f"B{batch:02d}",
-                    unmapped(run.campaign),
-                    batch,
-                    run.auto_print,
-                    unmapped(run.should_stop),
-                    unmapped(run.prompts),
-                )
-                return run.watch(future)
+                return steps.print_batch.submit(label, campaign, batch, run.auto_print, stop, prompts)
         return None
 
 

@@ -3,11 +3,13 @@
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fast.flows.campaign import flow as campaign_flow
+from fast.flows.campaign import loops
 from fast.flows.campaign.loops import MERGED_DESIGNS, SimulationJob, SimulationLoop
 from fast.lake.query.engine import list_files
 from fast.lake.tables.campaign import SimulationRow
@@ -92,3 +94,34 @@ def test_files_of_finished_designs_are_merged(tmp_path: Path) -> None:
     assert max(n_files) == MERGED_DESIGNS
     assert n_files[-1] == 1
     assert len(campaign.lake.rows(SimulationRow)) == 2 * MERGED_DESIGNS
+
+
+@pytest.mark.parametrize(
+    ("is_folder", "unfinished", "expected"),
+    [
+        (False, {2: ["tool"]}, ("measure_batch", "B02")),
+        (False, {}, ("print_batch", "B01")),
+        (True, {2: ["tool"]}, ("await_batch", "B01")),
+    ],
+    ids=["measures what it can", "else prints", "waits for a bench of one's own"],
+)
+def test_the_bench_measures_before_it_prints(
+    is_folder: bool, unfinished: dict[int, list[str]], expected: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[tuple[str, str]] = []
+
+    def stand_in(name: str) -> Any:
+        return SimpleNamespace(submit=lambda label, *rest: started.append((name, label)) or label)
+
+    for name in ("measure_batch", "print_batch"):
+        monkeypatch.setattr(loops.steps, name, stand_in(name))
+    monkeypatch.setattr(loops, "await_batch", stand_in("await_batch"))
+    monkeypatch.setattr(loops, "is_told", lambda campaign, state, batch: False)
+    monkeypatch.setattr(loops, "unfinished_tools", lambda campaign, state, batch: unfinished.get(batch, []))
+    campaign = SimpleNamespace(config=SimpleNamespace(bench=SimpleNamespace(is_folder=is_folder)))
+    run: Any = SimpleNamespace(
+        campaign=campaign, auto_print=False, prompts=None, bench_use=None, should_stop=lambda: False, watch=lambda f: f
+    )
+    state: Any = SimpleNamespace(is_confirmed=lambda batch: batch == 2)
+    assert loops.BenchLoop(run, [1, 2]).advance(state)
+    assert started == [expected]

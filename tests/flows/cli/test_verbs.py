@@ -60,7 +60,7 @@ def run(campaign):
             yield bench
 
     nothing = lambda *_: None  # noqa: E731 - callbacks that this test does not listen to
-    run = CampaignRun(campaign, None, open_bench, "w", True, *[nothing] * 6)
+    run = CampaignRun(campaign, None, open_bench, "w", True, *[nothing] * 4)
     run.prepared = nothing
     return run
 

@@ -21,7 +21,7 @@ from fast.lake.maintenance import LOOSE_BYTES, compact
 from fast.lake.tables.campaign import DesignRow, ProposalRow, SimTraceRow, SimulationRow
 from fast.models.records import Design
 from fast.tasks.bench.live import live_path, show_live
-from fast.tasks.bench.measure import OpenBench
+from fast.tasks.bench.measure import BenchUse, OpenBench
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.prefect_tasks import unmapped
@@ -97,9 +97,9 @@ class CampaignRun:
                 self._bench = None
 
     @property
-    def bench_use(self) -> steps.BenchUse:
+    def bench_use(self) -> BenchUse:
         """How this process measures."""
-        return steps.BenchUse(self.heard_bench, self.world_hash, self.should_stop, self.on_grasp)
+        return BenchUse(self.heard_bench, self.world_hash, self.should_stop, self.on_grasp)
 
     def should_stop(self) -> bool:
         """True once someone asked to pause or stop, or something failed: finish what runs, start nothing."""

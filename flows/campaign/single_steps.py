@@ -9,6 +9,7 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.errors import FastError
 from fast.models.units import spell_count
+from fast.tasks.bench.measure import BenchUse
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config, world_path
@@ -36,11 +37,9 @@ def measure_one_batch(config_path: Path, lake: str, batch: int) -> str:
         world = read_world(world_path(config_path, campaign.config))
         physics = WorkerPool(campaign.config.execution.physics_workers)
         try:
-            use = steps.BenchUse(
+            use = BenchUse(
                 lambda mounted: open_campaign_bench(campaign, world, keep_physics(campaign, physics), mounted),
                 world.world_hash,
-                should_stop=lambda: False,
-                on_grasp=lambda tool, grasp: None,
             )
             steps.measure_batch(f"B{batch:02d}", unmapped(campaign), unmapped(tools), unmapped(use))
         finally:

@@ -20,8 +20,6 @@ from typing import Any
 from fast.flows.progress import RateEstimate, describe_time_left
 from fast.flows.scientist.strategies import Strategy
 from fast.hardware.bench import Bench, open_virtual_bench
-from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
@@ -30,8 +28,7 @@ from fast.hardware.virtual.world.physics_cache import PhysicsFiles
 from fast.lake.store import Lake
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, GraspSimulation
-from fast.tasks.bench.measure import measure_batch, measure_tool
-from fast.tasks.bench.plan import ToolWork
+from fast.tasks.bench.measure import BenchUse, measure_batch
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
@@ -229,11 +226,7 @@ class _Runner:
         if not tools:
             return
         self._say(f"measuring {len(tools)} tools of B{batch:02d}")
-        measure_batch(campaign, tools, self._open_bench, self._measure_tool, should_stop=_never, on_grasp=_ignore)
-
-    def _measure_tool(self, bench: GraspBench, work: ToolWork, on_grasp: Callable[[MeasuredGrasp], None]) -> None:
-        world_hash = self._world.world_hash
-        measure_tool(self._campaign, bench, work, world_hash=world_hash, should_stop=_never, on_grasp=on_grasp)
+        measure_batch(campaign, tools, BenchUse(self._open_bench, self._world.world_hash))
 
     @contextmanager
     def _open_bench(self, tools: Sequence[ProposedTool]) -> Iterator[Bench]:
@@ -279,11 +272,3 @@ def _solve(pool: WorkerPool, request: PhysicsRequest) -> GraspSimulation:
 
 def _say_nothing(line: str) -> None:
     """Progress within a campaign, where others run beside it."""
-
-
-def _never() -> bool:
-    return False
-
-
-def _ignore(tool: ProposedTool, grasp: MeasuredGrasp) -> None:
-    pass

@@ -1,9 +1,9 @@
 """Measure tools on the bench: every grasp goes to the lake as it is made. Check the gantry for lost steps."""
 
 import logging
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -28,7 +28,6 @@ from fast.tasks.campaign.requests import GANTRY_LEASE, append_event, note_verbs,
 from fast.tasks.campaign.state import ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[GraspBench]]
-MeasureTool = Callable[[GraspBench, ToolWork, Callable[[MeasuredGrasp], None]], None]
 
 CHECKED, LOST_STEPS = "position_checked", "lost_steps"  # kinds of events
 
@@ -46,18 +45,67 @@ _SINCE_LAST_CHECK = f"""
 logger = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class BenchUse:
+    """How a process measures."""
+
+    open_bench: OpenBench
+    """Opens the bench with all tools that stand in its rack."""
+    world_hash: str | None
+    """The world behind a virtual bench; None: a real one."""
+    should_stop: Callable[[], bool] = lambda: False
+    """Asked before each grasp."""
+    on_grasp: Callable[[ProposedTool, MeasuredGrasp], object] = lambda tool, grasp: None
+    """Hears of each grasp."""
+
+
+@contextmanager
+def hold_bench(campaign: Campaign, tools: Sequence[ProposedTool], use: BenchUse) -> Iterator[GraspBench]:
+    """The bench with these tools in its rack; no other process of the lake has it, and people are heard.
+
+    Raises:
+        FastError: another process holds the bench of this lake.
+    """
+    owned = exclusive(campaign.lake.storage, GANTRY_LEASE, "the gantry of this lake is in use")
+    with owned as gantry, note_verbs(campaign.lake, campaign.campaign_id), use.open_bench(tools) as bench:
+        bench.set_leave(gantry.require)
+        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, use.should_stop))
+        yield bench
+
+
+def measure_tool(campaign: Campaign, bench: GraspBench, work: ToolWork, use: BenchUse) -> None:
+    """Make the missing grasps of a tool, and write each to the lake; those that people leave out meanwhile are not.
+
+    Raises:
+        DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
+        LakeError: the disk is nearly full; no grasp was begun that could not be kept.
+    """
+    plan = OpenPlan(campaign, work.tool, work.items)
+    if next(iter(plan), None) is None:
+        return
+    orders = count(find_first_order(campaign))
+
+    def record(measured: MeasuredGrasp) -> None:
+        grasp = refuse_nonsense(measured)
+        _append_grasp(campaign, work, grasp, order=next(orders), world_hash=use.world_hash)
+        use.on_grasp(work.tool, grasp)
+
+    def may_not_go_on() -> bool:
+        require_room(campaign.lake)
+        return use.should_stop()
+
+    bench.measure_tool(work.tool.rack_slot, plan, campaign.config.grasp, record, may_not_go_on)
+
+
+MeasureTool = Callable[[Campaign, GraspBench, ToolWork, BenchUse], None]
+
+
 def measure_batch(
-    campaign: Campaign,
-    tools: Sequence[ProposedTool],
-    open_bench: OpenBench,
-    measure: MeasureTool,
-    *,
-    should_stop: Callable[[], bool],
-    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None],
+    campaign: Campaign, tools: Sequence[ProposedTool], use: BenchUse, measure: MeasureTool = measure_tool
 ) -> None:
     """Have tools of a batch measured one after the other, its reference tools first; one process holds the bench.
 
-    `open_bench` is given all tools that stand on the rack. A person's stop or abort ends it with the bench in its safe
+    A person's stop or abort ends it with the bench in its safe
     state. Cells whose repeats all look wrong are measured once more at the end. The gantry is checked for lost steps at
     the end, also of a batch that is paused, and every `execution.position_check_tools` tools.
 
@@ -76,68 +124,30 @@ def measure_batch(
     mounted = [*mounted, *again]
 
     def work_on(bench: GraspBench, work: ToolWork) -> None:
-        measure(bench, work, lambda grasp: on_grasp(work.tool, grasp))
+        measure(campaign, bench, work, use)
         # A file for each grasp makes every look at the lake dearer: a batch would leave two thousand.
         for row_type in (GraspRow, TraceRow):
             compact(campaign.lake, row_type, LOOSE_BYTES)
 
-    verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    owned = exclusive(campaign.lake.storage, GANTRY_LEASE, "the gantry of this lake is in use")
-    with owned as gantry, verbs, open_bench(mounted) as bench:
-        bench.set_leave(gantry.require)
-        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, should_stop))
+    with hold_bench(campaign, mounted, use) as bench:
         every = campaign.config.execution.position_check_tools
         for tool in again:
-            if should_stop():
+            if use.should_stop():
                 break
             work_on(bench, plan_reference(campaign, batch, tool))
         for number, tool in enumerate(tools):
-            if should_stop():
+            if use.should_stop():
                 break
             if every and number and number % every == 0:
                 check_position(campaign, bench, batch)
             work_on(bench, plan_tool(campaign, state, tool))
-        for work in [] if should_stop() else plan_again(campaign, state, batch):
+        for work in [] if use.should_stop() else plan_again(campaign, state, batch):
             work_on(bench, work)
         check_position(campaign, bench, batch)
-    if not should_stop():
+    if not use.should_stop():
         withdraw_questions(campaign.lake, campaign.campaign_id)
         decide_again(campaign, batch)
         append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"B{batch:02d} measured", batch=batch)
-
-
-def measure_tool(
-    campaign: Campaign,
-    bench: GraspBench,
-    work: ToolWork,
-    *,
-    world_hash: str | None,
-    should_stop: Callable[[], bool],
-    on_grasp: Callable[[MeasuredGrasp], None],
-) -> None:
-    """Make the missing grasps of a tool, and write each to the lake; those that people leave out meanwhile are not.
-
-    `world_hash` names the world of a virtual bench; None is a real one.
-
-    Raises:
-        DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
-        LakeError: the disk is nearly full; no grasp was begun that could not be kept.
-    """
-    plan = OpenPlan(campaign, work.tool, work.items)
-    if next(iter(plan), None) is None:
-        return
-    orders = count(find_first_order(campaign))
-
-    def record(measured: MeasuredGrasp) -> None:
-        grasp = refuse_nonsense(measured)
-        _append_grasp(campaign, work, grasp, order=next(orders), world_hash=world_hash)
-        on_grasp(grasp)
-
-    def may_not_go_on() -> bool:
-        require_room(campaign.lake)
-        return should_stop()
-
-    bench.measure_tool(work.tool.rack_slot, plan, campaign.config.grasp, record, may_not_go_on)
 
 
 def refuse_nonsense(grasp: MeasuredGrasp) -> MeasuredGrasp:

@@ -4,25 +4,18 @@ Nothing is printed. What a person says is an event of the lake; a tool that is g
 and nobody waits for them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.layout import N_SLOTS
-from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
 from fast.tasks.bench.asked import read_open_requests
-from fast.tasks.bench.measure import MeasureTool, OpenBench, check_position
+from fast.tasks.bench.measure import BenchUse, check_position, hold_bench, measure_tool
 from fast.tasks.bench.mounting import read_mounting
-from fast.tasks.bench.plan import ToolWork, plan_asked
-from fast.tasks.bench.questions import make_ask
+from fast.tasks.bench.plan import plan_asked
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.requests import GANTRY_LEASE, note_verbs
 from fast.tasks.campaign.state import CampaignState, ProposedTool
-
-OnGrasp = Callable[[ProposedTool, MeasuredGrasp], None]
 
 
 def plan_rack(lake: Lake, state: CampaignState, search_id: str) -> dict[str, int]:
@@ -59,16 +52,7 @@ def list_asked_tools(campaign: Campaign, state: CampaignState, search_id: str) -
     ]
 
 
-def measure_asked(
-    campaign: Campaign,
-    tools: Sequence[ProposedTool],
-    search_id: str,
-    open_bench: OpenBench,
-    measure: MeasureTool,
-    *,
-    should_stop: Callable[[], bool],
-    on_grasp: OnGrasp,
-) -> None:
+def measure_asked(campaign: Campaign, tools: Sequence[ProposedTool], search_id: str, use: BenchUse) -> None:
     """Make the missing grasps that a search asks for, tool by tool.
 
     Raises:
@@ -76,17 +60,9 @@ def measure_asked(
         LostLeaseError: another host took the gantry over; the bench stopped before its next motion.
         DeviceError: the bench stopped in its safe state; rows made so far are in the lake.
     """
-    verbs = note_verbs(campaign.lake, campaign.campaign_id)
-    owned = exclusive(campaign.lake.storage, GANTRY_LEASE, "the gantry of this lake is in use")
-    with owned as gantry, verbs, open_bench(tools) as bench:
-        bench.set_leave(gantry.require)
-        bench.set_ask(make_ask(campaign.lake, campaign.campaign_id, should_stop))
+    with hold_bench(campaign, tools, use) as bench:
         for tool in tools:
-            if should_stop():
+            if use.should_stop():
                 break
-            _measure_tool(bench, plan_asked(campaign.lake, tool, search_id), measure, on_grasp)
+            measure_tool(campaign, bench, plan_asked(campaign.lake, tool, search_id), use)
         check_position(campaign, bench, tools[0].batch)
-
-
-def _measure_tool(bench: GraspBench, work: ToolWork, measure: MeasureTool, on_grasp: OnGrasp) -> None:
-    measure(bench, work, lambda grasp: on_grasp(work.tool, grasp))

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, TypeVar, cast
 from uuid import UUID
@@ -19,7 +19,7 @@ from fast.models.records import Design
 from fast.tasks.bench import measure as measuring
 from fast.tasks.bench import mount as mounting
 from fast.tasks.bench import print as printing
-from fast.tasks.bench.measure import OpenBench
+from fast.tasks.bench.measure import BenchUse
 from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
 from fast.tasks.bench.plan import ToolWork
 from fast.tasks.bench.reference_tools import ask_references
@@ -102,70 +102,27 @@ def print_batch(
     ask_person(campaign, prompts.to_print(batch, sheet), is_open, should_stop)
 
 
-@dataclass(frozen=True)
-class BenchUse:
-    """How a process measures."""
-
-    open_bench: OpenBench
-    """Opens the bench with tools in its rack."""
-    world_hash: str | None
-    """The world behind a virtual bench; None: a real one."""
-    should_stop: Callable[[], bool]
-    """Asked before each grasp."""
-    on_grasp: Callable[[ProposedTool, MeasuredGrasp], None]
-    """Hears of each grasp."""
-
-
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
-def measure_tool(
-    label: str,
-    campaign: Campaign,
-    bench: GraspBench,
-    work: ToolWork,
-    world_hash: str | None,
-    should_stop: Callable[[], bool],
-    on_grasp: Callable[[MeasuredGrasp], None],
-) -> None:
+def measure_tool(label: str, campaign: Campaign, bench: GraspBench, work: ToolWork, use: BenchUse) -> None:
     """Make the missing grasps of one tool; its run is named after the object it is at."""
     place = PlaceInName(label, str(task_run.get_id()), campaign.config.objects, set(work.done))
 
-    def count(grasp: MeasuredGrasp) -> None:
-        on_grasp(grasp)
+    def count(tool: ProposedTool, grasp: MeasuredGrasp) -> None:
+        use.on_grasp(tool, grasp)
         place.count(grasp)
 
-    measuring.measure_tool(
-        campaign,
-        bench,
-        work,
-        world_hash=world_hash,
-        should_stop=should_stop,
-        on_grasp=count,
-    )
+    measuring.measure_tool(campaign, bench, work, replace(use, on_grasp=count))
 
 
 @task(task_run_name="{label} gantry", cache_policy=NO_CACHE)
-def measure_batch(
-    label: str,
-    campaign: Campaign,
-    tools: Sequence[ProposedTool],
-    use: BenchUse,
-) -> None:
+def measure_batch(label: str, campaign: Campaign, tools: Sequence[ProposedTool], use: BenchUse) -> None:
     """Measure the tools of a batch, each as a task of its own; errors as of `tasks.bench.measure.measure_batch`."""
 
-    def measure(bench: GraspBench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
-        measure_tool(
-            f"{label} gantry, tool {work.tool.slot}",
-            unmapped(campaign),
-            unmapped(bench),
-            unmapped(work),
-            use.world_hash,
-            unmapped(use.should_stop),
-            unmapped(on_tool_grasp),
-        )
+    def measure(campaign: Campaign, bench: GraspBench, work: ToolWork, use: BenchUse) -> None:
+        name = f"{label} gantry, tool {work.tool.slot}"
+        measure_tool(name, unmapped(campaign), unmapped(bench), unmapped(work), unmapped(use))
 
-    measuring.measure_batch(
-        campaign, tools, use.open_bench, measure, should_stop=use.should_stop, on_grasp=use.on_grasp
-    )
+    measuring.measure_batch(campaign, tools, use, measure)
 
 
 @task(task_run_name="{label} mount kept tools", cache_policy=NO_CACHE)
@@ -191,23 +148,9 @@ def mount_tools(
 
 
 @task(task_run_name="{label} asked grasps", cache_policy=NO_CACHE)
-def measure_asked(
-    label: str,
-    campaign: Campaign,
-    tools: Sequence[ProposedTool],
-    search_id: str,
-    use: BenchUse,
-) -> None:
+def measure_asked(label: str, campaign: Campaign, tools: Sequence[ProposedTool], search_id: str, use: BenchUse) -> None:
     """Make the grasps that a search asks for and that are missing; errors as of `tasks.bench.mount.measure_asked`."""
-
-    def measure(bench: GraspBench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
-        measuring.measure_tool(
-            campaign, bench, work, world_hash=use.world_hash, should_stop=use.should_stop, on_grasp=on_tool_grasp
-        )
-
-    mounting.measure_asked(
-        campaign, tools, search_id, use.open_bench, measure, should_stop=use.should_stop, on_grasp=use.on_grasp
-    )
+    mounting.measure_asked(campaign, tools, search_id, use)
 
 
 def ask_person(

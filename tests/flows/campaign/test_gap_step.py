@@ -32,6 +32,7 @@ from fast.models.gap.ask.answers import Reading
 from fast.models.records import GraspSetup
 from fast.tasks.bench import mount, mounting
 from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.bench.measure import BenchUse
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import GAP_LEASE, lease_name
@@ -119,7 +120,7 @@ def make_run(campaign: Campaign, dies_after: int = 0, auto_print: bool = True) -
     run = SimpleNamespace(
         campaign=campaign,
         auto_print=auto_print,
-        bench_use=steps.BenchUse(open_bench, World().world_hash, lambda: False, on_grasp),
+        bench_use=BenchUse(open_bench, World().world_hash, lambda: False, on_grasp),
         should_stop=lambda: False,
         prompts=None,
         reporter=SILENT,

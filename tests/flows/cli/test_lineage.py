@@ -27,7 +27,7 @@ from fast.lake.tables.requests import setup_columns
 from fast.lake.tables.schema import has_samples
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.records import GraspSetup, GraspSimulation, Trace
-from fast.tasks.bench.measure import measure_tool
+from fast.tasks.bench.measure import BenchUse, measure_tool
 from fast.tasks.bench.plan import plan_tool
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
@@ -95,14 +95,9 @@ class Pool:
 def measure(campaign, batch):
     confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
     for tool in campaign.state().tools_of(batch):
-        options = {
-            "world_hash": "w1",
-            "should_stop": lambda: False,
-            "on_grasp": lambda _: None,
-        }
         for _ in range(2):
             work = plan_tool(campaign, campaign.state(), tool)
-            measure_tool(campaign, Cell(), work, **options)
+            measure_tool(campaign, Cell(), work, BenchUse(None, "w1"))
 
 
 def run_campaign(campaign):

@@ -16,7 +16,7 @@ from fast.hardware.tools.mounted import MountedTool
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow
 from fast.models.errors import UsageError
-from fast.tasks.bench.measure import measure_batch, measure_tool
+from fast.tasks.bench.measure import measure_batch
 from fast.tasks.bench.plan import order_cells
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
@@ -67,19 +67,8 @@ def run(campaign):
 
 def run_batch(run, tools):
     """The gantry's part of a campaign, without Prefect."""
-
-    def measure(bench, tool, on_grasp):
-        measure_tool(run.campaign, bench, tool, world_hash="w", should_stop=run.should_stop, on_grasp=on_grasp)
-
     append_event(run.campaign.lake, "small", "started", "")
-    measure_batch(
-        run.campaign,
-        tools,
-        run.heard_bench,
-        measure,
-        should_stop=run.should_stop,
-        on_grasp=run.on_grasp,
-    )
+    measure_batch(run.campaign, tools, run.bench_use)
 
 
 def made(campaign):

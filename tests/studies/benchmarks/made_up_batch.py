@@ -8,12 +8,10 @@ from pathlib import Path
 
 from fast.hardware.bench import Bench, open_virtual_bench
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.lake.store import Lake
-from fast.tasks.bench.measure import OpenBench, measure_batch, measure_tool
-from fast.tasks.bench.plan import ToolWork
+from fast.tasks.bench.measure import BenchUse, OpenBench, measure_batch
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
@@ -86,11 +84,5 @@ def measure_missing(
     tools = unfinished_tools(campaign, campaign.state(), 1)
     if not tools:
         return
-
-    def measure(bench: GraspBench, work: ToolWork, on_tool_grasp: Callable[[MeasuredGrasp], None]) -> None:
-        measure_tool(
-            campaign, bench, work, world_hash=world.world_hash, should_stop=should_stop, on_grasp=on_tool_grasp
-        )
-
     opened = open_bench or partial(lockstep_bench, world)
-    measure_batch(campaign, tools, opened, measure, should_stop=should_stop, on_grasp=on_grasp)
+    measure_batch(campaign, tools, BenchUse(opened, world.world_hash, should_stop, on_grasp))

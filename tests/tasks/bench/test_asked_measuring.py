@@ -9,7 +9,7 @@ from fast.lake.provenance import current_provenance
 from fast.lake.tables.campaign import GraspRow
 from fast.models.records import GraspRequest, GraspSetup, Placement
 from fast.tasks.bench.asked import read_open_requests, write_requests
-from fast.tasks.bench.measure import measure_tool
+from fast.tasks.bench.measure import BenchUse, measure_tool
 from fast.tasks.bench.plan import ToolWork, plan_asked, plan_tool
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
@@ -35,7 +35,8 @@ def make(campaign: Campaign, tool: ProposedTool, work: ToolWork, most: int = 99)
     made: list[object] = []
     tools = {tool.rack_slot: MountedTool(tool.tool_id, tool.design)}
     with open_virtual_bench(WORLD, tools, holds_to_the_top, wires="memory") as bench:
-        measure_tool(campaign, bench, work, world_hash="w", should_stop=lambda: len(made) >= most, on_grasp=made.append)
+        use = BenchUse(None, "w", lambda: len(made) >= most, lambda tool, grasp: made.append(grasp))
+        measure_tool(campaign, bench, work, use)
     return len(made)
 
 

@@ -16,7 +16,7 @@ from fast.lake.maintenance import check
 from fast.lake.tables.campaign import GraspRow, TraceRow
 from fast.models.errors import DeviceError
 from fast.models.records import BENCH_FAULT, Trace
-from fast.tasks.bench.measure import measure_tool
+from fast.tasks.bench.measure import BenchUse, measure_tool
 from fast.tasks.bench.plan import plan_tool
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
@@ -78,17 +78,8 @@ def measure(campaign: Campaign, cell: Cell, tool: ProposedTool) -> Callable[...,
 
     def run(max_grasps: int = 99) -> None:
         made: list[MeasuredGrasp] = []
-        options = {"world_hash": "w"}
-        bench = cell
-        stop = lambda: len(made) >= max_grasps  # noqa: E731 - read beside what it counts
-        measure_tool(
-            campaign,
-            bench,
-            plan_tool(campaign, campaign.state(), tool),
-            **options,
-            should_stop=stop,
-            on_grasp=made.append,
-        )
+        use = BenchUse(None, "w", lambda: len(made) >= max_grasps, lambda tool, grasp: made.append(grasp))
+        measure_tool(campaign, cell, plan_tool(campaign, campaign.state(), tool), use)
 
     return run
 
@@ -219,7 +210,7 @@ def test_a_mistake_of_a_driver_is_kept_as_a_bench_fault_and_the_grasp_is_made_ag
 
     def measure() -> None:
         work = plan_tool(campaign, campaign.state(), tool)
-        measure_tool(campaign, bench, work, world_hash="w", should_stop=lambda: False, on_grasp=lambda grasp: None)
+        measure_tool(campaign, bench, work, BenchUse(None, "w"))
 
     with pytest.raises(
         DeviceError, match=r"`my_press:open_bench` failed \(ZeroDivisionError: float division by zero; "

@@ -69,7 +69,7 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
         rehearsed=tuple(rehearsal.tell_families()),
         assumed=_assumed(outcome),
         unsure=find_unsure_cells(surrogate.bank, surrogate.grasps.tools),
-        visible=find_visible_sizes(last.trials.fit, sorted(names), rehearsal.lines.nats),
+        visible=find_visible_sizes(last.trials.fit, sorted(names), rehearsal.lines),
         command=command,
     )
 

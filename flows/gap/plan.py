@@ -126,7 +126,7 @@ def _find_visible(
     centre = taken.centre
     theta = np.array([centre.young_modulus_mpa, centre.friction, centre.poisson_ratio])
     fit = fit_evidence(problem.measured(problem.predict_steps(theta, ())))
-    return find_visible_sizes(fit, taken.names, rehearsal.lines.nats, like)
+    return find_visible_sizes(fit, taken.names, rehearsal.lines, like)
 
 
 def _plan_grasps(campaign: Campaign, designs: Sequence[Design], objects: tuple[int, ...]) -> Grasps:

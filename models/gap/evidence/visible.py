@@ -8,6 +8,7 @@ import numpy as np
 from fast.models.gap.evidence.candidates import predict_changes
 from fast.models.gap.evidence.laws import list_secants, scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit
+from fast.models.gap.evidence.trials import Signs
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.units import spell_name, unit_of
@@ -36,26 +37,35 @@ class VisibleSize:
 
 
 def find_visible_sizes(
-    fit: EvidenceFit, names: Sequence[str], nats_line: float, like: Sequence[VisibleSize] = ()
+    fit: EvidenceFit, names: Sequence[str], lines: Signs, like: Sequence[VisibleSize] = ()
 ) -> tuple[VisibleSize, ...]:
     """The size of each effect from which on nine in ten would pass a line of evidence, in the order of the names.
 
     A change of d standard deviations, free of what theta, prints and variants can make of it, has an evidence of about
-    (d + z)^2 / 2 with z standard normal. It is taken to be in proportion to the size. like: sizes of other data with
-    which these are compared; signs and shapes are theirs.
+    (d + z)^2 / 2 with z standard normal, of which its largest cell has its share. It is taken to be in proportion to
+    the size. like: sizes of other data with which these are compared; signs and shapes are theirs.
     """
-    wanted = np.sqrt(2.0 * nats_line) + _Z90
     known = {one.effect: one.value for one in like if one.value is not None}
     found = []
     for name in names:
         values = [value for value in list_secants(name) if name not in known or _is_alike(value, known[name])]
-        products, _ = fit.multiply(fit.whiten(*predict_changes(fit, values)))
-        scales = wanted / np.sqrt(np.maximum(np.diag(products), 1e-12))
+        white = fit.whiten(*predict_changes(fit, values))
+        products, _ = fit.multiply(white)
+        spread = 1.0 - _find_largest_share(fit, white)
+        nats = np.minimum(min(lines.nats, lines.full_nats), lines.spread_nats / np.maximum(spread, 1e-12))
+        scales = (np.sqrt(2.0 * nats) + _Z90) / np.sqrt(np.maximum(np.diag(products), 1e-12))
         # The secant whose own size is nearest to what is wanted has to be stretched least.
         place = int(np.argmin(np.abs(np.log(scales))))
         is_plausible = scales[place] <= _FURTHEST
         found.append(VisibleSize(name, scale_value(values[place], float(scales[place])) if is_plausible else None))
     return tuple(found)
+
+
+def _find_largest_share(fit: EvidenceFit, white: np.ndarray) -> np.ndarray:
+    """Share of k changes (k x d) that is in the cell that changes most, k."""
+    squares = white[:, : fit.force_n.size] ** 2
+    of_cells = squares.reshape(len(white), len(fit.force_n), -1).sum(axis=2)
+    return np.asarray(of_cells.max(axis=1) / np.maximum((white**2).sum(axis=1), 1e-12))
 
 
 def _find_shapes(effect: str) -> set[str]:

@@ -332,14 +332,20 @@ def test_a_drift_of_the_lab_that_the_catalogue_has_counts_as_its_family(problem:
 
 
 def test_how_large_an_effect_must_be_to_be_seen(fit: EvidenceFit) -> None:
-    small, large = (find_visible_sizes(fit, ["load_cell_offset"], line)[0] for line in (60.0, 240.0))
+    far = replace(LEAST, full_nats=1e9, spread_nats=1e9)
+    lines = [replace(far, nats=line) for line in (60.0, 240.0, 1e9)]
+    small, large, never = (find_visible_sizes(fit, ["load_cell_offset"], line)[0] for line in lines)
     assert small.value is not None
     assert large.value is not None
     sizes = [abs(one.value.parameters["offset_n"]) for one in (small, large) if one.value is not None]
     assert sizes[1] == pytest.approx(sizes[0] * (np.sqrt(480.0) + 1.28) / (np.sqrt(120.0) + 1.28), rel=1e-6)
     assert small.words.startswith("offset ")
-    (never,) = find_visible_sizes(fit, ["load_cell_offset"], 1e9)
     assert never.words == "not at any plausible size"
+    (spread,) = find_visible_sizes(fit, ["load_cell_offset"], replace(lines[0], spread_nats=30.0))
+    assert spread.value is not None  # half the evidence is enough where more than half of it is in other cells
+    shown = abs(spread.value.parameters["offset_n"])
+    least = sizes[0] * (np.sqrt(60.0) + 1.28) / (np.sqrt(120.0) + 1.28)
+    assert least < shown < sizes[0]
 
 
 def test_batches_count_their_grasps_anew(problem: Problem) -> None:

@@ -160,7 +160,8 @@ def _running(lake: Path) -> str:
     import socket
 
     from fast.flows.server.access import address_for_person
-    from fast.flows.server.server import DEFAULT_PORT, LOOPBACK, find_server, reach_named_server, tell_ignored
+    from fast.flows.server.loopback import LOOPBACK
+    from fast.flows.server.server import DEFAULT_PORT, find_server, reach_named_server, tell_ignored
     from fast.lake.storage.open import storage_at
 
     if named := reach_named_server():

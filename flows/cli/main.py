@@ -5,6 +5,7 @@ import errno
 import gc
 import io
 import os
+import signal
 import sys
 
 from cyclopts import App, Parameter
@@ -90,6 +91,7 @@ def run_and_leave(command_line: App) -> None:
         os.environ["PYTHONUTF8"] = "1"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     _open_closed_streams()
+    end_with_terminal()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # where it takes ASCII only
     # Several processes work side by side: one thread each, set before numpy is imported.
@@ -188,6 +190,26 @@ def _open_closed_streams() -> None:
     sys.stdin = sys.stdin or open(os.devnull)
     sys.stdout = sys.stdout or open(os.devnull, "w")
     sys.stderr = sys.stderr or open(os.devnull, "w")
+
+
+def end_with_terminal() -> None:
+    """Have a terminal or connection that closes (SIGHUP) end the command as SIGTERM does, but for one under `nohup`.
+
+    By itself it would kill the process, in the middle of a motion too. It comes from the shell and from the system, and
+    counts once. What is written to the terminal from then on would be an error.
+    """
+    shown = [number for number in range(_STANDARD_ERROR + 1) if os.isatty(number)]
+
+    def hear(signal_number: int, frame: object) -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        for number in shown:
+            os.dup2(nowhere, number)
+        os.close(nowhere)
+        signal.raise_signal(signal.SIGTERM)
+
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, hear)
 
 
 def leave(status: int) -> None:

@@ -5,7 +5,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -27,15 +27,15 @@ class ChildProcess:
         arguments: list[str],
         environment: Mapping[str, str],
         log_path: Path,
-        listener: socket.socket | None = None,
+        listeners: Sequence[socket.socket] = (),
     ) -> None:
-        """`listener`: handed on to every start of the process and kept open in between, closed by `stop`.
+        """`listeners`: handed on to every start of the process and kept open in between, closed by `stop`.
 
         The process works in an empty folder beside its log, since Prefect reads settings from the working folder; it
         is told where modules of a user's own are.
         """
         self.log_path = log_path.resolve()
-        self._listener = listener
+        self._listeners = listeners
         self._command = [sys.executable, "-m", module, *arguments]
         found = filter(None, [str(CHECKOUT), environment.get("PYTHONPATH")])
         self.environment = {FOLDER: str(Path.cwd()), **environment, "PYTHONPATH": os.pathsep.join(found)}
@@ -60,7 +60,7 @@ class ChildProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
-                pass_fds=() if self._listener is None else (self._listener.fileno(),),
+                pass_fds=[listener.fileno() for listener in self._listeners],
                 start_new_session=True,  # Ctrl-C in the terminal is for us; we stop the process when we are done
             )
         self._started_s, self.since = time.monotonic(), datetime.now(UTC)
@@ -85,8 +85,8 @@ class ChildProcess:
 
     def stop(self) -> None:
         """End the process, by force when it does not listen."""
-        if self._listener is not None:
-            self._listener.close()
+        for listener in self._listeners:
+            listener.close()
         if self._child is None:
             return
         self._child.terminate()

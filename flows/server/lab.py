@@ -21,10 +21,10 @@ from fast.flows.server.environment import (
     SERVER_VARIABLE,
     make_environment,
 )
+from fast.flows.server.loopback import LOOPBACK
 from fast.flows.server.page_port import PageServer, find_page, listen
 from fast.flows.server.run_process import ASKED_S
 from fast.flows.server.server import (
-    LOOPBACK,
     address_for_others,
     ask_server,
     find_server,

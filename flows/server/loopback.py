@@ -1,12 +1,42 @@
 """This machine as seen from itself: what keeps programs on it from each other, or a library from being imported."""
 
 import os
+import socket
 import stat
 import tempfile
-from collections.abc import MutableMapping
+from collections.abc import Iterable, MutableMapping
 from pathlib import Path
 
-LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
+LOOPBACK = "127.0.0.1"
+LOOPBACK_NAMES = (LOOPBACK, "localhost", "::1")
+
+_EVERYWHERE = "0.0.0.0"
+
+
+def open_listeners(host: str, port: int, backlog: int) -> list[socket.socket]:
+    """Sockets that listen on a port of an address, and of loopback: programs of this machine ask there.
+
+    Raises:
+        OSError: the port is taken, or the address is not of this machine.
+    """
+    listeners = [socket.create_server((host, port), backlog=backlog)]
+    if host not in (LOOPBACK, _EVERYWHERE):
+        try:
+            listeners.append(socket.create_server((LOOPBACK, listeners[0].getsockname()[1]), backlog=backlog))
+        except OSError:
+            listeners[0].close()
+            raise
+    return listeners
+
+
+def join_numbers(listeners: Iterable[socket.socket]) -> str:
+    """The numbers of listening sockets as an argument of the process that gets them; see `split_numbers`."""
+    return ",".join(str(listener.fileno()) for listener in listeners)
+
+
+def split_numbers(numbers: str) -> list[socket.socket]:
+    """The listening sockets that the parent of this process handed on."""
+    return [socket.socket(fileno=int(number)) for number in numbers.split(",")]
 
 
 def settle(environment: MutableMapping[str, str]) -> None:

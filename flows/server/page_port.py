@@ -13,7 +13,8 @@ from fast.flows.server.access import Api, own_login
 from fast.flows.server.child_process import ChildProcess
 from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.flows.server.run_process import is_process_alive
-from fast.flows.server.server import LOOPBACK, address_for_others
+from fast.flows.server.loopback import LOOPBACK, join_numbers, open_listeners
+from fast.flows.server.server import address_for_others
 from fast.lake.storage.files import writing_failed
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
@@ -27,11 +28,11 @@ _BACKLOG = 256
 class PageServer:
     """The port of a lake's page. Whoever comes while its process is not there waits until it is."""
 
-    def __init__(self, lake: Lake, listener: socket.socket) -> None:
+    def __init__(self, lake: Lake, listeners: list[socket.socket]) -> None:
         login = own_login(lake.root)
-        host, port = listener.getsockname()[:2]
+        port = listeners[0].getsockname()[1]
         self.api = Api(f"http://{LOOPBACK}:{port}/api", login)
-        self._listener, self._lake = listener, lake
+        self._listeners, self._lake = listeners, lake
         self._is_over = threading.Event()
         home = lake.root / ".state" / "page"
         try:
@@ -39,8 +40,8 @@ class PageServer:
         except OSError as error:
             raise writing_failed(home, error) from error
         environment = {**os.environ, LOGIN_VARIABLE: login, FOLDER_VARIABLE: os.getcwd()}
-        arguments = [str(listener.fileno()), str(os.getpid()), address_for_others(lake)]
-        self._process = ChildProcess("fast.flows.page.process", arguments, environment, home / "page.log", listener)
+        arguments = [join_numbers(listeners), str(os.getpid()), address_for_others(lake)]
+        self._process = ChildProcess("fast.flows.page.process", arguments, environment, home / "page.log", listeners)
         self._watcher = threading.Thread(target=self._serve_on, daemon=True, name="page-watcher")
         self._watcher.start()
         _address_file(lake.root).write_text(json.dumps({"url": self.api.url, "owner_pid": os.getpid()}))
@@ -67,7 +68,7 @@ class PageServer:
         while not self._is_over.wait(0.0 if self._process.pid == 0 else _LOOK_S):
             if self._process.is_alive():
                 continue
-            if select.select([self._listener], [], [], _LOOK_S)[0] and not self._is_over.is_set():
+            if select.select(self._listeners, [], [], _LOOK_S)[0] and not self._is_over.is_set():
                 if self._process.pid == 0:
                     self._process.start()
                 else:
@@ -94,22 +95,20 @@ def serve_page(lake: Lake, port: int | None = None, host: str = LOOPBACK) -> Ite
         page.close()
 
 
-def listen(port: int | None, host: str = LOOPBACK) -> socket.socket:
-    """A listening socket; `port`: None is 4210, or a free one where that is taken, 0 a free one.
+def listen(port: int | None, host: str = LOOPBACK) -> list[socket.socket]:
+    """Listening sockets; `port`: None is 4210, or a free one where that is taken, 0 a free one.
 
     Raises:
         UsageError: the port is taken.
     """
     try:
-        listener = socket.create_server((host, PORT if port is None else port), backlog=_BACKLOG)
+        return open_listeners(host, PORT if port is None else port, _BACKLOG)
     except OSError as error:
         if port is None:
             return listen(0, host)
         raise UsageError(
             f"--page-port {port} cannot be used on {host} ({error.strerror}); give another one."
         ) from error
-    listener.set_inheritable(False)
-    return listener
 
 
 def find_page(lake_root: Path) -> Api | None:

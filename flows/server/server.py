@@ -18,6 +18,7 @@ from fast.flows.server.access import Api, own_login
 from fast.flows.server.child_process import ChildProcess
 from fast.flows.server.database import keep_empty_database, take_empty_database
 from fast.flows.server.environment import enter_environment, list_ignored, make_environment, named_server
+from fast.flows.server.loopback import LOOPBACK, join_numbers, open_listeners
 from fast.flows.server.run_process import is_process_alive
 from fast.lake.storage.files import writing_failed
 from fast.lake.store import Lake
@@ -26,7 +27,6 @@ from fast.models.errors import FastError, UsageError
 START_LIMIT_S = 600.0  # the first start on a machine makes a database: 10 s when it is idle, minutes when busy
 KEEP_S = 1.0  # between looks at a server of ours
 LISTEN_BACKLOG = 1024  # requests that wait while the server starts again
-LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 4200
 ANY_PORT = 0  # the system chooses one that is free
 
@@ -206,8 +206,8 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
     except OSError as error:
         raise writing_failed(home, error) from error
     login = own_login(lake_root)
-    listener = _listen(host, port)
-    port = int(listener.getsockname()[1])
+    listeners = _listen(host, port)
+    port = int(listeners[0].getsockname()[1])
     api = Api(f"http://{LOOPBACK}:{port}/api", login)
     environment = make_environment(api, home)
     environment["FAST_SERVER_LOGIN"] = login
@@ -216,8 +216,8 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
         environment.setdefault(name, value)
     # Pages that were opened under another name ask the server they came from.
     environment.setdefault("PREFECT_UI_API_URL", "/api")
-    arguments = [str(listener.fileno()), str(os.getpid()), str((lake_root / "outputs").resolve())]
-    process = ChildProcess("fast.flows.server.server_process", arguments, environment, home / "server.log", listener)
+    arguments = [join_numbers(listeners), str(os.getpid()), str((lake_root / "outputs").resolve())]
+    process = ChildProcess("fast.flows.server.server_process", arguments, environment, home / "server.log", listeners)
     is_made_by_prefect = take_empty_database(home)
     process.start()
     try:
@@ -271,8 +271,8 @@ def _address_file(lake_root: Path) -> Path:
     return lake_root / ".state" / "server.json"
 
 
-def _listen(host: str, port: int) -> socket.socket:
+def _listen(host: str, port: int) -> list[socket.socket]:
     try:
-        return socket.create_server((host, port), backlog=LISTEN_BACKLOG)
+        return open_listeners(host, port, LISTEN_BACKLOG)
     except OSError as error:
         raise FastError(f"port {port} of {host} cannot be used ({error.strerror}); give another one.") from error

@@ -1,6 +1,6 @@
 """Body of the server's own process: Prefect's pages, and the lake's output folder read-only beside them.
 
-Arguments: number of the listening socket that the parent hands on, process id of the parent, output folder.
+Arguments: numbers of the listening sockets that the parent hands on, process id of the parent, output folder.
 """
 
 import functools
@@ -13,6 +13,7 @@ from datetime import timedelta
 from pathlib import Path
 
 from fast.flows.server.gate import App, Receive, Scope, Send, add_gate
+from fast.flows.server.loopback import split_numbers
 
 OUTPUTS = "/outputs"
 WORKER_PACES = {"minimum_check_interval": 5.0, "scheduling_resolution": 5.0}
@@ -53,8 +54,8 @@ def slow_queue() -> None:
         made.__init__ = paced  # type: ignore[method-assign, assignment]  # the class is made for this process alone
 
 
-def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
-    """Serve what comes to a listening socket until the parent is gone."""
+def serve(listeners: list[socket.socket], parent_pid: int, folder: Path) -> None:
+    """Serve what comes to listening sockets until the parent is gone."""
     gc.set_threshold(50_000)  # as `fast` has it: a sixth of its start
     import uvicorn
     from prefect.server.api.server import create_app
@@ -64,11 +65,11 @@ def serve(listener: socket.socket, parent_pid: int, folder: Path) -> None:
     follow_parent(parent_pid)
     slow_queue()
     login = os.environ.pop(LOGIN_VARIABLE)
-    app = add_gate(add_outputs(create_app(), folder), login, listener.getsockname()[0])
+    app = add_gate(add_outputs(create_app(), folder), login, listeners[0].getsockname()[0])
     # Of a proxy's word about who asks, nothing is believed.
     config = uvicorn.Config(app, log_level="warning", proxy_headers=False)
-    uvicorn.Server(config).run(sockets=[listener])
+    uvicorn.Server(config).run(sockets=listeners)
 
 
 if __name__ == "__main__":
-    serve(socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2]), Path(sys.argv[3]))
+    serve(split_numbers(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3]))

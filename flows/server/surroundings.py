@@ -9,7 +9,8 @@ import sys
 import tempfile
 
 from fast.flows.server.environment import LOGIN_VARIABLE, OWN_PREFIX, PREFIX, SERVER_VARIABLE
-from fast.flows.server.server import LOOPBACK, reach_named_server
+from fast.flows.server.loopback import LOOPBACK
+from fast.flows.server.server import reach_named_server
 from fast.models.errors import UsageError
 
 MIN_OPEN_FILES = 128  # the server has the most, about 60

@@ -114,10 +114,10 @@ def _new_executor() -> ProcessPoolExecutor:
 
 
 def _start_worker(parent_pid: int) -> None:
-    # Ctrl-C reaches every process of a terminal, a service's SIGTERM all of its processes; the parent decides what
-    # still has to be finished.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    # Ctrl-C, and a terminal that closes, reach every process of the terminal, a service's SIGTERM all of its processes;
+    # the parent decides what still has to be finished.
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     look_here()  # designs of a family of the user's own
     follow_parent(parent_pid)
 

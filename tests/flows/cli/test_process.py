@@ -206,6 +206,42 @@ def test_sigterm_ends_a_search_as_ctrl_c_does(tmp_path):
     assert (done.returncode, done.stderr) == (130, "fast: interrupted; what was finished is in the lake.\n")
 
 
+CLOSED = """
+import os, signal, sys
+from fast.flows.cli.main import end_with_terminal
+
+def hear(number, frame):
+    print("said to a terminal that is gone", flush=True)
+    open(sys.argv[1], "a").write("heard ")
+
+signal.signal(signal.SIGTERM, hear)
+end_with_terminal()
+print("ready", flush=True)
+signal.pause()
+os.kill(os.getpid(), signal.SIGHUP)
+"""
+
+
+def test_a_terminal_that_closes_ends_a_command_once_as_sigterm_does(tmp_path):
+    """It killed a campaign in the middle of a motion."""
+    ours, theirs = os.openpty()
+    heard = tmp_path / "heard.txt"
+    command = ["setsid", "--ctty", sys.executable, "-c", CLOSED, str(heard)]
+    with subprocess.Popen(command, cwd=ROOT, stdin=theirs, stdout=theirs, stderr=theirs) as child:
+        os.close(theirs)
+        assert os.read(ours, 100).startswith(b"ready")
+        os.close(ours)
+        assert child.wait(60) == 0
+    assert heard.read_text() == "heard "
+
+
+def test_a_command_under_nohup_outlives_its_terminal():
+    code = "import os, signal\nfrom fast.flows.cli.main import end_with_terminal\nend_with_terminal()\n" \
+           "os.kill(os.getpid(), signal.SIGHUP)\nprint('goes on')"  # fmt: skip
+    command = ["nohup", sys.executable, "-c", code]
+    assert subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60).stdout == "goes on\n"
+
+
 def test_a_reader_that_goes_away_is_no_bug(tmp_path):
     lake = proposed_lake(tmp_path)
     sql = "fast.flows.cli.main sql 'SELECT * FROM range(200000)'"

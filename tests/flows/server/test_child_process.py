@@ -5,13 +5,15 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import ExitStack
 
 import psutil
 import pytest
 
 from fast.flows.server import child_process
 from fast.flows.server.child_process import ChildProcess
-from fast.flows.server.server import ANY_PORT, LOOPBACK, _listen
+from fast.flows.server.loopback import LOOPBACK, join_numbers, split_numbers
+from fast.flows.server.server import ANY_PORT, _listen
 from fast.models.errors import FastError
 from fast.models.own_code import FOLDER
 
@@ -20,9 +22,9 @@ LIMIT_S = 60.0
 
 def test_who_asks_while_a_killed_server_comes_back_is_answered(tmp_path, monkeypatch):
     monkeypatch.setattr(child_process, "LEAST_LIFE_S", 0.0)
-    listener = _listen(LOOPBACK, ANY_PORT)
+    (listener,) = _listen(LOOPBACK, ANY_PORT)
     number, place = str(listener.fileno()), listener.getsockname()
-    process = ChildProcess("tests.flows.campaign.answering_process", [number], os.environ, tmp_path / "log", listener)
+    process = ChildProcess("tests.flows.campaign.answering_process", [number], os.environ, tmp_path / "log", [listener])
     process.start()
     try:
         with socket.create_connection(place, LIMIT_S) as asked:
@@ -50,6 +52,21 @@ def test_a_port_that_is_taken_is_named():
         port = taken.getsockname()[1]
         with pytest.raises(FastError, match=f"port {port} of 127.0.0.1 cannot be used"):
             _listen(LOOPBACK, port)
+
+
+def test_a_server_of_one_address_answers_programs_of_this_machine_too():
+    """It listened there alone, was looked for on 127.0.0.1, and ended after ten minutes."""
+    with ExitStack() as stack:
+        listeners = [stack.enter_context(listener) for listener in _listen("127.0.0.2", ANY_PORT)]
+        places = [listener.getsockname() for listener in listeners]
+        port = places[0][1]
+        assert places == [("127.0.0.2", port), (LOOPBACK, port)]
+        handed_on = [os.dup(int(number)) for number in join_numbers(listeners).split(",")]
+        for place, got in zip(places, split_numbers(",".join(map(str, handed_on))), strict=True):
+            with got, socket.create_connection(place, LIMIT_S):
+                got.accept()[0].close()
+        with pytest.raises(FastError, match=f"port {port} of 127.0.0.2 cannot be used"):
+            _listen("127.0.0.2", port)
 
 
 FOLLOWER = """

@@ -92,8 +92,9 @@ def test_a_pool_lends_each_worker_to_one_user():
     pool.close()
 
 
-def test_a_service_that_is_stopped_leaves_its_workers_what_they_are_at(workers):
-    workers[0].call(signal.raise_signal, signal.SIGTERM)  # as systemd sends it to all processes of a service
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_service_or_terminal_that_ends_leaves_its_workers_what_they_are_at(workers, number):
+    workers[0].call(signal.raise_signal, number)  # as systemd, or the shell, sends it to all processes
     assert workers[0].call(abs, -1) == 1
 
 

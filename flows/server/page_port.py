@@ -12,8 +12,8 @@ from pathlib import Path
 from fast.flows.server.access import Api, own_login
 from fast.flows.server.child_process import ChildProcess
 from fast.flows.server.environment import FOLDER_VARIABLE
-from fast.flows.server.run_process import is_process_alive
 from fast.flows.server.loopback import LOOPBACK, join_numbers, open_listeners
+from fast.flows.server.run_process import is_process_alive
 from fast.flows.server.server import address_for_others
 from fast.lake.storage.files import writing_failed
 from fast.lake.store import Lake

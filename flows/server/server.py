@@ -197,14 +197,19 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
     clients wait in the queue of the socket. A refused one would ask again after 1, 2, 4, ... 64 s, and come late.
 
     Raises:
-        FastError: the port is taken, the folder of its state cannot be written, or it did not become healthy.
+        FastError: the port is taken, the folder of its state cannot be written or is another user's, or it did not become healthy.
     """
     home = state_folder(lake_root)
     try:
         home.mkdir(parents=True, exist_ok=True)
-        home.chmod(0o700)  # its database holds what the pages show
     except OSError as error:
         raise writing_failed(home, error) from error
+    try:
+        home.chmod(0o700)  # its database holds what the pages show
+    except PermissionError as error:
+        raise FastError(
+            f"{home} is another user's, who alone starts the server of this lake; ask that user for `fast serve`."
+        ) from error
     login = own_login(lake_root)
     listeners = _listen(host, port)
     port = int(listeners[0].getsockname()[1])

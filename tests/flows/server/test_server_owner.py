@@ -1,14 +1,17 @@
 """A server that outlives its owner by a second is not taken, and one that dies is started again."""
 
+import errno
 import json
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from fast.flows.server import server as prefect_server
-from fast.flows.server.server import find_server, server
+from fast.flows.server.server import ANY_PORT, find_server, server
+from fast.models.errors import FastError
 from tests.flows.server.test_crashed_runs import GONE, OWN
 
 ADDRESS = {"PREFECT_API_URL": "http://127.0.0.1:4200/api", "PREFECT_API_AUTH_STRING": "fast:x"}
@@ -21,6 +24,17 @@ def test_only_a_server_with_a_living_owner_is_taken(tmp_path, monkeypatch, owner
     note = {"api_url": "http://127.0.0.1:4200/api", "pid": 1, "owner_pid": owner.pid}
     (tmp_path / ".state" / "server.json").write_text(json.dumps(note))
     assert (find_server(tmp_path) is not None) == is_taken
+
+
+def test_the_server_of_another_users_lake_is_left_to_that_user(tmp_path, monkeypatch):
+    """It advised to change permissions that the program itself sets."""
+
+    def refuse(path, mode):
+        raise PermissionError(errno.EPERM, "Operation not permitted", str(path))
+
+    monkeypatch.setattr(Path, "chmod", refuse)
+    with pytest.raises(FastError, match="is another user's, who alone starts the server of this lake; ask that user"):
+        prefect_server.start_server(tmp_path, ANY_PORT)
 
 
 def test_a_dead_server_is_started_again_and_its_address_written(tmp_path, monkeypatch):

@@ -2,7 +2,7 @@
 
 Numba recompiles a function when its own file changes, but not when a function that it inlines from another file does. A
 cache kept beside the sources could therefore run kernels of an older version after an update. Naming the folder by all
-sources of the chapters with kernels makes every state of these compile its own, half a minute of each process.
+sources of the chapters with kernels makes every state of these compile its own, once.
 """
 
 import atexit
@@ -55,8 +55,8 @@ def _python_files(path: Path) -> list[Path]:
 def use_cache_of(package: Path) -> None:
     """Point numba, not yet imported, to the cache of the present sources of `package`.
 
-    A set variable is respected where it can be written; else every process would compile, for half a minute each. That
-    numba is not to compile is not respected, also in a `.numba_config.yaml`: a simulation would take hours.
+    A set variable is respected where it can be written; else every process would compile. That numba is not to
+    compile is not respected, also in a `.numba_config.yaml`: a simulation would take hours.
     """
     _spare_matplotlib(package)
     if os.environ.get(_DISABLE, "0") != "0":
@@ -126,7 +126,11 @@ def _spare_matplotlib(package: Path) -> None:
 def _temporary_folder() -> Path:
     folder = Path(tempfile.mkdtemp(prefix="fast-cache-"))
     atexit.register(_remove, folder, os.getpid())
-    logger.warning("no folder for compiled code can be written; they are compiled anew, for half a minute.")
+    logger.warning(
+        "no folder for compiled code can be written: each command compiles anew, for a minute and a half; name a folder "
+        "that stays in %s.",
+        VARIABLE,
+    )
     return folder
 
 

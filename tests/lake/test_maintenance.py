@@ -1,5 +1,8 @@
 import os
+import shutil
 import time
+from functools import partial
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -44,6 +47,24 @@ def test_compact_merges_and_changes_nothing_a_reader_sees(filled):
     assert n_files(filled, "grasps") == 1
     assert content(filled) == content(Lake.open(filled.root)) == before
     assert check(filled) == []
+
+
+def test_a_backup_of_two_copies_has_rows_that_are_merged_meanwhile(filled, tmp_path):
+    """As `rsync` does: it lists first, then copies what is still there."""
+    before, backup = content(filled), tmp_path / "backup"
+
+    def copy(work_meanwhile):
+        files = [path for path in filled.root.rglob("*") if path.is_file() and ".state" not in path.parts]
+        work_meanwhile()
+        for path in filter(Path.exists, files):
+            target = backup / path.relative_to(filled.root)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, target)
+
+    copy(partial(compact, filled, TraceRow))
+    assert content(Lake.open(backup)) != before
+    copy(lambda: None)
+    assert content(Lake.open(backup)) == before
 
 
 def test_compacting_again_does_nothing(filled):

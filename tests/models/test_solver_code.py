@@ -12,6 +12,7 @@ import pytest
 from fast.models.solver_code import (
     _KERNEL_SOURCES,
     VARIABLE,
+    _temporary_folder,
     cache_folder,
     remove_old_kernels,
     source_stamp,
@@ -101,15 +102,17 @@ def test_a_cache_that_cannot_be_written_is_replaced_and_said(package: Path, monk
     assert "NUMBA_CACHE_DIR is /proc/nothing, which cannot be written" in caplog.text
 
 
-def test_a_package_that_cannot_be_written_has_its_cache_in_the_home_folder(tmp_path: Path, monkeypatch) -> None:
+def test_a_package_that_cannot_be_written_has_its_cache_in_the_home_folder(tmp_path: Path, monkeypatch, caplog) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert cache_folder(Path("/proc/package")) == tmp_path / "cache" / "fast"
     monkeypatch.setenv("XDG_CACHE_HOME", "/proc/cache")
     monkeypatch.setenv("HOME", "/proc/home")
+    _temporary_folder.cache_clear()
     found = cache_folder(Path("/proc/package"))
     assert found.name.startswith("fast-cache-")
     assert found.stat().st_mode & 0o777 == 0o700
     assert cache_folder(Path("/proc/package")) == found
+    assert caplog.text.count("name a folder that stays in NUMBA_CACHE_DIR") == 1
 
 
 def test_a_wish_not_to_compile_is_left_aside_and_said_once(package: Path, monkeypatch, caplog) -> None:

@@ -65,8 +65,8 @@ PAGES: dict[str, Callable[[Path], AbstractContextManager[list[str]]]] = {
 }
 # Where the product listens, or has it done: each is opened in this file, or by the doctor for a moment.
 PLACES = {
-    "flows/server/surroundings.py", "flows/server/server.py", "flows/server/server_process.py", "flows/viewer/page.py",
-    "flows/server/page_port.py", "flows/page/process.py",
+    "flows/server/surroundings.py", "flows/server/loopback.py", "flows/server/server_process.py",
+    "flows/viewer/page.py", "flows/page/process.py",
     "hardware/virtual/arm/server.py", "hardware/virtual/modbus_server.py",
 }  # fmt: skip
 

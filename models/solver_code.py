@@ -127,8 +127,8 @@ def _temporary_folder() -> Path:
     folder = Path(tempfile.mkdtemp(prefix="fast-cache-"))
     atexit.register(_remove, folder, os.getpid())
     logger.warning(
-        "no folder for compiled code can be written: each command compiles anew, for a minute and a half; name a folder "
-        "that stays in %s.",
+        "no folder for compiled code can be written: each command compiles anew, for a minute and a half; name a "
+        "folder that stays in %s.",
         VARIABLE,
     )
     return folder

@@ -197,7 +197,8 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
     clients wait in the queue of the socket. A refused one would ask again after 1, 2, 4, ... 64 s, and come late.
 
     Raises:
-        FastError: the port is taken, the folder of its state cannot be written or is another user's, or it did not become healthy.
+        FastError: the port is taken, the folder of its state cannot be written or is another user's, or it did not
+            become healthy.
     """
     home = state_folder(lake_root)
     try:

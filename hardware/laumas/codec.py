@@ -58,6 +58,9 @@ class Status(IntFlag):
 
 
 OVERLOAD_MASK = (Status.MAXIMUM_PASSED | Status.GROSS_OVER_FULL_SCALE).value
+# Alarm texts of the same two, spaces and case aside: those of the table of serial alarms in the W100's manual, page 31,
+# by protocol. All others (ErCEL, Er AD, Er OF, O-F) say that there is no weight.
+_OVERLOAD_ALARMS = frozenset({"EROL", "O-L", "^^^^^^", "######"})
 _FAULT_WORDS = {
     Status.CELL_ERROR: "load cell error (cable or cell)",
     Status.CONVERTER_FAULT: "converter fault",
@@ -73,6 +76,7 @@ _GROSS_NEGATIVE, _NET_NEGATIVE, _PEAK_NEGATIVE = (
     int(bit) for bit in (Status.GROSS_NEGATIVE, Status.NET_NEGATIVE, Status.PEAK_NEGATIVE)
 )
 
+_NO_SPACES = str.maketrans("", "", " _")
 _REGISTERS = struct.Struct(f">{N_MEASURED}H")
 _MEASURED = struct.Struct(">HIIIH")  # the same block: status, gross, net, peak, scale
 
@@ -103,6 +107,12 @@ class Reading(NamedTuple):
     peak: float | None
     scale: Scale
     alarm: str = ""
+
+    @property
+    def is_overload(self) -> bool:
+        """Whether the instrument says that the weight is too large. An alarm text stands in the place of the weight."""
+        text = self.alarm.upper().translate(_NO_SPACES)
+        return text in _OVERLOAD_ALARMS or bool(int(self.status) & OVERLOAD_MASK)
 
     @property
     def fault(self) -> str:

@@ -25,7 +25,8 @@ _GAP_PERIODS = 1.5  # a longer silence means lost strings
 # A string without a check that stands alone by more than this is damage: less than a wrong digit makes, but for the
 # last one.
 _JUMP_N, _JUMP_COUNTS = 0.5, 10
-_BACK_SHARE = 0.25  # of a jump: the next string comes back to within it
+_BACK_SHARE = 0.25  # of a jump: the next string comes back, or stays, to within it
+_MOST_WRONG = 2  # equal strings in a row that may be damage
 
 
 class ContinuousTransmitter:
@@ -33,7 +34,8 @@ class ContinuousTransmitter:
 
     Serial adapters hand over several strings at once: the last of them gets the time of arrival, those before it one
     period less each. `n_lost` counts strings that never came, `n_damaged` those that made no sense. A wrong digit makes
-    sense where there is no check: such a string that jumps waits for the next, and is damaged if that comes back.
+    sense where there is no check: such a string that jumps waits for the next, or the next two, and is damaged if they
+    come back.
 
     Args:
         transport: the serial line.
@@ -58,7 +60,7 @@ class ContinuousTransmitter:
         self._lost_reason = ""
         self._jump_counts = max(_JUMP_N / self.resolution_n, _JUMP_COUNTS)
         self._counts: int | None = None  # of the last string that was believed
-        self._waiting: tuple[float, WeightString] | None = None
+        self._waiting: list[tuple[float, WeightString]] = []
         self._n_alone = 0
 
     def connect(self) -> None:
@@ -74,7 +76,8 @@ class ContinuousTransmitter:
         time.sleep(0.1)  # real: what the port held from before is thrown away with the first strings
         with self._arrived:
             self._pending.clear()
-            self._counts = self._waiting = None
+            self._counts = None
+            self._waiting.clear()
             n_damaged = self._strings.n_damaged
             is_heard = self._arrived.wait_for(lambda: self._pending or self._lost_reason, _FIRST_STRING_S)
         if not is_heard:
@@ -159,16 +162,21 @@ class ContinuousTransmitter:
             self._arrived.notify_all()
 
     def _judge(self, time_s: float, string: WeightString) -> None:
-        """Keep a string, or let it wait for the next; the one that waited is kept or dropped."""
-        if self._waiting is not None and self._counts is not None:
-            jump, back = (abs(one.counts - self._counts) for one in (self._waiting[1], string))
-            if string.alarm or back > _BACK_SHARE * jump:
-                self._keep(*self._waiting)
+        """Keep a string, or let it wait for those to come; what waited is kept or dropped."""
+        if self._waiting and self._counts is not None:
+            first = self._waiting[0][1].counts
+            near = _BACK_SHARE * abs(first - self._counts)
+            if not string.alarm and abs(string.counts - self._counts) <= near:
+                self._n_alone += len(self._waiting)
+            elif not string.alarm and len(self._waiting) < _MOST_WRONG and abs(string.counts - first) <= near:
+                self._waiting.append((time_s, string))
+                return
             else:
-                self._n_alone += 1
-            self._waiting = None
+                for waited in self._waiting:
+                    self._keep(*waited)
+            self._waiting.clear()
         if self._is_doubtful(string):
-            self._waiting = (time_s, string)
+            self._waiting.append((time_s, string))
         else:
             self._keep(time_s, string)
 

@@ -2,7 +2,7 @@ r"""Strings of the fast continuous mode of a Laumas transmitter: bytes to weight
 
 Two forms: six characters of weight with CR LF, and `&T` gross `P` gross `\` check CR, whose check is the XOR of all
 characters between `&` and `\`, as two hex digits. Only the second form shows damage. On a fault the characters become
-the alarm text of the display.
+the alarm text of the display. Any order of CR and LF ends a string.
 """
 
 import re
@@ -41,13 +41,13 @@ class StringReader:
 
     def feed(self, data: bytes) -> list[WeightString]:
         """Strings that `data` completes, oldest first."""
-        *lines, self._received = (self._received + data).split(b"\r")
+        *lines, self._received = re.split(rb"[\r\n]", self._received + data)
         if len(self._received) > MAX_BUFFER:
             self._received = b""
             self.n_damaged += 1
         strings = []
-        for line in lines:
-            string = parse_line(line.lstrip(b"\n"))
+        for line in filter(None, lines):
+            string = parse_line(line)
             if string is None:
                 self.n_damaged += 1
             else:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from fast.hardware.clock import Clock
-from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, OVERLOAD_MASK, SHARPEST_FILTERS, Reading
+from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, SHARPEST_FILTERS, Reading
 from fast.hardware.laumas.source import WeightSource
 from fast.models.errors import DeviceError
 from fast.models.units import force_n_from_kg
@@ -183,19 +183,21 @@ class ForceSensor:
 
     def _force(self, reading: Reading) -> ForceReading:
         newton = self._transmitter.newton_per_unit
-        status = int(reading.status)
         fault = reading.fault
-        if fault and not status & OVERLOAD_MASK:
+        is_overload = bool(fault) and reading.is_overload
+        if fault and not is_overload:
             raise SensorFaultError(
                 f"The load cell reports a fault: {fault}. The grasp is abandoned; check the cell's cable and "
                 "the transmitter's display."
             )
         gross_n, net_n = reading.gross * newton, reading.net * newton
         self._peak_n = None if reading.peak is None else reading.peak * newton
-        self._watch.add(gross_n, net_n)
-        if abs(gross_n) >= FULL_SCALE_N or status & OVERLOAD_MASK:
+        if not reading.alarm:
+            self._watch.add(gross_n, net_n)
+        if is_overload or abs(gross_n) >= FULL_SCALE_N:
+            carried = "more than can be shown" if reading.alarm else f"{gross_n:.0f} N"
             raise OverloadError(
-                f"The load cell is overloaded: it carries {gross_n:.0f} N, its full scale is {FULL_SCALE_N:.0f} N"
+                f"The load cell is overloaded: it carries {carried}, its full scale is {FULL_SCALE_N:.0f} N"
                 f"{f' ({fault})' if fault else ''}. The head goes no higher; look what pulls at "
                 "it, then lower it by hand control."
             )

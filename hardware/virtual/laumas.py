@@ -41,8 +41,13 @@ FUNCTIONS = frozenset({READ_HOLDING, WRITE_REGISTERS})  # FC06 is refused, as so
 _NET_SHOWN = int(Status.NET_SHOWN)  # arithmetic with flags is slow
 _NO_FAULTS = Status(0)
 
-# What the display shows instead of the weight; texts as manuals of the family print them, from memory
-_ALARM_TEXTS = {Status.CELL_ERROR: "ErCEL", Status.CONVERTER_FAULT: "Er AD", Status.GROSS_OVER_FULL_SCALE: "Er FS"}
+# What is sent instead of the weight; texts of the continuous mode in the W100's manual, page 31
+_ALARM_TEXTS = {
+    Status.CELL_ERROR: "ErCEL",
+    Status.CONVERTER_FAULT: "Er AD",
+    Status.GROSS_OVER_FULL_SCALE: "Er OL",
+    Status.GROSS_OUT_OF_RANGE: "Er OF",
+}
 
 
 class DigitalFilter:

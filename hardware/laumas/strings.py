@@ -12,7 +12,7 @@ N_CHARACTERS = 6
 LEAST_BAUD_RATES = ((80.0, 9600), (100.0, 19200), (300.0, 38400))  # up to so many strings a second
 MAX_BUFFER = 256  # bytes kept without a line end: more cannot be a string
 _WEIGHT = re.compile(r"[ 0]*(-?) *(\d+)(?:[.,](\d+))? *")
-_CHECKED = re.compile(r"T(.{6})P(.{6})", re.DOTALL)
+_CHECKED = re.compile(r"T(.{6})P\1", re.DOTALL)  # twice the same: an exclusive or alone misses exchanged digits
 _MOST_DIGITS_IN_AN_ALARM = 2  # with more it is a damaged weight
 
 

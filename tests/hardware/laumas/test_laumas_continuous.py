@@ -69,7 +69,8 @@ def test_the_check_is_the_xor_of_the_characters_between_ampersand_and_backslash(
     # T ^ P = 54 ^ 50 = 04; the two equal weights cancel
     assert encode_checked(WeightString(1250)) == b"&T001250P001250\\04\r"
     assert parse_line(b"xx&T001250P001250\\04") == WeightString(1250)
-    assert parse_line(b"&T001250P001251\\05") == WeightString(1250), "1 ^ 0 = 1 more"
+    assert parse_line(b"&T001250P001251\\05") is None, "the gross is said twice"
+    assert parse_line(b"&T000101P002301\\04") is None, "two strings with a hole between, whose check fits"
 
 
 COUNTS = st.integers(-99_999, 999_999)

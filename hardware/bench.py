@@ -23,6 +23,7 @@ from fast.hardware.grbl.profile import (
     FIRST_AXIS_SETTING,
     FIRST_TRAVEL_SETTING,
     LAB_SETTINGS,
+    MAX_STEP_RATE_HZ,
     SAFE_SETTINGS,
     Z_AXIS,
     GrblProfile,
@@ -32,7 +33,7 @@ from fast.hardware.laumas.continuous import ContinuousTransmitter
 from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.laumas.source import WeightSource
 from fast.hardware.laumas.strings import least_baud_rate
-from fast.hardware.parts.force_sensor import ForceSensor
+from fast.hardware.parts.force_sensor import FULL_SCALE_KG, ForceSensor
 from fast.hardware.parts.gantry import Gantry
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.pneumatics import Pneumatics
@@ -53,6 +54,7 @@ from fast.hardware.wire.modbus import ModbusLink, rtu_link, tcp_link
 from fast.hardware.wire.serial import PortBusyError, SerialTransport, Transport
 from fast.models.errors import ConfigError, DeviceError, FastError
 from fast.models.records import GraspSetup, Record
+from fast.models.units import force_n_from_kg
 
 logger = logging.getLogger(__name__)
 
@@ -66,6 +68,11 @@ class BenchSettings(Record):
     """Addresses and figures of a real bench; the defaults are the paper's rig."""
 
     serial_port: str = Field(default="/dev/ttyACM0", min_length=1, description="GRBL on an Arduino Mega")
+    serial_baud_rate: int = Field(default=115200, ge=9600, le=2_000_000)
+    """Of this port."""
+    max_step_rate_hz: float = Field(
+        default=MAX_STEP_RATE_HZ, ge=1000, le=1_000_000, description="of the controller; boards of grblHAL make more"
+    )
     plc_host: str = Field(default="192.168.0.10", min_length=1)
     """Address of the CLICK."""
     plc_port: int = Field(default=502, ge=1, le=65535)
@@ -87,12 +94,13 @@ class BenchSettings(Record):
     )
     transmitter_division: float = Field(default=0.001, gt=0, description="on the keypad; used in continuous mode")
     transmitter_unit: Literal["kg", "g", "t", "N"] = Field(default="kg", description="as transmitter_division")
+    full_scale_kg: float = Field(default=FULL_SCALE_KG, gt=0, le=1000, description="of the load cell; a lift ends there")
     transmitter_filter: int = Field(default=0, ge=0, le=9, description="keypad setting, recorded; 0 or 1 for a lift")
     modbus_time_out_s: float = Field(default=_LONGEST_READ_S, gt=0, le=30, description="of a read with its repeats")
     force_rate_hz: float = Field(default=80.0, ge=5, le=300)
     """Readings of the load cell."""
-    stale_after_s: float | None = Field(default=0.5, gt=0, le=10)
-    """Identical readings for so long mean a frozen transmitter; None: they may be real."""
+    stale_after_s: float = Field(default=0.5, ge=0, le=10)
+    """Identical readings for so long mean a frozen transmitter; 0: they may be real."""
     supply_pressure_psi: float = Field(default=30.0, ge=5, le=60)
     """Of the gripper's air."""
     pressure_time_out_s: float = Field(default=2.0, gt=0)
@@ -110,7 +118,7 @@ class BenchSettings(Record):
     @property
     def gantry_profile(self) -> GrblProfile:
         """Settings that this bench's controller must have."""
-        return GrblProfile().with_settings(self.gantry_settings)
+        return GrblProfile(max_step_rate_hz=self.max_step_rate_hz).with_settings(self.gantry_settings)
 
     @model_validator(mode="after")
     def _check_gantry_settings(self) -> "BenchSettings":
@@ -266,7 +274,7 @@ def open_virtual_bench(
     clock: Clock = VirtualClock() if speed_up is None else ScaledClock(speed_up)
     is_in_memory = wires == "memory"
     ports = (None, None) if is_in_memory else (0, 0)
-    with open_virtual_servers(world, tools, physics, clock, ports, layout=layout) as virtual:
+    with open_virtual_servers(world, tools, physics, clock, ports, BenchSettings(layout=layout)) as virtual:
         at = virtual.endpoints
         is_noisy = world.sensor.noise_sd_n >= 0.05  # several counts: identical readings can only be a frozen instrument
         settings = BenchSettings(
@@ -275,7 +283,7 @@ def open_virtual_bench(
             transmitter_host=at.transmitter_host,
             modbus_time_out_s=10.0,
             force_rate_hz=world.sensor.rate_hz,
-            stale_after_s=0.5 if is_noisy else None,
+            stale_after_s=0.5 if is_noisy else 0.0,
             pressure_time_out_s=2.0 if speed_up is None else _PHYSICS_PATIENCE_S * speed_up,
             layout=layout,
         )
@@ -293,15 +301,16 @@ def open_virtual_servers(
     physics: Physics,
     clock: Clock,
     ports: tuple[int | None, int | None] = (0, 0),
-    is_transmitter_continuous: bool = False,
-    layout: BenchLayout = BenchLayout(),  # noqa: B008 - frozen record
+    like: BenchSettings = BenchSettings(),  # noqa: B008 - frozen record
 ) -> Iterator[VirtualBench]:
     """Only the devices of a virtual bench, for drivers elsewhere (`fast virtual start`); see `.endpoints`.
 
-    `ports`: of PLC and transmitter; 0 takes a free one, None opens none. `is_transmitter_continuous`: its serial port
-    sends strings by itself instead of speaking Modbus RTU.
+    `ports`: of PLC and transmitter; 0 takes a free one, None opens none. `like`: whose layout and gantry settings the
+    bench has; with its continuous mode the serial port sends strings by itself instead of speaking Modbus RTU.
     """
-    virtual = VirtualBench(world, tools, physics, clock, layout, is_transmitter_continuous)
+    scale = Scale(like.transmitter_division, like.transmitter_unit)
+    strings = scale if like.transmitter_mode == "continuous" else None
+    virtual = VirtualBench(world, tools, physics, clock, like.layout, strings, like.gantry_profile)
     virtual.start(*ports)
     try:
         yield virtual
@@ -354,7 +363,12 @@ def _open(
     wires = _memory_wires(virtual, clock) if virtual is not None and is_in_memory else wires_to(settings, clock)
     plc = ClickPlc(wires.plc, clock)
     force = ForceSensor(
-        wires.transmitter, clock, settings.force_rate_hz, settings.stale_after_s, settings.transmitter_filter
+        wires.transmitter,
+        clock,
+        settings.force_rate_hz,
+        settings.stale_after_s or None,
+        settings.transmitter_filter,
+        force_n_from_kg(settings.full_scale_kg),
     )
     gantry = Gantry(wires.gantry, clock, settings.gantry_profile, settings.layout.workspace_mm)
     pneumatics = Pneumatics(plc, clock, settings.supply_pressure_psi, settings.pressure_time_out_s)
@@ -413,7 +427,7 @@ def wires_to(settings: BenchSettings, clock: Clock) -> Wires:
     """Lines to the addresses of a bench."""
     time_out_s = settings.modbus_time_out_s
     plc = tcp_link("CLICK PLC", settings.plc_host, settings.plc_port, settings.plc_device_id, time_out_s)
-    gantry = SerialTransport(settings.serial_port)
+    gantry = SerialTransport(settings.serial_port, settings.serial_baud_rate)
     if settings.transmitter_mode == "continuous":
         line = SerialTransport(str(settings.transmitter_serial_port), settings.transmitter_baud_rate)
         scale = Scale(settings.transmitter_division, settings.transmitter_unit)

@@ -13,7 +13,6 @@ from fast.flows.server.environment import named_server
 from fast.flows.server.page_port import serve_page
 from fast.flows.server.server import configure_client, server, tell_ignored
 from fast.flows.server.surroundings import check_surroundings
-from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.virtual.world.file import World
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake
@@ -21,7 +20,7 @@ from fast.models.errors import ConfigError
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import CampaignConfig, load_config, relative_to, world_path
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name, require_acknowledgement
-from fast.tasks.campaign.setup import RealBench, check_arm, enter, read_real_bench, read_world
+from fast.tasks.campaign.setup import RealBench, check_fits, enter, read_real_bench, read_world
 
 if TYPE_CHECKING:
     from fast.flows.campaign.process import CampaignOutcome
@@ -95,7 +94,6 @@ def _real_bench(config: CampaignConfig, config_path: Path, confirm: ConfirmReal)
         raise ConfigError(f"{config_path}: --real needs `bench.real`, the file with ports and addresses; add it.")
     path = relative_to(config_path, config.bench.real)
     settings = read_real_bench(path)
-    if isinstance(settings, ArmSettings):
-        check_arm(config, config_path, settings, path)
+    check_fits(config, config_path, settings, path)
     confirm(path, settings)
     return settings

@@ -10,7 +10,9 @@ from fast.flows.cli.common import AsJson, show
 from fast.flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
+    from fast.hardware.bench import BenchSettings
     from fast.hardware.cell.cycle_time import PlanTime
+    from fast.models.records import GraspSetup
     from fast.tasks.campaign.settings import ObjectPlan
 
 PAPER_GRASPS_PER_HOUR = 240
@@ -26,6 +28,9 @@ def plan(
         Literal["together", "interleaved"] | None, Parameter(help="Instead of the config's.")
     ] = None,
     config: Config = None,
+    real: Annotated[
+        Path | None, Parameter(help="Bench file whose speeds and places count; default: the config's, or the lab's.")
+    ] = None,
     design: Designs = None,
     grasp_s: Annotated[
         float | None, Parameter(help="Measured mean time of a grasp, which scales the model's.", validator=Number(gt=0))
@@ -34,16 +39,19 @@ def plan(
 ) -> None:
     """Time per tool and batch, grasps per hour beside the paper's 240, and the parts that dominate. Nothing moves."""
     from fast.hardware.cell.cycle_time import add_up
+    from fast.models.errors import UsageError
 
-    objects, setup = _what(config)
+    objects, setup, bench = _what(config, real)
     asked = {"order": order, "repeats_order": repeats_order}
     objects = objects.model_copy(update={name: value for name, value in asked.items() if value is not None})
-    times = _times(objects, setup, tools, design)
+    if tools > bench.layout.n_slots:
+        raise UsageError(f"{tools} tools do not fit a dock of {bench.layout.n_slots} slots; lower --tools.")
+    times = _times(objects, setup, bench, tools, design)
     n_grasps = sum(len(time.item_s) for time in times)
     modelled_s = sum(time.total_s for time in times) / n_grasps
     factor = 1.0 if grasp_s is None else grasp_s / modelled_s
     fixed = objects.model_copy(update={"order": "fixed", "repeats_order": "together"})
-    shortest_s = sum(time.total_s for time in _times(fixed, setup, tools, design)) / n_grasps
+    shortest_s = sum(time.total_s for time in _times(fixed, setup, bench, tools, design)) / n_grasps
     data = {
         "tools": tools,
         "grasps": n_grasps,
@@ -62,27 +70,35 @@ def plan(
     show(data, _text(data), json)
 
 
-def _what(config: Path | None) -> "tuple[ObjectPlan, Any]":
+def _what(config: Path | None, real: Path | None) -> "tuple[ObjectPlan, GraspSetup, BenchSettings]":
+    """Objects and setup of a config, and its bench; one that is no gantry has the times of the lab's."""
+    from fast.hardware.bench import BenchSettings
     from fast.models.records import GraspSetup
-    from fast.tasks.campaign.config import load_config
+    from fast.tasks.campaign.config import load_config, relative_to
     from fast.tasks.campaign.settings import ObjectPlan
+    from fast.tasks.campaign.setup import read_bench, read_real_bench
 
+    bench = BenchSettings() if real is None else read_bench(real)
     if config is None:
-        return ObjectPlan(), GraspSetup()
+        return ObjectPlan(), GraspSetup(), bench
     loaded = load_config(config)
-    return loaded.objects, loaded.grasp
+    if real is None and loaded.bench.real is not None:
+        named = read_real_bench(relative_to(config, loaded.bench.real))
+        bench = named if isinstance(named, BenchSettings) else bench
+    return loaded.objects, loaded.grasp, bench
 
 
-def _times(objects: "ObjectPlan", setup: Any, n_tools: int, design: list[Path] | None) -> "list[PlanTime]":
+def _times(
+    objects: "ObjectPlan", setup: "GraspSetup", bench: "BenchSettings", n_tools: int, design: list[Path] | None
+) -> "list[PlanTime]":
     """One plan per tool, each with its own order; fewer designs than tools are used again."""
     from fast.hardware.cell.cycle_time import plan_time
-    from fast.hardware.parts.layout import BenchLayout
 
-    mounted, layout = list(rack(design).values()), objects.stand_on(BenchLayout())
+    mounted, layout, profile = list(rack(design).values()), objects.stand_on(bench.layout), bench.gantry_profile
 
     def plan_slot(slot: int) -> "PlanTime":
         tool, cells = mounted[slot % len(mounted)], objects.cells(slot)
-        return plan_time(tool, slot, cells, setup, from_slot=max(slot - 1, 0), layout=layout)
+        return plan_time(tool, slot, cells, setup, layout, profile, from_slot=max(slot - 1, 0))
 
     return [plan_slot(slot) for slot in range(n_tools)]
 

@@ -44,6 +44,9 @@ def start(
     transmitter_port: Annotated[
         int, Parameter(help="Port of the load-cell transmitter; 0 takes a free one.", validator=PORT)
     ] = 0,
+    like: Annotated[
+        Path | None, Parameter(help="Bench file: the virtual bench has its layout, gantry settings, transmitter mode.")
+    ] = None,
     continuous: Annotated[
         bool, Parameter(negative="", help="The transmitter's serial port sends strings instead of Modbus RTU.")
     ] = False,
@@ -54,14 +57,17 @@ def start(
     json: AsJson = False,
 ) -> None:
     """Serve a world's gantry, PLC and load cell on a pty and two loopback ports until Ctrl-C."""
-    from fast.hardware.bench import open_virtual_servers
+    from fast.hardware.bench import BenchSettings, open_virtual_servers
     from fast.hardware.clock import ScaledClock
-    from fast.tasks.campaign.setup import read_world
+    from fast.tasks.campaign.setup import read_bench, read_world
 
     spec, tools, clock = read_world(world), rack(design), ScaledClock(speed_up)
+    settings = BenchSettings() if like is None else read_bench(like)
+    if continuous:
+        settings = settings.model_copy(update={"transmitter_mode": "continuous"})
     faults = [read_fault(text) for text in fault or []]
     ports = plc_port, transmitter_port
-    with solver() as physics, open_virtual_servers(spec, tools, physics, clock, ports, continuous) as bench:
+    with solver() as physics, open_virtual_servers(spec, tools, physics, clock, ports, settings) as bench:
         asked = watch_signals()
         for name, time_s in faults:
             bench.inject_at(name, time_s)

@@ -11,7 +11,6 @@ from fast.hardware.checkup.load_cell import WEIGH_S, check_load_cell, check_zero
 from fast.hardware.checkup.plc import HeadState, check_inputs, check_outputs, check_plc
 from fast.hardware.checkup.ports import check_address, check_serial_port
 from fast.hardware.clock import Clock, RealClock
-from fast.hardware.parts.layout import N_SLOTS
 from fast.hardware.wire.log_files import WireFiles
 
 LIGHTEST_KG, HEAVIEST_KG = 0.05, 5.0  # of a tool with its adaptor
@@ -47,9 +46,10 @@ def check_bench(settings: BenchSettings, clock: Clock | None = None, log_folder:
                 used,
                 settings.force_rate_hz,
                 settings.transmitter_filter,
+                settings.full_scale_kg,
                 head.is_tool_on_head,
             )
-        check_tool_masses(findings, settings.tool_mass_kg, head.full_slots)
+        check_tool_masses(findings, settings.tool_mass_kg, head.full_slots, settings.layout.n_slots)
     return findings.found
 
 
@@ -63,17 +63,19 @@ def check_open_bench(bench: Bench) -> list[Finding]:
     for _ in range(int(WEIGH_S * bench.force.rate_hz)):
         bench.clock.sleep(1.0 / bench.force.rate_hz)
         gross_n += [reading.gross_n for reading in bench.force.read_new()]
-    check_zero(findings, gross_n, head.is_tool_on_head)
+    check_zero(findings, gross_n, bench.force.full_scale_n, head.is_tool_on_head)
     return findings.found
 
 
-def check_tool_masses(findings: Findings, mass_kg: Mapping[int, float], full_slots: frozenset[int]) -> None:
+def check_tool_masses(
+    findings: Findings, mass_kg: Mapping[int, float], full_slots: frozenset[int], n_slots: int
+) -> None:
     """Every tool in the dock should have been weighed: its mass proves that it is the right one."""
     wrong = [f"slot {slot}: {mass:g} kg" for slot, mass in sorted(mass_kg.items())
-             if not (0 <= slot < N_SLOTS and LIGHTEST_KG <= mass <= HEAVIEST_KG)]  # fmt: skip
+             if not (0 <= slot < n_slots and LIGHTEST_KG <= mass <= HEAVIEST_KG)]  # fmt: skip
     unweighed = sorted(full_slots - mass_kg.keys())
     if wrong:
-        fix = f"slots are 0 to {N_SLOTS - 1}, masses in kg, {LIGHTEST_KG:g} to {HEAVIEST_KG:g}; correct [tool_mass_kg]"
+        fix = f"slots are 0 to {n_slots - 1}, masses in kg, {LIGHTEST_KG:g} to {HEAVIEST_KG:g}; correct [tool_mass_kg]"
         findings.add("tool masses", ", ".join(wrong), fix)
     elif unweighed:
         slots = ", ".join(map(str, unweighed))

@@ -11,9 +11,8 @@ from fast.hardware.clock import Clock
 from fast.hardware.laumas.codec import Reading
 from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.laumas.source import WeightSource
-from fast.hardware.parts.force_sensor import FULL_SCALE_N
 from fast.models.errors import DeviceError
-from fast.models.units import spell_share
+from fast.models.units import force_n_from_kg, spell_share
 
 WEIGH_S = 2.0
 SLOWEST_FILTER = 1  # of those fit for a lift: 3 (425 ms) smears 2 mm of it, 4 twice that
@@ -33,6 +32,7 @@ def check_load_cell(
     clock: Clock,
     rate_hz: float,
     filter_setting: int,
+    full_scale_kg: float,
     is_tool_on_head: bool,
 ) -> None:
     """Look at a transmitter; the caller closes it.
@@ -53,7 +53,7 @@ def check_load_cell(
     if faults:
         return
     gross_n = [reading.gross * transmitter.newton_per_unit for reading in readings]
-    check_zero(findings, gross_n, is_tool_on_head)
+    check_zero(findings, gross_n, force_n_from_kg(full_scale_kg), is_tool_on_head)
     _check_noise(findings, gross_n, transmitter.resolution_n)
     _check_rate(findings, len(readings) / WEIGH_S, rate_hz)
     _check_filter(findings, gross_n, transmitter.resolution_n, filter_setting)
@@ -76,12 +76,12 @@ def _readings(transmitter: WeightSource, clock: Clock, rate_hz: float) -> list[R
     return readings
 
 
-def check_zero(findings: Findings, gross_n: Sequence[float], is_tool_on_head: bool) -> None:
+def check_zero(findings: Findings, gross_n: Sequence[float], full_scale_n: float, is_tool_on_head: bool) -> None:
     """Look at readings of a second or more: what hangs on the cell weighs what it can, and stays the same."""
     mean_n = statistics.fmean(gross_n)
     half = len(gross_n) // 2
     drift_n = statistics.fmean(gross_n[half:]) - statistics.fmean(gross_n[:half])
-    most_n = MOST_GROSS_SHARE * FULL_SCALE_N
+    most_n = MOST_GROSS_SHARE * full_scale_n
     hanging = "head and tool" if is_tool_on_head else "the head"
     fix = None
     if mean_n < LEAST_GROSS_N:

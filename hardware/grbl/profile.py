@@ -8,13 +8,13 @@ import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from pydantic import Field, field_validator
+from pydantic import Field, model_validator
 
 from fast.hardware.grbl.messages import Vector
 from fast.models.errors import ConfigError
 from fast.models.records import Record
 
-MAX_STEP_RATE_HZ = 30_000  # beyond it GRBL loses steps
+MAX_STEP_RATE_HZ = 30_000.0  # beyond it GRBL on an 8-bit board loses steps
 RELATIVE_TOLERANCE = 1e-6
 ABSOLUTE_TOLERANCE = 5e-4  # `$$` prints three decimals
 SECONDS_PER_MINUTE = 60.0
@@ -81,21 +81,23 @@ class GrblProfile(Record):
     """Expected `$$` settings, by number. Three axes; vectors below are in the order x, y, z."""
 
     settings: dict[int, float] = Field(default_factory=lambda: dict(LAB_SETTINGS))
+    max_step_rate_hz: float = MAX_STEP_RATE_HZ
+    """Steps a second that the controller can make."""
 
-    @field_validator("settings")
-    @classmethod
-    def _check(cls, settings: dict[int, float]) -> dict[int, float]:
+    @model_validator(mode="after")
+    def _check(self) -> "GrblProfile":
+        settings = self.settings
         missing = sorted(LAB_SETTINGS.keys() - settings.keys())
         if missing:
             raise ConfigError(f"GRBL profile lacks setting ${missing[0]}; list every setting the controller has.")
         for axis in range(3):
             rate_hz = settings[100 + axis] * settings[110 + axis] / SECONDS_PER_MINUTE
-            if rate_hz >= MAX_STEP_RATE_HZ:
+            if rate_hz >= self.max_step_rate_hz:
                 raise ConfigError(
-                    f"GRBL profile asks {rate_hz:.0f} steps/s of axis {'xyz'[axis]}, limit {MAX_STEP_RATE_HZ}; "
-                    f"lower ${110 + axis}."
+                    f"GRBL profile asks {rate_hz:.0f} steps/s of axis {'xyz'[axis]}, limit {self.max_step_rate_hz:g}; "
+                    f"lower ${110 + axis}, or give a faster board its max_step_rate_hz."
                 )
-        return settings
+        return self
 
     def wanted(self, build: Sequence[str] = ()) -> dict[int, float]:
         """What is compared on a controller that says `build` of itself (`$I`); nothing said counts as GRBL.
@@ -134,7 +136,7 @@ class GrblProfile(Record):
 
     def with_settings(self, changes: Mapping[int, float]) -> "GrblProfile":
         """A copy with some settings changed."""
-        return GrblProfile(settings={**self.settings, **changes})
+        return GrblProfile(settings={**self.settings, **changes}, max_step_rate_hz=self.max_step_rate_hz)
 
     def _vector(self, first: int) -> Vector:
         return tuple(self.settings[first + axis] for axis in range(3))

@@ -14,7 +14,7 @@ from fast.models.units import force_n_from_kg
 
 logger = logging.getLogger(__name__)
 
-FULL_SCALE_N = force_n_from_kg(20.0)  # 20 kg cell
+FULL_SCALE_KG = 20.0  # of the paper's cell
 SILENT_AFTER_S = 0.5  # a transmitter that sends by itself and pauses this long has stopped
 FEWEST_SAME = 8  # readings alike before the instrument counts as frozen: a slow host takes few, and noise repeats
 HIGH_SHARE = 0.8  # of the full scale: warned of
@@ -53,6 +53,7 @@ class ForceSensor:
     `stale_after_s`: at least `FEWEST_SAME` identical readings for this long mean a frozen transmitter (a live one has
     noise); None switches the check off. `rate_hz` is what the instrument updates at: polling faster gives duplicates
     without a time stamp. `filter_setting` is the filter on the keypad; None is unknown, no register tells it.
+    `full_scale_n`: of the cell; a force as large is an overload.
     """
 
     def __init__(
@@ -62,9 +63,11 @@ class ForceSensor:
         rate_hz: float = 80.0,
         stale_after_s: float | None = 0.5,
         filter_setting: int | None = None,
+        full_scale_n: float = force_n_from_kg(FULL_SCALE_KG),
     ) -> None:
         self.rate_hz = rate_hz
         self.filter_setting = filter_setting
+        self.full_scale_n = full_scale_n
         self._transmitter = transmitter
         self._clock = clock
         self._stale_after_s = stale_after_s
@@ -194,10 +197,10 @@ class ForceSensor:
         self._peak_n = None if reading.peak is None else reading.peak * newton
         if not reading.alarm:
             self._watch.add(gross_n, net_n)
-        if is_overload or abs(gross_n) >= FULL_SCALE_N:
+        if is_overload or abs(gross_n) >= self.full_scale_n:
             carried = "more than can be shown" if reading.alarm else f"{gross_n:.0f} N"
             raise OverloadError(
-                f"The load cell is overloaded: it carries {carried}, its full scale is {FULL_SCALE_N:.0f} N"
+                f"The load cell is overloaded: it carries {carried}, its full scale is {self.full_scale_n:.0f} N"
                 f"{f' ({fault})' if fault else ''}. The head goes no higher; look what pulls at "
                 "it, then lower it by hand control."
             )
@@ -207,9 +210,9 @@ class ForceSensor:
         return force
 
     def _warn_of_high(self, gross_n: float) -> None:
-        is_high = abs(gross_n) >= HIGH_SHARE * FULL_SCALE_N
+        is_high = abs(gross_n) >= HIGH_SHARE * self.full_scale_n
         if is_high and not self._is_high:
-            logger.warning("The load cell carries %.0f N, its full scale is %.0f N.", gross_n, FULL_SCALE_N)
+            logger.warning("The load cell carries %.0f N, its full scale is %.0f N.", gross_n, self.full_scale_n)
         self._is_high = is_high
 
     def _warn_of_filter(self) -> None:

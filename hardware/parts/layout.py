@@ -27,7 +27,8 @@ class BenchLayout(Record):
 
     workspace_mm: tuple[float, float, float] = (1500.0, 1500.0, 180.0)
     """Travel in x, y, z."""
-    n_columns: int = Field(default=6, ge=1, le=36)
+    n_places: int = Field(default=N_OBJECTS, ge=1, le=N_OBJECTS, description="of objects in the grid")
+    n_columns: int = Field(default=6, ge=1, le=N_OBJECTS)
     """Of the grid of objects."""
     object_pitch_mm: float = Field(default=150.0, gt=60)
     """Between the middles of objects."""
@@ -37,6 +38,7 @@ class BenchLayout(Record):
     head_offset_mm: float = Field(default=60.0, description="base of the fingers above the sheet at z = 0")
     clearance_mm: float = Field(default=10.0, gt=0, description="tips over the tallest object while travelling")
     free_xy_mm: tuple[float, float] = Field(default=(150.0, 600.0), description="place without an object")
+    n_slots: int = Field(default=N_SLOTS, ge=1, le=N_SLOTS, description="of the dock; the PLC has ten inputs for them")
     dock_first_x_mm: float = 165.0
     """Of slot 0."""
     dock_pitch_mm: float = Field(default=130.0, gt=60)
@@ -55,7 +57,7 @@ class BenchLayout(Record):
         """Whether it is said where this object stands, and no own object has taken its place."""
         places = dict(self.own_objects)
         is_taken = object_id not in places and object_id in places.values()
-        return 0 <= places.get(object_id, object_id) < N_OBJECTS and not is_taken
+        return 0 <= places.get(object_id, object_id) < self.n_places and not is_taken
 
     def place_of(self, object_id: int) -> int:
         """Number of the place where an object stands.
@@ -72,8 +74,8 @@ class BenchLayout(Record):
                     "one another of `objects.places`, or do without the other."
                 )
             raise UsageError(
-                f"Object {object_id} has no place on the bench; use an id from 0 to {N_OBJECTS - 1}, or say where an "
-                "own object stands."
+                f"Object {object_id} has no place on the bench; use an id from 0 to {self.n_places - 1}, or say where "
+                "an own object stands."
             )
         return place
 
@@ -84,7 +86,7 @@ class BenchLayout(Record):
             UsageError: no such object.
         """
         row, column = divmod(self.place_of(object_id), self.n_columns)
-        n_rows = -(-N_OBJECTS // self.n_columns)
+        n_rows = -(-self.n_places // self.n_columns)
         x = self.workspace_mm[0] / 2 + (column - (self.n_columns - 1) / 2) * self.object_pitch_mm
         y = self.workspace_mm[1] / 2 + (row - (n_rows - 1) / 2) * self.object_pitch_mm
         return x, y
@@ -104,8 +106,8 @@ class BenchLayout(Record):
         Raises:
             UsageError: no such slot, or it lies outside the workspace.
         """
-        if not 0 <= slot < N_SLOTS:
-            raise UsageError(f"Tool slot {slot} does not exist; use a slot from 0 to {N_SLOTS - 1}.")
+        if not 0 <= slot < self.n_slots:
+            raise UsageError(f"Tool slot {slot} does not exist; use a slot from 0 to {self.n_slots - 1}.")
         return self._inside(f"Tool slot {slot}", self.dock_first_x_mm + slot * self.dock_pitch_mm, self.dock_y_mm)
 
     def _inside(self, what: str, x_mm: float, y_mm: float) -> tuple[float, float]:
@@ -145,7 +147,7 @@ class BenchLayout(Record):
     def object_at(self, x_mm: float, y_mm: float, within_mm: float = 15.0) -> int | None:
         """Object whose centre is within `within_mm` of the head in x and y, or None; as far as a grasp is offset."""
         own = {place: object_id for object_id, place in self.own_objects}
-        for place in range(N_OBJECTS):
+        for place in range(self.n_places):
             object_id = own.get(place, place)
             x, y = self.object_xy_mm(object_id)
             if abs(x - x_mm) <= within_mm and abs(y - y_mm) <= within_mm:
@@ -158,4 +160,4 @@ class BenchLayout(Record):
             return None
         slot = round((x_mm - self.dock_first_x_mm) / self.dock_pitch_mm)
         is_there = abs(x_mm - self.dock_first_x_mm - slot * self.dock_pitch_mm) <= within_mm
-        return slot if is_there and 0 <= slot < N_SLOTS else None
+        return slot if is_there and 0 <= slot < self.n_slots else None

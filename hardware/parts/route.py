@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
-from fast.hardware.parts.layout import N_SLOTS, BenchLayout
+from fast.hardware.parts.layout import BenchLayout
 
 Point = tuple[float, float]
 
@@ -31,7 +31,7 @@ def travel_s(points: Sequence[Point], profile: GrblProfile | None = None) -> flo
 
 @lru_cache(maxsize=32)
 def _tour(object_ids: tuple[int, ...], layout: BenchLayout) -> tuple[int, ...]:
-    first, last = layout.dock_xy_mm(0), layout.dock_xy_mm(N_SLOTS - 1)
+    first, last = layout.dock_xy_mm(0), layout.dock_xy_mm(layout.n_slots - 1)
     dock = ((first[0] + last[0]) / 2, first[1])
     places = [dock, *(layout.object_xy_mm(object_id) for object_id in object_ids)]
     profile = GrblProfile()

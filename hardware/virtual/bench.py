@@ -8,11 +8,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 from fast.hardware.clock import Clock
+from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.laumas.codec import Scale
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.click import VirtualClick
 from fast.hardware.virtual.faults import find_fault
-from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.virtual.grbl.server import IN_THE_MIDDLE_MM, VirtualGrbl
 from fast.hardware.virtual.laumas import VirtualLaumas
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest
@@ -22,7 +24,7 @@ from fast.models.records import GraspSimulation
 
 logger = logging.getLogger(__name__)
 
-_PARKED_MM = (1480.0, 1480.0, 175.0)  # where a session leaves the carriage: whoever waits for homing waits for seconds
+_PARKED_MM = 20.0  # before the ends of x and y a session leaves the carriage: whoever waits for homing waits for seconds
 _TICK_S = 0.01  # real time between looks at a world whose clock runs by itself
 
 
@@ -43,6 +45,8 @@ class VirtualBench:
 
     With a lockstep clock the world moves inside `clock.sleep`, physics included. With a clock that runs by itself a
     thread moves it, every access of a server brings it up to date first, and physics runs in a worker.
+
+    `strings`: scale of those that the transmitter's serial port sends by itself; None: it speaks Modbus RTU.
     """
 
     def __init__(
@@ -52,7 +56,8 @@ class VirtualBench:
         physics: Physics,
         clock: Clock,
         layout: BenchLayout,
-        is_transmitter_continuous: bool = False,
+        strings: Scale | None = None,
+        profile: GrblProfile | None = None,
     ) -> None:
         self.is_lockstep = math.isinf(clock.wall_s(1.0))
         self._physics = physics if isinstance(physics, PhysicsCache) else PhysicsCache(physics)
@@ -62,7 +67,10 @@ class VirtualBench:
         self._stopping = threading.Event()
         self._started_at_s = clock.now_s()
         self._due: list[tuple[float, str]] = []
-        self.grbl = VirtualGrbl(clock) if self.is_lockstep else VirtualGrbl(clock, start_mm=_PARKED_MM)
+        x_mm, y_mm, _ = layout.workspace_mm
+        parked_mm = (x_mm - _PARKED_MM, y_mm - _PARKED_MM, layout.top_z_mm)
+        start_mm = IN_THE_MIDDLE_MM if self.is_lockstep else parked_mm
+        self.grbl = VirtualGrbl(clock, profile, start_mm, layout.workspace_mm)
         solve = self._solve_now if self.is_lockstep else self._solve_later
         now_s = clock.now_s()
         self.state = WorldState(world, tools, solve, layout, self._head_mm, now_s)
@@ -72,9 +80,10 @@ class VirtualBench:
         self.transmitter = VirtualLaumas(
             self.state,
             clock.lock,
+            strings,
             refresh=self._refresh,
             now_s=now_s,
-            strings_clock=clock if is_transmitter_continuous else None,
+            strings_clock=None if strings is None else clock,
         )
 
     def start(self, plc_port: int | None = 0, transmitter_port: int | None = 0) -> Endpoints:

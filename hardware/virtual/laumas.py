@@ -26,12 +26,13 @@ from fast.hardware.laumas.codec import (
     Status,
     encode_measured,
 )
+from fast.hardware.laumas.source import NEWTON_PER_UNIT
 from fast.hardware.laumas.strings import WeightString, encode_plain
 from fast.hardware.virtual.modbus_pdu import READ_HOLDING, WRITE_REGISTERS
 from fast.hardware.virtual.modbus_rtu import RtuServerThread
 from fast.hardware.virtual.modbus_server import ModbusServerThread
 from fast.hardware.virtual.world.state import WorldState
-from fast.models.units import mass_kg_from_n
+from fast.models.units import force_n_from_kg
 
 IDENTITY = (105, 2, 2024, 4711, 1)  # firmware, type, year, serial number, program type
 CAPACITY_KG = 20.0
@@ -181,7 +182,7 @@ class VirtualLaumas:
     def _gross_counts(self) -> int:
         shown, scale, counts = self._counted
         if shown != self._filter.shown or scale is not self.scale:  # asked for twice with each reading
-            counts = round(mass_kg_from_n(self._filter.shown) / self.scale.division)
+            counts = round(self._filter.shown / NEWTON_PER_UNIT[self.scale.unit] / self.scale.division)
             self._counted = (self._filter.shown, self.scale, counts)
         return counts - self._zero_counts
 
@@ -198,7 +199,8 @@ class VirtualLaumas:
             status |= Status.GROSS_OUT_OF_RANGE
         if self._world.has_sensor_fault:
             status |= Status.CONVERTER_FAULT
-        if abs(gross_counts) * self.scale.division > 1.1 * CAPACITY_KG:
+        gross_n = gross_counts * self.scale.division * NEWTON_PER_UNIT[self.scale.unit]
+        if abs(gross_n) > 1.1 * force_n_from_kg(CAPACITY_KG):
             status |= Status.GROSS_OVER_FULL_SCALE
         return status
 

@@ -24,6 +24,7 @@ from fast.models.ids import content_id
 from fast.models.objects.catalogue import get_object, name_object
 from fast.models.objects.catalogue import register as register_object
 from fast.models.own_code import is_own, load_own
+from fast.models.records import Placement
 from fast.models.validation import load_record
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import (
@@ -59,29 +60,52 @@ def read_real_bench(path: Path) -> RealBench:
     return load_record(ArmSettings, data, str(path)) if "kind" in data else read_bench(path)
 
 
-def check_arm(config: CampaignConfig, config_path: Path, settings: ArmSettings, path: Path) -> None:
-    """Refuse a campaign that asks for what an arm, or the one of this bench file, cannot do.
+def check_fits(config: CampaignConfig, config_path: Path, settings: RealBench, path: Path) -> None:
+    """Refuse a campaign that asks for what the arm or gantry of this bench file cannot do.
 
     Raises:
         ConfigError: with what is missing, and where.
     """
-    schedule, n_slots = config.schedule, len(settings.rack_mm)
+    if isinstance(settings, OwnBenchSettings):
+        return  # its driver checks
+    if isinstance(settings, ArmSettings):
+        _check_rack(config, path, "rack_mm has", len(settings.rack_mm))
+        if missing := [name_object(one) for one in config.objects.object_ids if one not in settings.mounts_mm]:
+            raise ConfigError(f"{path}: mounts_mm has no place of {', '.join(missing)}; teach and add it.")
+        limits = settings.limits
+    else:
+        _check_rack(config, path, "layout.n_slots is", settings.layout.n_slots)
+        _check_places(config, path, settings)
+        limits = settings.layout.limits
+    try:
+        limits.check(config.grasp)
+    except UsageError as error:
+        raise ConfigError(f"{config_path}: {error}") from error
+
+
+def _check_rack(config: CampaignConfig, path: Path, said: str, n_slots: int) -> None:
+    schedule = config.schedule
     if schedule.n_references and n_slots < N_SLOTS:
         raise ConfigError(
-            f"{path}: reference tools hang in the last of {N_SLOTS} slots, rack_mm has {n_slots}; teach the others, or "
-            "set schedule.reference_tools to 0."
+            f"{path}: reference tools hang in the last of {N_SLOTS} slots, {said} {n_slots}; add the others, or set "
+            "schedule.reference_tools to 0."
         )
     if n_slots < schedule.tools_per_batch:
         raise ConfigError(
-            f"{path}: rack_mm has {n_slots} slots, a batch has {schedule.tools_per_batch} tools; teach more slots, or "
-            "lower schedule.tools_per_batch."
+            f"{path}: {said} {n_slots}, a batch has {schedule.tools_per_batch} tools; add slots, or lower "
+            "schedule.tools_per_batch."
         )
-    if missing := [name_object(one) for one in config.objects.object_ids if one not in settings.mounts_mm]:
-        raise ConfigError(f"{path}: mounts_mm has no place of {', '.join(missing)}; teach and add it.")
+
+
+def _check_places(config: CampaignConfig, path: Path, settings: BenchSettings) -> None:
+    layout = config.objects.stand_on(settings.layout)
     try:
-        settings.limits.check(config.grasp)
+        for slot in range(config.schedule.tools_per_batch):
+            layout.dock_xy_mm(slot)
+        for object_id in config.objects.object_ids:
+            layout.grasp_xy_mm(object_id, Placement())
     except UsageError as error:
-        raise ConfigError(f"{config_path}: {error}") from error
+        raise ConfigError(f"{path}: {error}") from error
 
 
 def read_bench(path: Path) -> BenchSettings:

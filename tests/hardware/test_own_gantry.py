@@ -3,16 +3,19 @@
 import pytest
 
 from fast.flows.cli.real import what_moves
-from fast.hardware.bench import BenchSettings, open_real_bench, open_virtual_bench, open_virtual_servers
+from fast.hardware.bench import BenchSettings, open_real_bench, open_virtual_bench, open_virtual_servers, wires_to
 from fast.hardware.checkup.bench import check_bench
-from fast.hardware.clock import VirtualClock
+from fast.hardware.clock import ScaledClock, VirtualClock
 from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.laumas.strings import parse_line
 from fast.hardware.parts.gantry import Gantry
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.grbl.server import VirtualGrbl
+from fast.hardware.virtual.world.state import HEAD_MASS_KG
 from fast.hardware.wire.serial import SerialTransport
 from fast.models.errors import ConfigError, DeviceError, InterlockError, UsageError
 from fast.models.records import Placement
+from fast.models.units import force_n_from_kg
 from fast.models.validation import load_record
 from tests.hardware.cell.test_cell import QUIET, SETUP, TOOLS, physics
 
@@ -41,7 +44,7 @@ def test_the_bench_file_says_what_the_controller_must_have():
         lab = BenchSettings(
             serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port,
             transmitter_host=at.transmitter_host, transmitter_port=at.transmitter_port, modbus_time_out_s=5.0,
-            stale_after_s=None,
+            stale_after_s=0.0,
         )  # fmt: skip
         with pytest.raises(DeviceError, match=r"\$110 is 6000, profile 12000"), open_real_bench(lab, TOOLS, clock):
             pass
@@ -52,6 +55,46 @@ def test_the_bench_file_says_what_the_controller_must_have():
             with pytest.raises(InterlockError, match="Speed 150 mm/s is outside 0..100 mm/s"):
                 bench.gantry.move_to(x_mm=1000.0, speed_mm_per_s=150.0)
     assert "at up to 100, 200, 50 mm/s" in what_moves("b", own, {})
+
+
+def test_a_virtual_bench_is_like_the_bench_file():
+    like = BenchSettings(
+        gantry_settings=SMALL, layout=BenchLayout(workspace_mm=SMALL_MM, n_places=9, n_columns=3, n_slots=4),
+        transmitter_mode="continuous", transmitter_serial_port="x", transmitter_unit="N", transmitter_division=0.01,
+    )  # fmt: skip
+    with open_virtual_servers(QUIET, {}, physics, ScaledClock(20.0), like=like) as virtual:
+        assert virtual.grbl.position_mm() == pytest.approx((780.0, 780.0, 175.0))
+        assert virtual.grbl.profile.max_speed_mm_per_s[0] == 100.0
+        string = parse_line(virtual.transmitter.send_string().rstrip())
+        assert 0.01 * string.counts == pytest.approx(force_n_from_kg(HEAD_MASS_KG), abs=0.05)
+
+
+def test_a_smaller_grid_and_dock_are_said_in_the_bench_file():
+    layout = BenchLayout(n_places=9, n_columns=3, n_slots=4)
+    assert [layout.object_xy_mm(number) for number in (0, 4, 8)] == [(600, 600), (750, 750), (900, 900)]
+    assert layout.object_at(900, 900) == 8
+    assert layout.dock_at(layout.dock_xy_mm(3)[0], layout.dock_y_mm, 90.0) == 3
+    with pytest.raises(UsageError, match="Object 9 has no place on the bench; use an id from 0 to 8"):
+        layout.object_xy_mm(9)
+    with pytest.raises(UsageError, match="Tool slot 4 does not exist; use a slot from 0 to 3"):
+        layout.dock_xy_mm(4)
+    assert BenchLayout(n_places=9, n_columns=3, own_objects=((20, 3),)).object_xy_mm(20) == (600, 750)
+
+
+def test_a_faster_board_and_another_cell_are_said_in_the_bench_file():
+    fast_board = {"max_step_rate_hz": 100_000, "gantry_settings": {"101": 200}, "full_scale_kg": 5.0}
+    settings = load_record(BenchSettings, fast_board | {"serial_baud_rate": 250_000, "stale_after_s": 0}, "b")
+    assert settings.gantry_profile.settings[101] == 200
+    assert wires_to(settings, VirtualClock()).gantry._baudrate == 250_000
+    for wrong, said in (
+        ({"full_scale_kg": 0}, "`full_scale_kg` is 0 kg, it must be above 0"),
+        ({"serial_baud_rate": 300}, "`serial_baud_rate` is 300, it must be at least 9600"),
+        ({"max_step_rate_hz": 1e9}, "`max_step_rate_hz` is .*, it must be at most"),
+        ({"layout": {"n_slots": 11}}, "`layout.n_slots` is 11, it must be at most 10"),
+        ({"layout": {"n_places": 37}}, "`layout.n_places` is 37, it must be at most 36"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            load_record(BenchSettings, wrong, "b")
 
 
 def test_what_moves_tells_the_box_of_this_machine():

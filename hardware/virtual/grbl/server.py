@@ -20,7 +20,7 @@ from collections.abc import Callable
 from fast.hardware.clock import Clock
 from fast.hardware.grbl.messages import Vector
 from fast.hardware.grbl.profile import GrblProfile
-from fast.hardware.grbl.workspace import Workspace
+from fast.hardware.grbl.workspace import WORKSPACE_SIZE_MM, Workspace
 from fast.hardware.virtual.grbl.machine import GrblMachine
 from fast.models.errors import UsageError
 
@@ -31,6 +31,7 @@ Place = tuple[float, float, float]
 """x, y, z in the workspace, mm."""
 
 AXIS_NAMES = "xyz"
+IN_THE_MIDDLE_MM: Vector = (700.0, 650.0, 120.0)
 MAX_WAIT_S = 3600.0
 NOISE = b"\xff\x00~k\xe9<Idl\r\n"
 _REAL_TIME_BYTES = b"?!~\x18" + bytes(range(0x80, 0x100))
@@ -45,17 +46,22 @@ class VirtualGrbl:
         clock: decides how fast the machine moves.
         profile: settings in its EEPROM.
         start_mm: where the carriage stands at power-up, workspace coordinates; by default somewhere in the middle.
+        size_mm: of the workspace.
 
     Attributes:
         port: path to open from the host.
     """
 
     def __init__(
-        self, clock: Clock, profile: GrblProfile | None = None, start_mm: Vector = (700.0, 650.0, 120.0)
+        self,
+        clock: Clock,
+        profile: GrblProfile | None = None,
+        start_mm: Vector = IN_THE_MIDDLE_MM,
+        size_mm: Vector = WORKSPACE_SIZE_MM,
     ) -> None:
         self._clock = clock
         self.profile = profile or GrblProfile()
-        self._workspace = Workspace.nominal(self.profile)
+        self._workspace = Workspace.nominal(self.profile, size_mm)
         report_gap_s = 0.0 if math.isinf(clock.wall_s(1.0)) else 1 / REPORTS_PER_S
         start_machine_mm = self._workspace.to_machine(start_mm)
         self._machine = GrblMachine(self.profile, clock.now_s(), start_machine_mm, report_gap_s)

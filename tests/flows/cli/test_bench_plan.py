@@ -1,5 +1,6 @@
 """`fast gantry plan` and `tool` on the virtual bench."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,21 @@ def test_plan_of_a_config_scaled_by_a_measured_time(fast):
     data = fast("gantry", "plan", "--config", "campaigns/quick.toml", "--tools", "4", "--grasp-s", "20", "--json").json
     assert data["grasps"] == 4 * 4 * 2
     assert data["batch_s"] == pytest.approx(20 * data["grasps"])
+
+
+def test_a_plan_goes_at_the_speeds_of_the_bench_file(fast, tmp_path):
+    shutil.copytree("campaigns", tmp_path / "campaigns")
+    shutil.copytree("worlds", tmp_path / "worlds")
+    bench, config = tmp_path / "slow.toml", tmp_path / "campaigns" / "quick.toml"
+    bench.write_text("[gantry_settings]\n110 = 1200\n111 = 1200\n112 = 600\n[layout]\nn_slots = 4\n")
+    lab, slow = (fast("gantry", "plan", "--tools", "4", *real, "--json").json for real in ([], ["--real", bench]))
+    assert slow["parts_s_per_grasp"]["travel"] > 4 * lab["parts_s_per_grasp"]["travel"]
+    assert slow["parts_s_per_grasp"]["lift"] == pytest.approx(lab["parts_s_per_grasp"]["lift"])
+    assert "5 tools do not fit a dock of 4 slots" in fast.refused("gantry", "plan", "--tools", "5", "--real", bench)
+    asked = ("gantry", "plan", "--tools", "4", "--config", config, "--json")
+    before = fast(*asked).json["grasp_s"]
+    config.write_text(config.read_text().replace("[bench]", '[bench]\nreal = "../slow.toml"'))
+    assert fast(*asked).json["grasp_s"] > before
 
 
 def test_the_order_in_the_docs_is_the_plan_s(fast):

@@ -130,7 +130,7 @@ def test_a_batch_is_no_path(capsys, tmp_path, batch):
 
 
 def test_a_second_client_of_a_bench_is_refused_and_the_first_goes_on(tmp_path):
-    bench = VirtualBench(World(seed=7), {}, lambda request: None, ScaledClock(50.0), BenchLayout(), False)
+    bench = VirtualBench(World(seed=7), {}, lambda request: None, ScaledClock(50.0), BenchLayout())
     at = bench.start(0, 0)
     settings = BenchSettings(
         serial_port=at.serial_port,

@@ -148,7 +148,7 @@ def test_a_page_cannot_command_the_devices_of_a_virtual_bench_and_a_program_of_a
     grip = struct.pack(">HHHBBHH", 1, 0, 6, 1, 5, coil, 0xFF00)
     is_gripping = struct.pack(">HHHBBHH", 2, 0, 6, 1, 1, coil, 1)
     before = listening({os.getpid()})
-    bench = VirtualBench(World(seed=7), {}, lambda request: None, ScaledClock(10.0), BenchLayout(), False)
+    bench = VirtualBench(World(seed=7), {}, lambda request: None, ScaledClock(10.0), BenchLayout())
     at = bench.start(0, 0)
     plc, transmitter = (at.plc_host, at.plc_port), (at.transmitter_host, at.transmitter_port)
     try:

@@ -153,7 +153,7 @@ def test_readings_that_come_slower_than_the_bench_file_says_are_named(answer_s, 
             return [Reading(clock.now_s(), Status(0), kg, kg, None, Scale(0.001, "kg"))]
 
     clock, findings = VirtualClock(), Findings()
-    check_load_cell(findings, Slow(), clock, 80.0, 0, is_tool_on_head=False)
+    check_load_cell(findings, Slow(), clock, 80.0, 0, 20.0, is_tool_on_head=False)
     rate = next(finding for finding in findings.found if finding.name == "load-cell rate")
     assert rate.ok == is_ok
     assert rate.note.startswith(seen)
@@ -227,7 +227,7 @@ def test_devices_that_are_not_there_are_all_named(tmp_path):
 def test_tool_masses():
     def judged(masses, slots):
         findings = Findings()
-        check_tool_masses(findings, masses, frozenset(slots))
+        check_tool_masses(findings, masses, frozenset(slots), 10)
         return findings.found[0]
 
     assert judged({0: 0.4}, {0}).ok

@@ -7,7 +7,7 @@ import pytest
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, Reading, Scale, Status
 from fast.hardware.laumas.driver import LaumasTransmitter
-from fast.hardware.parts.force_sensor import FULL_SCALE_N, ForceSensor, OverloadError, SensorFaultError
+from fast.hardware.parts.force_sensor import FULL_SCALE_KG, ForceSensor, OverloadError, SensorFaultError
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.laumas import DigitalFilter, VirtualLaumas
 from fast.hardware.virtual.world.file import Sensor, World
@@ -18,6 +18,7 @@ from fast.models.errors import DeviceError
 from fast.models.units import force_n_from_kg
 
 HEAD_N = force_n_from_kg(HEAD_MASS_KG)
+FULL_SCALE_N = force_n_from_kg(FULL_SCALE_KG)
 
 
 class Rig:
@@ -244,6 +245,13 @@ def test_overload_is_warned_of_then_raised_by_force_and_by_status(make, caplog):
         rig.gross_n(5, 1 / 80)
     rig.extra_n = 1.2 * FULL_SCALE_N
     with pytest.raises(OverloadError, match="carries 244 N.*gross above 110 % of full scale"):
+        rig.gross_n(5, 1 / 80)
+
+
+def test_a_smaller_cell_is_overloaded_sooner(make):
+    rig = make(full_scale_n=50.0)
+    rig.extra_n = 49.0
+    with pytest.raises(OverloadError, match="carries 5[78] N, its full scale is 50 N"):
         rig.gross_n(5, 1 / 80)
 
 

@@ -17,7 +17,7 @@ OBJECTS = (35,)  # close to home
 def main() -> int:
     """Exit status 0 done, 1 refused or failed with a sentence on stderr."""
     addresses, speed_up, may_vent = json.loads(sys.argv[1]), float(sys.argv[2]), sys.argv[3] == "vent"
-    settings = BenchSettings(**addresses, modbus_time_out_s=5.0, stale_after_s=None, pressure_time_out_s=40.0)
+    settings = BenchSettings(**addresses, modbus_time_out_s=5.0, stale_after_s=0.0, pressure_time_out_s=40.0)
     try:
         with open_real_bench(settings, TOOLS, ScaledClock(speed_up), may_vent) as bench:
             bench.cell.measure_tool(3, [(object_id, 0) for object_id in OBJECTS], SETUP, tell, lambda: False)

@@ -113,7 +113,7 @@ def open_firmware_rig(image=IMAGE, pace=PACE):
             settings = BenchSettings(
                 serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port,
                 transmitter_host=at.transmitter_host, transmitter_port=at.transmitter_port,
-                modbus_time_out_s=10.0, stale_after_s=None, pressure_time_out_s=60.0,
+                modbus_time_out_s=10.0, stale_after_s=0.0, pressure_time_out_s=60.0,
             )  # fmt: skip
             with open_real_bench(settings, TOOLS, clock) as bench:
                 yield BenchRig(bench, virtual, lines[0], gantry)

@@ -153,6 +153,8 @@ class VirtualBench:
         self.plc.scan(now_s)
         self.transmitter.step(now_s)
         if self.state.is_motor_enabled != self.grbl.is_motor_enabled:
+            if self.state.is_motor_enabled and not self.is_lockstep:
+                self.grbl.free_carriage()  # a bench that stays up has nobody to do it between two sessions
             self.grbl.set_motor_enable(self.state.is_motor_enabled)
 
     def _inject_due(self, now_s: float) -> None:

@@ -134,3 +134,24 @@ def test_places_outside_the_workspace_are_refused_before_anything_moves():
         with pytest.raises(UsageError, match="Tool slot 3 stands at x 555, y 1600 mm"):
             bench.cell.measure_tool(3, [(0, 0)], SETUP, print, lambda: False)
         assert (bench.gantry.position_mm(), bench.clock.now_s()) == before
+
+
+def test_between_two_sessions_somebody_frees_a_virtual_carriage_from_its_limit_switch():
+    clock = ScaledClock(20.0)
+    with open_virtual_servers(QUIET, TOOLS, physics, clock) as virtual:
+        at = virtual.endpoints
+        settings = BenchSettings(
+            serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port,
+            transmitter_host=at.transmitter_host, transmitter_port=at.transmitter_port, modbus_time_out_s=20.0,
+            stale_after_s=0.0,
+        )  # fmt: skip
+        with open_real_bench(settings, TOOLS, clock):
+            pass
+        until_s = clock.now_s() + 200.0
+        while virtual.grbl.is_motor_enabled and clock.now_s() < until_s:  # without a host the PLC takes their power
+            clock.sleep(1.0)
+        virtual.grbl.inject("limit", axis="y")
+        virtual.grbl.inject("nudge", axis="x", distance_mm=4.0)
+        assert virtual.grbl._machine._pins() == "XY"
+        with open_real_bench(settings, TOOLS, clock) as bench:
+            assert bench.gantry.position_mm() == pytest.approx((1500.0, 1500.0, 180.0), abs=0.05)

@@ -31,6 +31,7 @@ UART_BYTES = 2  # what the UART itself keeps while interrupts are off
 ALARM_DELAY_S = 0.5  # the firmware waits for its line to be sent
 CRITICAL_ALARMS = (1, 2)
 BOOT_S = 1.5  # stk500v2 bootloader
+FREED_MM = 10.0  # more than the end stops are beyond the switches
 LIMIT_OVERRUN_MM = 0.2  # steps lost when the motors are cut in motion
 REAL_TIME_CODES = frozenset(int(code) for code in RealTime)
 FEED_STEPS = {
@@ -299,6 +300,15 @@ class GrblController:
         """Power of the motors, which the firmware does not see: it counts on while the carriage stands still."""
         self.carriage.set_enabled(is_enabled, self._now_s)
         self._planner.watch_switches(self._now_s)
+
+    def free_carriage(self) -> None:
+        """Push the carriage off every closed limit switch, as a person does by hand."""
+        carriage, places_mm = self.carriage, self.carriage.true_mm(self._now_s)
+        for axis in sorted(carriage.closed_switches(self._now_s)):
+            self.set_switch(axis, False)
+            if carriage.is_switch_closed(axis, self._now_s):
+                low_mm, _ = carriage.switch_range_mm(axis)
+                self.nudge(axis, FREED_MM if places_mm[axis] <= low_mm else -FREED_MM)
 
     def nudge(self, axis: int, distance_mm: float) -> None:
         """Push the carriage without the firmware noticing (lost steps), unless that closes or opens a switch."""

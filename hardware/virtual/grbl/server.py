@@ -152,6 +152,13 @@ class VirtualGrbl:
             self._machine.set_motor_enable(is_enabled)
         self._wake()
 
+    def free_carriage(self) -> None:
+        """Push the carriage off every closed limit switch, as a person does by hand (thread-safe, at once)."""
+        with self._clock.lock:
+            self._machine.advance(self._clock.now_s())
+            self._machine.free_carriage()
+        self._wake()
+
     # Faults
 
     def inject(self, fault: str, **how: float | str) -> None:

@@ -11,13 +11,15 @@ from fast.lake.handoff.cells import MOST_FORCE_N, number_or_nan
 from fast.lake.handoff.format import CHANNELS, TRACE_COLUMNS
 from fast.lake.handoff.tables import Reader, Table, has_columns, read_csv
 from fast.models.records import Trace
-from fast.models.traces import find_counted_down
+from fast.models.traces import find_counted_down, work_j
 from fast.models.units import spell_number, unit_of
 
 MOST_LIFT_MM = 1000.0
+_MOST = (("force_n", MOST_FORCE_N), ("lift_mm", MOST_LIFT_MM))
 LIFT_BACK_MM = 2.0  # more is no noise of an encoder
 SLOWEST_MM_PER_S = 0.05
 _LIFT_SHARES = 0.05, 0.95  # of the height, between which a lift is timed: at the top a bench may hold for minutes
+_FEWEST_OF_A_FILE = 8  # measured grasps: that all of them only push the object down is no bench's
 _MOST_PUSHING = 0.05  # of simulated grasps: some designs and thetas only push the object down
 _SHOWN_PER_COLUMN = 20  # of one fault in one column; the rest is counted
 
@@ -71,9 +73,7 @@ def check_samples(
     """Name grasps whose samples are missing or cannot be those of a pull, and failures without a reason."""
     if not traces and any(needs_samples(values) for _, values in grasps.values()):
         return  # named already
-    simulated = [traces[key][1] for key, (_, values) in grasps.items() if values["fidelity"] == "sim" and key in traces]
-    n_down = sum(find_counted_down(trace) is not None for trace in simulated)
-    may_push = n_down <= _MOST_PUSHING * len(simulated)
+    lowest = _find_lowest(reader, grasps, traces)
     for grasp_id, (row, values) in grasps.items():
         if values["fidelity"] == "real" and values.get("status") == "failed":
             if not values["reason"]:
@@ -86,7 +86,7 @@ def check_samples(
             continue
         rows, trace = traces[grasp_id]
         lift_mm = trace.lift_mm
-        if fault := _find_implausible(trace, may_push=may_push and values["fidelity"] == "sim"):
+        if fault := _find_implausible(trace, lowest.get(grasp_id)):
             column, place, limit = fault
             reader.fault("traces", rows[place], column, getattr(trace, column)[place], f"{limit} (grasp `{grasp_id}`).")
             continue
@@ -95,16 +95,73 @@ def check_samples(
             reader.fault("traces", traces[grasp_id][0][0], "lift_mm", lift_mm.max(), limit)
 
 
-def _find_implausible(trace: Trace, *, may_push: bool) -> tuple[str, int, str] | None:
-    """Column, sample and limit of what no pull of a soft gripper gives: another unit, or another column."""
-    if not all(np.isfinite(getattr(trace, name)).all() for name in CHANNELS):
+def _find_lowest(
+    reader: Reader, grasps: dict[str, tuple[int, dict[str, Any]]], traces: dict[str, tuple[list[int], Trace]]
+) -> dict[str, int]:
+    """Lowest sample of each grasp whose pull is counted downwards; none where the sign of all is, which is said once."""
+    found: dict[str, dict[str, Trace]] = {"real": {}, "sim": {}}
+    for key, (_, values) in grasps.items():
+        if key in traces and values.get("status") != "failed":
+            found[values["fidelity"]][key] = traces[key][1]
+    down = {kind: _find_down(of) for kind, of in found.items()}
+    if len(down["sim"]) <= _MOST_PUSHING * len(found["sim"]):
+        down["sim"] = {}
+    if mirrored := find_mirrored(list(found["real"].values())):
+        key = next(iter(down["real"] or found["real"]))
+        rows, trace = traces[key]
+        at = int(trace.force_n.argmin())
+        reader.fault("traces", rows[at], "force_n", trace.force_n[at], f"{mirrored} (grasp `{key}` is one).")
+        down["real"] = {}
+    return down["real"] | down["sim"]
+
+
+def _find_down(traces: dict[str, Trace]) -> dict[str, int]:
+    plain = {key: trace for key, trace in traces.items() if _has_plain_sizes(trace)}
+    return {key: at for key, trace in plain.items() if (at := find_counted_down(trace)) is not None}
+
+
+def find_mirrored(measured: Sequence[Trace]) -> str:
+    """Words for a whole file whose pulls are counted downwards, or an empty text.
+
+    A mirrored pull that only fades looks like fingers that push the object down, which they may: so the work of all
+    grasps together tells.
+    """
+    plain = [trace for trace in measured if _has_plain_sizes(trace)]
+    works_j = [work_j(trace) for trace in plain]
+    are_many = len(works_j) >= _FEWEST_OF_A_FILE and max(works_j) < 0.0
+    is_sum_negative = len(works_j) > 1 and sum(works_j) < 0.0
+    if not are_many and not (is_sum_negative and any(find_counted_down(trace) is not None for trace in plain)):
+        return ""
+    return (
+        f"the pull is counted downwards in the whole file: {sum(work < 0.0 for work in works_j)} of {len(works_j)} "
+        "measured grasps have negative work; force is positive when the object pulls the gripper down, so change its "
+        "sign everywhere"
+    )
+
+
+def _is_finite(trace: Trace) -> bool:
+    return all(np.isfinite(getattr(trace, name)).all() for name in CHANNELS)
+
+
+def _has_plain_sizes(trace: Trace) -> bool:
+    """Whether a force of this trace can be judged: another fault of it is named by itself."""
+    is_some = len(trace.force_n) > 0 and _is_finite(trace)
+    return is_some and all(np.abs(getattr(trace, name)).max() <= most for name, most in _MOST)
+
+
+def _find_implausible(trace: Trace, lowest: int | None) -> tuple[str, int, str] | None:
+    """Column, sample and limit of what no pull of a soft gripper gives: another unit, or another column.
+
+    `lowest`: sample of a pull that is counted downwards.
+    """
+    if not _is_finite(trace):
         return None  # named already
-    for name, most in (("force_n", MOST_FORCE_N), ("lift_mm", MOST_LIFT_MM)):
+    for name, most in _MOST:
         sizes = np.abs(getattr(trace, name))
         if sizes.max() > most:
             unit = unit_of(name)
             return name, int(sizes.argmax()), f"must be at most {most:g} {unit} in size; look at unit and column"
-    if not may_push and (lowest := find_counted_down(trace)) is not None:
+    if lowest is not None:
         limit = "the pull is counted downwards; force is positive when the object pulls the gripper down"
         return "force_n", lowest, limit
     top = int(trace.lift_mm.argmax())

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fast.lake.handoff.samples import find_mirrored
 from fast.lake.tables.campaign import GraspRow, ProposalRow, ToolRow, TraceRow
 from fast.lake.tables.requests import setup_columns
 from fast.models.errors import UsageError
@@ -125,6 +126,8 @@ def take_told(
     before = {(row.tool_id, row.object_id, row.repeat): row for row in _known_rows(campaign, told)}
     known = _find_known(campaign, told, before)
     asked = _find_asked(campaign, state)
+    if mirrored := find_mirrored([one.trace for one in told if one.trace is not None]):
+        raise UsageError(_say([mirrored]))
     faults = [fault for one in told if (fault := _find_fault(campaign, state, tools, asked, one))]
     faults += _find_doubles(told) + _find_disorder(asked, told)
     faults += (

@@ -45,7 +45,7 @@ WRONG = {
     "year 1": (lambda f: change(f, "grasps.csv", "started_at", {0: "0001-01-01T00:00:00"}), "must be from 2000 to now"),
     "year 9999": (lambda f: change(f, "grasps.csv", "started_at", {0: "9999-12-31T00:00:00"}), "must be from 2000"),
     "mN": (lambda f: scale(f, "force_n", 1000.0), "must be at most 2000 N in size; look at unit"),
-    "downwards": (lambda f: scale(f, "force_n", -1.0), "the pull is counted downwards; force is positive"),
+    "downwards": (lambda f: scale(f, "force_n", -1.0), "the pull is counted downwards in the whole file: 2 of 2"),
     "um": (lambda f: scale(f, "lift_mm", 1000.0), "must be at most 1000 mm in size"),
     "ms": (lambda f: scale(f, "time_s", 10_000.0), "slower than 0.05 mm/s; times are in s, not ms, lifts in mm"),
     "huge": (lambda f: change(f, "traces.csv", "lift_mm", {2: "1e308"}), "must be at most 1000 mm in size"),
@@ -78,6 +78,24 @@ def test_a_pull_counted_downwards_after_a_push_is_refused(folder: Path, lake: La
     with pytest.raises(HandoffError, match="the pull is counted downwards"):
         import_handoff(lake, folder, PROVENANCE)
     assert lake.rows(GraspRow) == []
+
+
+def test_a_mirrored_file_is_named_once_also_where_most_of_its_pulls_look_like_pushes(tmp_path: Path) -> None:
+    lift_mm = np.linspace(0.0, 10.0, 40)
+    pull = Trace(lift_mm / 5.0, lift_mm, -np.sin(lift_mm / 10.0 * np.pi) * 9.0)
+    fading = Trace(lift_mm / 5.0, lift_mm, -4.0 * (1.0 - lift_mm / 10.0))
+    for mirrored in ([pull, *[fading] * 3], [fading] * 8):
+        reader = Reader(tmp_path)
+        real = {"fidelity": "real", "status": "ok", "reason": ""}
+        traces = {f"G{place}": ([1] * 40, trace) for place, trace in enumerate(mirrored)}
+        check_samples(reader, {key: (place, real) for place, key in enumerate(traces)}, traces)
+        (fault,) = reader.faults
+        assert f"{len(mirrored)} of {len(mirrored)} measured grasps have negative work" in str(fault)
+    reader = Reader(tmp_path)
+    upright = Trace(pull.time_s, lift_mm, -pull.force_n)
+    traces = {f"G{place}": ([1] * 40, trace) for place, trace in enumerate([fading, upright, upright, pull])}
+    check_samples(reader, {key: (place, real) for place, key in enumerate(traces)}, traces)
+    assert ["G3" in str(fault) for fault in reader.faults] == [True], "one of them alone"
 
 
 @pytest.mark.parametrize("n_down", [1, 2])

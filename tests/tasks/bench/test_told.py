@@ -196,6 +196,18 @@ WRONG = {
 }
 
 
+def test_a_mirrored_file_is_one_sentence(campaign: Campaign) -> None:
+    down = trace(peak_n=-9.0)
+    fading = trace(force_n=-4.0 * (1.0 - down.lift_mm / down.lift_mm.max()))
+    every = [
+        replace(one, peak_force_n=None, trace=down if number == 0 else fading)
+        for number, one in enumerate(told(campaign))
+    ]
+    with pytest.raises(UsageError, match="counted downwards in the whole file: 8 of 8 measured grasps") as refused:
+        take_told(campaign, every, "ada")
+    assert str(refused.value).endswith("change its sign everywhere; nothing was written.")
+
+
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_grasp_is_one_sentence_and_nothing_is_written(campaign: Campaign, name: str) -> None:
     values, words = WRONG[name]

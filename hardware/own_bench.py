@@ -14,13 +14,19 @@ from fast.hardware.cell.cell import Item, MeasuredGrasp
 from fast.hardware.cell.live import GraspInView
 from fast.hardware.grasp_bench import GraspBench, Leave
 from fast.hardware.parts.safe_state import Verb
-from fast.hardware.questions import Ask
+from fast.hardware.questions import Ask, BenchQuestion
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, UsageError
 from fast.models.own_code import load_own
 from fast.models.records import BENCH_FAULT, GraspRequest, GraspSetup, Record
+from fast.models.units import force_n_from_kg
 
 _T = TypeVar("_T")
+
+IN_NEWTONS, NOT_NEWTONS = "the forces are in N", "stop"
+# Of the tool's weight, where what the free gripper pulls with is in kg or g: head and tool weigh up to five tools.
+_SHARES_OF_KG = (0.08, 0.5)
+_LEAST_SHARE_OF_G = 50.0
 
 logger = logging.getLogger(__name__)
 
@@ -36,9 +42,12 @@ class OwnBenchSettings(Record):
 class OwnBench:
     """A driver of the user's own. What it raises that is no `FastError` is a fault of the bench, and ends there."""
 
-    def __init__(self, kind: str, driver: GraspBench) -> None:
+    def __init__(self, kind: str, driver: GraspBench, tools: Mapping[int, MountedTool] | None = None) -> None:
         self._kind = kind
         self._driver = driver
+        self._tools = tools or {}
+        self._ask: Ask | None = None
+        self._is_unit_judged = False
 
     @property
     def wire_session(self) -> str | None:
@@ -52,6 +61,7 @@ class OwnBench:
 
     def set_ask(self, ask: Ask) -> None:
         """Have a person asked where the bench cannot decide by itself."""
+        self._ask = ask
         with _told(self._kind):
             self._driver.set_ask(ask)
 
@@ -87,6 +97,7 @@ class OwnBench:
 
         def keep(grasp: MeasuredGrasp) -> None:
             done.append(grasp)
+            _call(ours, lambda: self._judge_unit(slot, grasp))
             _call(ours, lambda: on_grasp(grasp))
 
         try:
@@ -101,6 +112,23 @@ class OwnBench:
             if cut_short is not None:
                 on_grasp(cut_short)
             raise
+
+    def _judge_unit(self, slot: int, grasp: MeasuredGrasp) -> None:
+        """Ask once about a force of the free gripper that is its tool's weight in another unit.
+
+        Raises:
+            DeviceError: a person says so, or nobody can be asked; the grasp is not kept.
+        """
+        if self._is_unit_judged or slot not in self._tools:
+            return
+        self._is_unit_judged = True
+        doubt = _doubt_unit(grasp.tare_force_n, force_n_from_kg(self._tools[slot].expected_mass_kg))
+        if not doubt:
+            return
+        sentence = f"The driver `{self._kind}` {doubt}"
+        question = BenchQuestion(key=f"force unit of {self._kind}", sentence=sentence, choices=(IN_NEWTONS, NOT_NEWTONS))
+        if self._ask is None or self._ask(question).choice != IN_NEWTONS:
+            raise DeviceError(f"{sentence} Nothing was kept; correct the driver, then start the campaign again.")
 
     def _stop(self) -> str:
         """Ask the driver to stop; what became of that, in words."""
@@ -157,7 +185,7 @@ def open_own_bench(settings: OwnBenchSettings, tools: Mapping[int, MountedTool])
         missing = [name for name in vars(GraspBench) if not name.startswith("_") and not hasattr(driver, name)]
         if missing:
             raise UsageError(f"The bench of `{settings.kind}` has no `{missing[0]}`; write it and start again.")
-        yield OwnBench(settings.kind, driver)
+        yield OwnBench(settings.kind, driver, tools)
         with _told(settings.kind):
             stack.close()
 
@@ -177,6 +205,18 @@ def _told(kind: str, stop: Callable[[], str] | None = None) -> Iterator[None]:
             f"The driver `{kind}` failed ({type(error).__name__}: {error}; {where}){become}. Finished grasps are kept. "
             "Look at the machine, correct the driver, then start the campaign again."
         ) from error
+
+
+def _doubt_unit(tare_force_n: float, tool_n: float) -> str:
+    """Words for a gross force that is no force in N of a gripper with this tool; 0 tells nothing."""
+    share, (least, most) = abs(tare_force_n) / tool_n, _SHARES_OF_KG
+    unit = "kg" if least <= share < most else "g" if share >= _LEAST_SHARE_OF_G else ""
+    if not unit:
+        return ""
+    return (
+        f"says that the free gripper pulls with {tare_force_n:.3g} N, and its tool alone weighs {tool_n:.3g} N: that "
+        f"looks like {unit}, and forces are in N."
+    )
 
 
 def _call(failed: list[Exception], function: Callable[[], _T]) -> _T:

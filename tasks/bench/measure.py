@@ -11,6 +11,7 @@ import numpy as np
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.hardware.grasp_bench import GraspBench
+from fast.lake.handoff.cells import MOST_FORCE_N
 from fast.lake.leases import exclusive
 from fast.lake.maintenance import LOOSE_BYTES, compact
 from fast.lake.tables.campaign import GraspRow, TraceRow
@@ -18,6 +19,7 @@ from fast.lake.tables.requests import setup_columns
 from fast.models.ids import canonical_json
 from fast.models.records import Placement, Trace
 from fast.models.traces import initial_force_n, peak_force_n, work_j
+from fast.models.units import spell_number
 from fast.tasks.bench.again import decide_again, note_due, plan_again
 from fast.tasks.bench.leave_out import OpenPlan
 from fast.tasks.bench.plan import ToolWork, plan_tool, seed_of_order
@@ -28,6 +30,9 @@ from fast.tasks.campaign.requests import GANTRY_LEASE, append_event, note_verbs,
 from fast.tasks.campaign.state import ProposedTool, tuples
 
 OpenBench = Callable[[Sequence[ProposedTool]], AbstractContextManager[GraspBench]]
+
+SPEED_FACTOR = 4.0  # between lift speed as asked and as made: catches ms and minutes for s, m and inches for mm
+_SHORT_MM = (0.5, 5.0)  # lifts that may be all ramp; shorter ones are in m
 
 CHECKED, LOST_STEPS = "position_checked", "lost_steps"  # kinds of events
 
@@ -166,10 +171,27 @@ def refuse_nonsense(grasp: MeasuredGrasp) -> MeasuredGrasp:
         fault = f"Time goes back at sample {int(np.argmax(np.diff(trace.time_s) < 0)) + 2}"
     elif not trace.is_lift.any():
         fault = "The trace has no lift"
+    elif grasp.status == "ok":
+        fault = _find_other_unit(trace, grasp.setup.lift_speed_mm_per_s)
     if not fault or (grasp.status == "failed" and trace is grasp.trace):
         return grasp
     reason = grasp.reason or f"{fault}; the grasp is not counted. Look at the sensor's line and at the bench's driver."
     return replace(grasp, trace=trace, status="failed", reason=reason)
+
+
+def _find_other_unit(trace: Trace, wanted: float) -> str:
+    """Words for forces or a lift in another unit than N, mm and s, or an empty text; `wanted`: lift speed, mm/s."""
+    largest_n = float(np.abs(trace.force_n).max())
+    if largest_n > MOST_FORCE_N:
+        return f"The force is {largest_n:.4g} N, a pull has at most {MOST_FORCE_N:g} N: look at its unit"
+    top_mm = float(trace.lift_mm.max())
+    start, end = (int(np.argmax(trace.lift_mm >= share * top_mm)) for share in (0.05, 0.95))
+    took_s = float(trace.time_s[end] - trace.time_s[start])
+    speed = float(trace.lift_mm[end] - trace.lift_mm[start]) / max(took_s, 1e-9)
+    is_short = _SHORT_MM[0] < top_mm < _SHORT_MM[1]
+    if end == start or is_short or wanted / SPEED_FACTOR <= speed <= wanted * SPEED_FACTOR:
+        return ""
+    return f"The lift has {spell_number(speed, 3)} mm/s, {wanted:g} mm/s were asked for: look at the units of time and lift"
 
 
 def check_position(campaign: Campaign, bench: GraspBench, batch: int) -> None:

@@ -23,7 +23,7 @@ from fast.models.records import BENCH_FAULT, GraspRequest, Trace, find_setup_id
 from fast.models.traces import find_counted_down, initial_force_n, peak_force_n, work_j
 from fast.models.units import spell_count, spell_number
 from fast.tasks.bench.asked import read_open_requests
-from fast.tasks.bench.measure import find_first_order
+from fast.tasks.bench.measure import SPEED_FACTOR, find_first_order
 from fast.tasks.bench.plan import order_cells
 from fast.tasks.bench.print import confirm_told
 from fast.tasks.campaign.campaign import Campaign
@@ -34,7 +34,6 @@ TOLD = "told"  # kind of events
 TAKEN_BACK = "taken_back"
 _SHOWN = 10  # faults of one answer that are named
 _LEAST_SAMPLES = 10
-_SPEED_FACTOR = 4.0  # between lift speed as asked and as told: catches ms and minutes for s, m and inches for mm
 _LIFT_BACK_MM = 1.0  # more is no noise of an encoder
 _REMEDY = "nothing was written"
 Key = tuple[str, int, int]  # tool id, object id, repeat
@@ -317,7 +316,7 @@ def _find_trace_fault(campaign: Campaign, request: GraspRequest, one: ToldGrasp,
     lifted = np.flatnonzero(lift_mm > 0.05 * lift_mm.max())
     took_s = float(time_s[lifted[-1]] - time_s[lifted[0]])
     speed, wanted = float(np.ptp(lift_mm[lifted])) / max(took_s, 1e-9), request.setup.lift_speed_mm_per_s
-    if not wanted / _SPEED_FACTOR <= speed <= wanted * _SPEED_FACTOR:
+    if not wanted / SPEED_FACTOR <= speed <= wanted * SPEED_FACTOR:
         return (
             f"{one.place}: the lift has {spell_number(speed, 3)} mm/s, {wanted:g} mm/s were asked for; look at the "
             "units of time and lift, or set grasp.lift_speed_mm_per_s"

@@ -1,5 +1,6 @@
 """A driver of the user's own, named in the bench file, and what FAST makes of its mistakes."""
 
+import re
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -11,11 +12,15 @@ from fast.flows.campaign.lend import lend_bench
 from fast.flows.cli.real import is_rehearsal, what_moves
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.cell.live import GraspInView, read_samples
-from fast.hardware.own_bench import OwnBench, open_own_bench
+from fast.hardware.own_bench import IN_NEWTONS, NOT_NEWTONS, OwnBench, open_own_bench
 from fast.hardware.parts.safe_state import Verb
+from fast.hardware.questions import BenchAnswer
+from fast.hardware.tools.mounted import MountedTool
 from fast.lake.store import Lake
+from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import ConfigError, DeviceError, UsageError
 from fast.models.records import BENCH_FAULT, GraspSetup, Trace
+from fast.models.units import force_n_from_kg
 from fast.tasks.bench.measure import refuse_nonsense
 from fast.tasks.campaign.setup import read_bench, read_real_bench
 
@@ -198,6 +203,10 @@ def spoilt(value, channel="force_n"):
     return replace(SOUND, trace=replace(SOUND.trace, **{channel: values}))
 
 
+def scaled(channel, factor):
+    return replace(SOUND, trace=replace(SOUND.trace, **{channel: factor * getattr(SOUND.trace, channel)}))
+
+
 @pytest.mark.parametrize(
     ("grasp", "reason", "n_kept"),
     [
@@ -207,12 +216,15 @@ def spoilt(value, channel="force_n"):
         (replace(SOUND, trace=Trace(TIME_S, 0.0 * TIME_S, TIME_S)), "The trace has no lift", 100),
         (replace(SOUND, trace=Trace(*np.zeros((3, 0)))), "The trace has no lift", 0),
         (replace(spoilt(np.nan), status="failed", reason="no object"), "no object", 40),
+        (scaled("lift_mm", 1e-3), "The lift has 0.00[0-9]+ mm/s, 5 mm/s were asked for: look at the units", 100),
+        (scaled("time_s", 1e3), "The lift has 0.00[0-9]+ mm/s", 100),
+        (scaled("force_n", 1e4), "The force is [0-9]+ N, a pull has at most 2000 N: look at its unit", 100),
     ],
 )
 def test_a_trace_that_cannot_be_is_no_result(grasp, reason, n_kept):
     kept = refuse_nonsense(grasp)
     assert kept.status == "failed"
-    assert kept.reason.startswith(reason)
+    assert re.match(reason, kept.reason), kept.reason
     assert len(kept.trace.time_s) == n_kept
 
 
@@ -220,3 +232,29 @@ def test_a_sound_grasp_and_one_that_failed_before_its_lift_stay_as_they_are():
     before = replace(SOUND, trace=Trace(*np.zeros((3, 0))), status="failed", reason="the tool is lost")
     assert refuse_nonsense(SOUND) is SOUND
     assert refuse_nonsense(before) is before
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1 / 9.80665, "kg"), (1000 / 9.80665, "g"), (1.0, ""), (0.0, "")])
+def test_a_free_gripper_that_weighs_what_its_tool_does_in_another_unit_is_asked_about(factor, unit):
+    tools = {3: MountedTool("B01T3", BEST_PUBLISHED)}
+    hanging_n = force_n_from_kg(tools[3].expected_mass_kg + 0.4)  # with the head
+
+    class Scale(Press):
+        def measure_tool(self, slot, plan, setup, on_grasp, should_stop):
+            for object_id, repeat in plan:
+                on_grasp(replace(SOUND, object_id=object_id, repeat=repeat, tare_force_n=factor * hanging_n))
+
+    def measure(choice):
+        kept, asked = [], []
+        bench = OwnBench("my:scale", Scale(), tools)
+        if choice:
+            bench.set_ask(lambda question: asked.append(question) or BenchAnswer(choice=choice, operator="ada"))
+        try:
+            bench.measure_tool(3, PLAN, GraspSetup(), kept.append, lambda: False)
+        except DeviceError as error:
+            assert f"looks like {unit}, and forces are in N. Nothing was kept; correct the driver" in str(error)
+        return len(kept), len(asked)
+
+    assert measure(IN_NEWTONS) == (4, bool(unit)), "a person knows better"
+    assert measure(NOT_NEWTONS) == ((0, 1) if unit else (4, 0))
+    assert measure(None) == ((0, 0) if unit else (4, 0))

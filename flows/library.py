@@ -178,10 +178,9 @@ def _check(given: R, kind: type[R], name: str) -> R:
     Raises:
         UsageError: it is of another kind, or a value is out of its range.
     """
-    from fast.models.validation import check_again
+    from fast.models.validation import check_again, check_type
 
-    if not isinstance(given, kind):
-        raise UsageError(f"{name} is of type {type(given).__name__}, it must be a fast.{kind.__name__}; change it.")
+    check_type(given, kind, name)
     return check_again(given, name)
 
 
@@ -204,6 +203,10 @@ class Campaign:
     """
 
     def __init__(self, config: Path | str, lake: "Path | str" = "lake-data") -> None:
+        from fast.models.errors import UsageError
+
+        if not isinstance(config, str | Path):
+            raise UsageError(f"the config is {config!r}, it must be the path of a file; change it.")
         self.config = Path(config)
         self.lake = lake
 

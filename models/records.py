@@ -236,12 +236,20 @@ class Trace:
     force_n: np.ndarray
 
     def __post_init__(self) -> None:
-        """Make arrays of what was given, and check that the three channels belong together."""
+        """Make arrays of what was given, and check that the three channels belong together.
+
+        Raises:
+            UsageError: they do not, or are no numbers.
+        """
         for name in ("time_s", "lift_mm", "force_n"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+            try:
+                object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+            except (TypeError, ValueError) as error:
+                raise UsageError(f"trace: `{name}` is no list of numbers ({error}); change it.") from error
         if not self.time_s.shape == self.lift_mm.shape == self.force_n.shape or self.time_s.ndim != 1:
-            raise ValueError(
-                f"trace channels differ in shape: {self.time_s.shape}, {self.lift_mm.shape}, {self.force_n.shape}"
+            raise UsageError(
+                f"trace channels differ in shape: {self.time_s.shape}, {self.lift_mm.shape}, {self.force_n.shape}; "
+                "give three lists of as many numbers."
             )
 
     def __repr__(self) -> str:

@@ -5,11 +5,12 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
+from numbers import Integral
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from fast.models.errors import ConfigError
+from fast.models.errors import ConfigError, UsageError
 from fast.models.units import unit_of
 
 R = TypeVar("R", bound=BaseModel)
@@ -90,6 +91,29 @@ def load_record(record_type: type[R], data: Any, source: str) -> R:
         raise ConfigError(f"{source}: {describe_faults(record_type, error)}") from error
     _refuse_booleans(values, dict(_values(record.model_dump())), source)
     return record
+
+
+def check_type(given: object, kind: type, name: str, what: str = "") -> None:
+    """Refuse an argument of another type. `what` it must be, in words; default: the public name of `fast`.
+
+    Raises:
+        UsageError: it is of another type.
+    """
+    if not isinstance(given, kind):
+        wanted = what or f"a fast.{kind.__name__}"
+        raise UsageError(f"{name} is of type {type(given).__name__}, it must be {wanted}; change it.")
+
+
+def check_whole(given: object, name: str, least: int = 0) -> int:
+    """A whole number of at least `least`, also one of numpy.
+
+    Raises:
+        UsageError: it is none.
+    """
+    number = plain(given)
+    if isinstance(number, bool) or not isinstance(number, int | Integral) or number < least:
+        raise UsageError(f"{name} is {given!r}, it must be a whole number of at least {least}; change it.")
+    return int(number)
 
 
 def check_again(record: R, source: str) -> R:

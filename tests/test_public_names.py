@@ -1,11 +1,15 @@
 """`import fast`: every public name is there, costs nothing before it is used, and is all that is installed."""
 
+import math
 import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from setuptools import find_namespace_packages
 
@@ -82,3 +86,48 @@ def test_a_notebook_completes_the_arguments_of_a_record(name: str) -> None:
     said = f"import fast, inspect; print(*inspect.signature(fast.{name}).parameters)"
     found = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True).stdout.split()
     assert found == list(getattr(fast, name).model_fields)
+
+
+class Strange:
+    """Nothing of `fast`."""
+
+
+STRANGE = [None, "cube", [1, 2], math.nan, np.array(1.5), -1, Strange()]
+USUAL = {"design": fast.BEST_PUBLISHED, "obj": fast.get_object(30)}
+CALLS: dict[str, Callable[[Any], object]] = {
+    "get_object": fast.get_object,
+    "to_unit": fast.to_unit,
+    "from_unit": fast.from_unit,
+    "random_unit": lambda given: fast.random_unit(given, np.random.default_rng(1)),
+    "random_unit's rng": lambda given: fast.random_unit(2, given),
+    "Trace": lambda given: fast.Trace([0.0], given, given),
+    "SurrogateModel": fast.SurrogateModel,
+    "fit_surrogate": fast.fit_surrogate,
+    "skin_of": fast.skin_of,
+    "update_features": fast.update_features,
+    "simulate_grasp's design": lambda given: fast.simulate_grasp(**USUAL | {"design": given}),
+    "simulate_grasp's object": lambda given: fast.simulate_grasp(**USUAL | {"obj": given}),
+    "simulate_grasp's version": lambda given: fast.simulate_grasp(**USUAL, version=given),
+    "simulate_grasp's placement": lambda given: fast.simulate_grasp(**USUAL, placement=given),
+    "simulate_grasp's along": lambda given: fast.simulate_grasp(**USUAL, along=given),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_an_argument_of_another_type_is_a_sentence(name: str) -> None:
+    for given in STRANGE:
+        with pytest.raises(fast.FastError) as caught:
+            CALLS[name](given)
+        assert not isinstance(caught.value, fast.SimulationFailed)
+
+
+@pytest.mark.parametrize("call", [fast.Lake, fast.Lake.open, fast.Campaign, fast.find_gap])
+def test_a_path_that_is_none_is_a_sentence(call: Callable[[Any], object]) -> None:
+    for given in (None, [1, 2], math.nan, -1, Strange()):
+        with pytest.raises(fast.FastError, match="; give a folder or|it must be the path of a file"):
+            call(given)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    assert fast.get_object(np.int64(30)) is fast.get_object(np.array(30)) is USUAL["obj"]
+    assert fast.random_unit(np.int32(2), np.random.default_rng(1)).shape == (2, 9)

@@ -71,6 +71,8 @@ def check_config(lake: Lake, text: str, base: str) -> Checked:
         is_known(lake, config)
     except FastError as error:
         sentence = str(error).replace(str(path), "the config").replace("campaign config `the config`", "the config")
+        for folder in (path.parent, path.parent.resolve()):
+            sentence = sentence.replace(f"{folder}{os.sep}", "")  # a file that is not there goes by the person's name
         return Checked(text, (Fault(_find_line(text, sentence), sentence),))
     finally:
         path.unlink(missing_ok=True)

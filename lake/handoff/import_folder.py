@@ -196,7 +196,8 @@ def _new_grasps(
         identity = (grasp.fidelity, grasp.design_id, grasp.object_id)
         there, owner = used.get(grasp.grasp_id, (identity, campaign_id))
         if there != identity:
-            limit = "is in the lake for another design, object or fidelity; give it another id."
+            limit = "is in the lake for another design, object or fidelity; give it another id"
+            limit += ", or say with --lab who measured it." if grasp.fidelity == "real" else "."
             faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
         elif owner != campaign_id:
             others.append(grasp)

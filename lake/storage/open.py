@@ -16,8 +16,10 @@ def storage_at(address: Path | str) -> Storage:
     """The storage at what a person gives as --lake: a folder, or `s3://bucket/prefix`.
 
     Raises:
-        UsageError: it is the address of something else.
+        UsageError: it is the address of something else, or no address.
     """
+    if not isinstance(address, str | Path):
+        raise UsageError(f"the address of a lake is {address!r}; give a folder or s3://BUCKET/PREFIX.")
     found = _OBJECT_STORE.fullmatch(str(address))
     if found is None and _ADDRESS.match(str(address)):
         raise UsageError(f"{address} is no lake: give a folder or s3://BUCKET/PREFIX with --lake.")

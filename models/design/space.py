@@ -4,7 +4,7 @@ A campaign may narrow the ranges of its family and add linear limits. The module
 of the paper: fin rays over their whole ranges.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, Literal, get_args, get_origin
@@ -16,7 +16,7 @@ from fast.models.design.fin_ray import FinRay
 from fast.models.errors import UsageError
 from fast.models.records import Design, Record
 from fast.models.units import unit_of
-from fast.models.validation import closest
+from fast.models.validation import check_type, check_whole, closest
 
 SEQUENCE_SEED = 2026
 _MAX_DRAWS = 200  # times the points that are asked for: limits that leave less room are a slip of the pen
@@ -103,7 +103,16 @@ class DesignSpace:
         return tuple(column for column, name in enumerate(self.names) if name.endswith("_thickness_mm"))
 
     def to_unit(self, designs: Sequence[Design]) -> np.ndarray:
-        """Designs as points of the unit cube, n x d; k levels are equally spaced from 0 to 1."""
+        """Designs as points of the unit cube, n x d; k levels are equally spaced from 0 to 1.
+
+        Raises:
+            UsageError: this is no list of designs.
+        """
+        if not isinstance(designs, Iterable) or isinstance(designs, Design) or getattr(designs, "ndim", 1) == 0:
+            raise UsageError(f"designs are of type {type(designs).__name__}; give a list of designs.")
+        designs = list(designs)
+        for design in designs:
+            check_type(design, Design, "a design")
         values = np.array([self._values(design) for design in designs], dtype=float).reshape(-1, self.n_dims)
         return (values - self.lower) / self._span
 
@@ -142,8 +151,10 @@ class DesignSpace:
         """Uniform points of the space in the unit cube, n x d; every level is equally likely.
 
         Raises:
-            UsageError: the limits leave (nearly) no room.
+            UsageError: the limits leave (nearly) no room, or `n` or `rng` is something else.
         """
+        check_type(rng, np.random.Generator, "rng", "a numpy.random.Generator, such as numpy.random.default_rng(1)")
+        n = check_whole(n, "n")
         points = self._draw(n, rng)
         if not self.limits:
             return points
@@ -327,16 +338,19 @@ def from_unit(points: np.ndarray) -> list[Design]:
     """Inverse of `to_unit` for an n x 9 array; a rib count is rounded to the nearest, the rest to 0.01 um.
 
     Raises:
-        UsageError: points have another number of columns, or a value is not finite or not from 0 to 1.
+        UsageError: points have another number of columns, or a value is no number, not finite or not from 0 to 1.
     """
-    given = np.asarray(points, dtype=float)
+    try:
+        given = np.asarray(points, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"points are no array of numbers ({error}); change them.") from error
     outside = given[np.abs(given - 0.5) > 0.5 + _UNIT_ROUNDING]
     if outside.size and np.isfinite(given).all():
         raise UsageError(
             f"points have the value {outside[0]:g}, each must be from 0 to 1, the range of its parameter; `to_unit` "
             "makes such points of designs."
         )
-    return FIN_RAYS.from_unit(points)
+    return FIN_RAYS.from_unit(given)
 
 
 def numbered_design(number: int) -> Design:

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from fast.models.errors import UsageError
 from fast.models.objects.rigid import Orientation, RigidObject
+from fast.models.validation import check_whole
 
 FIRST_OWN_ID = 1000  # numbers of own objects follow from their content, see `models.objects.own`
 
@@ -59,8 +60,9 @@ def get_object(object_id: int) -> RigidObject:
     """The object with this number.
 
     Raises:
-        UsageError: there is no such object.
+        UsageError: there is no such object, or it is no number.
     """
+    object_id = check_whole(object_id, "the object's number")
     found = find_object(object_id)
     if found is None and object_id >= FIRST_OWN_ID:
         raise UsageError(

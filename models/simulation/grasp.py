@@ -46,6 +46,7 @@ from fast.models.simulation.solver.stepping import (
 from fast.models.simulation.version import SimulatorVersion, check_tier
 from fast.models.traces import peak_force_n, work_j
 from fast.models.traces.step_features import LIFT_MM
+from fast.models.validation import check_type
 
 __all__ = ["FingerProblem", "FingerResult", "Numerics", "compile_simulator", "simulate_finger", "simulate_grasp"]
 
@@ -89,18 +90,21 @@ def simulate_grasp(
     `models.simulation.slopes.parameters`); a parameter whose slope cannot be had is told in `slopes.lost`.
 
     Raises:
-        UsageError: the version's tier was removed, `mesh` is half a finger where that is not enough, or a parameter in
-            `along` is unknown or has no slope.
+        UsageError: an argument is of another type, the version's tier was removed, `mesh` is half a finger where that
+            is not enough, or a parameter in `along` is unknown or has no slope.
         SimulationFailed: reason `object_outside`, `overlap_at_start`, `time_out`, `no_convergence`, `inverted_element`,
             `indefinite`, `deep_penetration` or `max_steps`.
         MeshingFailed: the mesh could not be made.
     """
+    kinds = ((Design, design), (RigidObject, obj), (SimulatorVersion, version), (GraspSetup, setup), (Placement, placement))
+    for kind, given in kinds:
+        check_type(given, kind, f"the {kind.__name__}")
     check_tier(version.tier)
+    inputs = GraspInputs(design, obj, version, setup, placement, context, effects)
+    wanted = find_parameters(inputs, along)
     compile_simulator()
     started = time.process_time()
     deadline = deadline_after(deadline_s)
-    inputs = GraspInputs(design, obj, version, setup, placement, context, effects)
-    wanted = find_parameters(inputs, along)
     actual = inputs.with_effects()
     check_reach(actual.obj, placement, design, actual.setup)
     symmetry = find_symmetry(actual.obj, placement)

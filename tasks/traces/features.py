@@ -15,6 +15,7 @@ from fast.models.errors import UsageError
 from fast.models.traces.batch import features_of_samples
 from fast.models.traces.names import FEATURE_VERSION, MIN_LIFT_MM
 from fast.models.traces.quality import Interval, difference_of_tools, mean_of_tools
+from fast.models.validation import check_type
 
 AT_ONCE = 4096  # grasps whose samples are in memory: 80 MB of 1,200 each
 ALL_OBJECTS = "all objects"
@@ -59,8 +60,9 @@ def update_features(
     Rows are appended every `AT_ONCE` grasps: a killed update continues where it stopped.
 
     Raises:
-        UsageError: there is no grasp with a trace, or none lifts.
+        UsageError: there is no grasp with a trace, or none lifts; or this is no open lake.
     """
+    check_type(lake, Lake, "the lake")
     grasps = lake.query(_GRASPS, {"version": FEATURE_VERSION, "campaign": campaign_id})
     if not grasps.num_rows:
         place = f"campaign {campaign_id}" if campaign_id else f"the lake {lake.address}"

@@ -218,7 +218,7 @@ def scaled(channel, factor):
         (replace(spoilt(np.nan), status="failed", reason="no object"), "no object", 40),
         (scaled("lift_mm", 1e-3), "The lift has 0.00[0-9]+ mm/s, 5 mm/s were asked for: look at the units", 100),
         (scaled("time_s", 1e3), "The lift has 0.00[0-9]+ mm/s", 100),
-        (scaled("force_n", 1e4), "The force is [0-9]+ N, a pull has at most 2000 N: look at its unit", 100),
+        (scaled("force_n", 1e4), "The force is 1e.04 N, a pull has at most 2000 N: look at its unit", 100),
     ],
 )
 def test_a_trace_that_cannot_be_is_no_result(grasp, reason, n_kept):

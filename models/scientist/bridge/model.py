@@ -20,6 +20,7 @@ from fast.models.errors import UsageError
 from fast.models.scientist.bridge.gradient import pull_back
 from fast.models.scientist.surrogate.observations import REAL, SIM
 from fast.models.scientist.surrogate.posterior import Surrogate, observation_variance
+from fast.models.validation import check_type
 
 _SETS_AT_ONCE = 256  # sets of points whose covariances are computed together; bounds the memory
 
@@ -50,6 +51,7 @@ class SurrogateModel(Model, FantasizeMixin):
         extra_noise: Tensor | None = None,
     ) -> None:
         super().__init__()
+        check_type(surrogate, Surrogate, "the surrogate", "what fast.fit_surrogate gives")
         self.surrogate = surrogate
         data = surrogate.data
         self.train_inputs = (torch.from_numpy(np.column_stack([data.x, data.s])),)

@@ -11,6 +11,7 @@ from fast.models.scientist.surrogate.likelihood import log_posterior
 from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.parameters import Standardisation, SurrogateParameters, Vector, bounds, prior_mode
 from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.models.validation import check_type
 
 SUBSET_SIZE = 250  # cold starts search on this many observations, then polish on all
 SEARCH_ITERATIONS = 60
@@ -27,9 +28,10 @@ def fit_surrogate(data: ObservationSet, previous: SurrogateParameters | None = N
     cannot trap a campaign; `seed` draws the subset they search on. Deterministic given its arguments.
 
     Raises:
-        UsageError: fewer than three observations.
+        UsageError: fewer than three observations, or something else.
         FastError: no start gave a usable fit.
     """
+    check_type(data, ObservationSet, "the data")
     if len(data) < MIN_OBSERVATIONS:
         raise UsageError(
             f"The surrogate has {len(data)} observations, it needs at least {MIN_OBSERVATIONS}; "

@@ -10,6 +10,7 @@ import numpy as np
 
 from fast.models.simulation.body.shape_functions import HEXAHEDRON_EDGES, TETRAHEDRON_EDGES, WEDGE_EDGES, ElementKind
 from fast.models.simulation.mesh.solid import ElementBlock, SolidMesh
+from fast.models.validation import check_type
 
 PLANE_TOLERANCE_MM = 1e-6
 
@@ -58,7 +59,11 @@ def skin_of(mesh: SolidMesh) -> Skin:
     """Outer surface of the finger, both halves of it.
 
     Faces belong to the surface when one element has them; the cut y = 0 of a half mesh does not count.
+
+    Raises:
+        UsageError: this is no mesh.
     """
+    check_type(mesh, SolidMesh, "the mesh", "the `mesh` of a fast.GraspRecording")
     faces = _faces(mesh)
     times = Counter(_key(face) for face in faces)
     y = mesh.nodes[:, 1]

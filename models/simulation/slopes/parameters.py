@@ -65,11 +65,13 @@ def find_parameters(grasp: GraspInputs, names: Sequence[str] | str) -> dict[str,
     """The parameters of these names, as they are named there; `all`: those of finger, material and closing.
 
     Raises:
-        UsageError: a parameter is unknown or has no slope.
+        UsageError: a parameter is unknown or has no slope, or these are no names.
     """
+    names = (names,) if isinstance(names, str) else names
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise UsageError(f'along is {names!r}, it must be names of parameters, such as ("friction",); change it.')
     if not names:
         return {}
-    names = (names,) if isinstance(names, str) else names
     known = {parameter.name: parameter for parameter in _parameters(grasp)}
     found: dict[str, Parameter] = {}
     for name in names:

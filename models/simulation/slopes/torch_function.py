@@ -46,7 +46,8 @@ class PeakFunction:
         """One simulated grasp for every row.
 
         Raises:
-            UsageError: no tensor of decimal numbers, of another shape, or with a value out of its range.
+            UsageError: no tensor of decimal numbers, of another shape, with a value out of its range, or in a
+                transform of torch.func.
             MeshingFailed, SimulationFailed: a row's finger cannot be meshed, or its grasp does not converge.
         """
         if not isinstance(values, torch.Tensor) or not values.is_floating_point():
@@ -57,7 +58,15 @@ class PeakFunction:
                 f"{_SOURCE}: values have the shape {tuple(values.shape)}, the last axis must be the {len(self.names)} "
                 f"parameters {', '.join(self.names)}; change it."
             )
-        peaks: torch.Tensor = _Peaks.apply(values, self)
+        try:
+            peaks: torch.Tensor = _Peaks.apply(values, self)
+        except RuntimeError as error:
+            if "functorch" not in str(error):
+                raise
+            raise UsageError(
+                f"{_SOURCE}: torch.func (vmap, grad, jacrev) cannot look into a simulation; give all rows in one tensor, "
+                "and take slopes with backward() or torch.autograd.grad."
+            ) from error
         return peaks
 
     def simulate(self, row: Sequence[float], has_slopes: bool) -> tuple[float, list[float]]:

@@ -165,7 +165,8 @@ def test_what_is_printed_is_what_was_written(folder: Path, tmp_path: Path, capsy
     assert again.out.startswith("imported 0 designs, 0 measured grasps, 0 simulated grasps, 0 samples")
     assert again.out.endswith("; 4 grasps were there already\n")
     other = fast("lake", "import", folder, "--lake", lake, "--campaign", "other")
-    assert other.out.endswith(f"; 4 grasps were there already, of the campaign import-{folder.name}, and stay there\n")
+    there = f"; 4 grasps were there already, of the campaign import-{folder.name}, and stay there; if another lab "
+    assert other.out.endswith(f"{there}measured them anew, say who with --lab, else give them other ids\n")
     assert "cannot be the name" in fast.refused(
         "lake", "import", folder, "--lake", tmp_path / "x", "--campaign", "../x"
     )

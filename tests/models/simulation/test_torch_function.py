@@ -78,3 +78,11 @@ def test_a_gradient_is_the_slope_and_has_none_itself() -> None:
     assert torch.autograd.grad(peaks.sum(), values, retain_graph=True)[0].tolist() == [[2.0, 0.0]]
     with pytest.raises(UsageError, match="it has no second derivatives; leave out `create_graph`"):
         torch.autograd.functional.hessian(lambda x: PeakFunction(INPUTS, ["friction"])(x).sum(), values[:, :1])
+
+
+@pytest.mark.parametrize("transform", [torch.func.vmap, torch.func.jacrev, torch.func.grad])
+def test_transforms_of_torch_func_are_refused(transform) -> None:
+    function = PeakFunction(INPUTS, ("friction",))
+    values = torch.full((2, 1) if transform is torch.func.vmap else (1,), 0.5, dtype=torch.float64)
+    with pytest.raises(UsageError, match="grasp_function: torch.func .* cannot look into a simulation; give all rows"):
+        transform(function)(values)

@@ -94,7 +94,9 @@ class BenchSettings(Record):
     )
     transmitter_division: float = Field(default=0.001, gt=0, description="on the keypad; used in continuous mode")
     transmitter_unit: Literal["kg", "g", "t", "N"] = Field(default="kg", description="as transmitter_division")
-    full_scale_kg: float = Field(default=FULL_SCALE_KG, gt=0, le=1000, description="of the load cell; a lift ends there")
+    full_scale_kg: float = Field(
+        default=FULL_SCALE_KG, gt=0, le=1000, description="of the load cell; a lift ends there"
+    )
     transmitter_filter: int = Field(default=0, ge=0, le=9, description="keypad setting, recorded; 0 or 1 for a lift")
     modbus_time_out_s: float = Field(default=_LONGEST_READ_S, gt=0, le=30, description="of a read with its repeats")
     force_rate_hz: float = Field(default=80.0, ge=5, le=300)

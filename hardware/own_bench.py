@@ -126,7 +126,9 @@ class OwnBench:
         if not doubt:
             return
         sentence = f"The driver `{self._kind}` {doubt}"
-        question = BenchQuestion(key=f"force unit of {self._kind}", sentence=sentence, choices=(IN_NEWTONS, NOT_NEWTONS))
+        question = BenchQuestion(
+            key=f"force unit of {self._kind}", sentence=sentence, choices=(IN_NEWTONS, NOT_NEWTONS)
+        )
         if self._ask is None or self._ask(question).choice != IN_NEWTONS:
             raise DeviceError(f"{sentence} Nothing was kept; correct the driver, then start the campaign again.")
 

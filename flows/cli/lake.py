@@ -129,8 +129,8 @@ def show_import(counts: "HandoffCounts", *, is_dry: bool, as_json: bool) -> None
         words += f"; {spell_count(n_known, 'grasp')} {'was' if n_known == 1 else 'were'} there already"
     if counts.known_in:
         words += (
-            f", of the campaign {' and '.join(counts.known_in)}, and stay there; if another lab measured them anew, say "
-            "who with --lab, else give them other ids"
+            f", of the campaign {' and '.join(counts.known_in)}, and stay there; if another lab measured them anew, "
+            "say who with --lab, else give them other ids"
         )
     show(counts._asdict() | {"is_dry": is_dry}, words, as_json)
 

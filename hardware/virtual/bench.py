@@ -24,7 +24,9 @@ from fast.models.records import GraspSimulation
 
 logger = logging.getLogger(__name__)
 
-_PARKED_MM = 20.0  # before the ends of x and y a session leaves the carriage: whoever waits for homing waits for seconds
+_PARKED_MM = (
+    20.0  # before the ends of x and y a session leaves the carriage: whoever waits for homing waits for seconds
+)
 _TICK_S = 0.01  # real time between looks at a world whose clock runs by itself
 
 

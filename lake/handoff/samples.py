@@ -98,7 +98,7 @@ def check_samples(
 def _find_lowest(
     reader: Reader, grasps: dict[str, tuple[int, dict[str, Any]]], traces: dict[str, tuple[list[int], Trace]]
 ) -> dict[str, int]:
-    """Lowest sample of each grasp whose pull is counted downwards; none where the sign of all is, which is said once."""
+    """Lowest sample of each grasp whose pull is counted downwards; none where all are, which is said once."""
     found: dict[str, dict[str, Trace]] = {"real": {}, "sim": {}}
     for key, (_, values) in grasps.items():
         if key in traces and values.get("status") != "failed":

@@ -96,7 +96,13 @@ def simulate_grasp(
             `indefinite`, `deep_penetration` or `max_steps`.
         MeshingFailed: the mesh could not be made.
     """
-    kinds = ((Design, design), (RigidObject, obj), (SimulatorVersion, version), (GraspSetup, setup), (Placement, placement))
+    kinds = (
+        (Design, design),
+        (RigidObject, obj),
+        (SimulatorVersion, version),
+        (GraspSetup, setup),
+        (Placement, placement),
+    )
     for kind, given in kinds:
         check_type(given, kind, f"the {kind.__name__}")
     check_tier(version.tier)

@@ -191,7 +191,8 @@ def _find_other_unit(trace: Trace, wanted: float) -> str:
     is_short = _SHORT_MM[0] < top_mm < _SHORT_MM[1]
     if end == start or is_short or wanted / SPEED_FACTOR <= speed <= wanted * SPEED_FACTOR:
         return ""
-    return f"The lift has {spell_number(speed, 3)} mm/s, {wanted:g} mm/s were asked for: look at the units of time and lift"
+    found = f"The lift has {spell_number(speed, 3)} mm/s, {wanted:g} mm/s were asked for"
+    return f"{found}: look at the units of time and lift"
 
 
 def check_position(campaign: Campaign, bench: GraspBench, batch: int) -> None:

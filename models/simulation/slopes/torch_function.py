@@ -64,8 +64,8 @@ class PeakFunction:
             if "functorch" not in str(error):
                 raise
             raise UsageError(
-                f"{_SOURCE}: torch.func (vmap, grad, jacrev) cannot look into a simulation; give all rows in one tensor, "
-                "and take slopes with backward() or torch.autograd.grad."
+                f"{_SOURCE}: torch.func (vmap, grad, jacrev) cannot look into a simulation; give all rows in one "
+                "tensor, and take slopes with backward() or torch.autograd.grad."
             ) from error
         return peaks
 

@@ -21,7 +21,7 @@ MOST_GROSS_SHARE = 0.4  # of full scale, with head and tool hanging free
 LEAST_GROSS_N = -1.0
 MOST_DRIFT_N = 0.3  # between the halves of the readings
 FRESH_SHARE = 0.4  # of the readings; fewer that differ mean a slow refresh
-LEAST_RATE_SHARE = 0.5  # of the readings that the bench file expects in a second
+LEAST_RATE_SHARE, MOST_RATE_SHARE = 0.5, 1.5  # of the readings that the bench file expects in a second
 FEWEST_READINGS = 2
 JUDGED_COUNTS = 1.0  # noise in counts below which equal readings prove nothing
 
@@ -106,9 +106,9 @@ def _check_noise(findings: Findings, gross_n: list[float], resolution_n: float) 
 def _check_rate(findings: Findings, found_hz: float, rate_hz: float) -> None:
     findings.judge(
         "load-cell rate",
-        found_hz >= LEAST_RATE_SHARE * rate_hz,
+        LEAST_RATE_SHARE * rate_hz <= found_hz <= MOST_RATE_SHARE * rate_hz,
         f"{found_hz:.0f} readings a second, the bench file says {rate_hz:g}",
-        "raise baud rate or rate on the keypad, or lower `force_rate_hz` to what comes",
+        "set rate and baud rate on the keypad, or make `force_rate_hz` what comes: strings of a burst are timed by it",
     )
 
 

@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 _BUSY = (errno.EAGAIN, errno.EBUSY)
 _WHY_NOT_OPEN = {
-    errno.ENOENT: "it does not exist; plug it in, or correct the port",
+    errno.ENOENT: "it does not exist; plug it in, or correct the port, whose name below /dev/serial/by-id always stays",
     errno.EACCES: "this user may not open it; `fast doctor --real BENCH.toml` says how to allow it",
     **dict.fromkeys(_BUSY, "another program has it; end that program first"),
 }

@@ -310,12 +310,10 @@ def test_a_config_that_is_started_again_as_it_is_is_the_same(lake):
 
 
 def test_a_file_that_is_not_there_is_named_as_the_person_wrote_it(lake, tmp_path):
-    text = write_config(tmp_path).read_text()
-    (world,) = start.check_config(lake, text.replace("worlds/", "worlds/none-"), "").faults
-    (lot,) = start.check_config(lake, f'material = "lots/none.toml"\n{text}', "").faults
-    for fault, name in ((world, "worlds/none-"), (lot, "`lots/none.toml`")):
-        assert name in fault.sentence
-        assert "outputs" not in fault.sentence
+    text = write_config(tmp_path).read_text().replace('"world.toml"', '"worlds/none.toml"')
+    (fault,) = start.check_config(lake, text, "").faults
+    assert "world file `worlds/none.toml` does not exist" in fault.sentence
+    assert "outputs" not in fault.sentence
 
 
 def test_configs_of_the_folder_of_the_lab_are_offered_before_those_of_the_program(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from fast.hardware.clock import Clock
-from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, SHARPEST_FILTERS, Reading
+from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, SHARPEST_FILTERS, Reading, Status
 from fast.hardware.laumas.source import WeightSource
 from fast.models.errors import DeviceError
 from fast.models.units import force_n_from_kg
@@ -18,6 +18,7 @@ FULL_SCALE_KG = 20.0  # of the paper's cell
 SILENT_AFTER_S = 0.5  # a transmitter that sends by itself and pauses this long has stopped
 FEWEST_SAME = 8  # readings alike before the instrument counts as frozen: a slow host takes few, and noise repeats
 HIGH_SHARE = 0.8  # of the full scale: warned of
+_NET_SHOWN = int(Status.NET_SHOWN)  # arithmetic with flags is slow
 PEAK_NOISE_SDS = 5.0  # two extremes of the same noise hardly differ by more
 
 
@@ -75,6 +76,7 @@ class ForceSensor:
         self._changed_at_s = 0.0
         self._n_same = 0
         self._heard_at_s = 0.0
+        self._is_net = False
         self._offset_n = 0.0
         self._noise_sd_n = 0.0
         self._peak_n: float | None = None
@@ -101,7 +103,8 @@ class ForceSensor:
         """The transmitter's present reading; waits for one if it sends by itself.
 
         Raises:
-            SensorFaultError: a fault bit or alarm is on, readings have stood still for `stale_after_s`, or none come.
+            SensorFaultError: a fault bit or alarm is on, the tare is gone, readings have stood still for
+                `stale_after_s`, or none come.
             OverloadError: the gross is at the cell's full scale.
         """
         while True:
@@ -132,7 +135,9 @@ class ForceSensor:
 
         What the noise of that reading leaves is in the baseline taken afterwards; `zero` takes it out.
         """
+        self._is_net = False
         self._transmitter.tare()
+        self._is_net = self._transmitter.mode == "modbus"  # a line of strings does not say it, and is zeroed here
         self._offset_n = 0.0
         self.forget()
 
@@ -192,6 +197,11 @@ class ForceSensor:
             raise SensorFaultError(
                 f"The load cell reports a fault: {fault}. The grasp is abandoned; check the cell's cable and "
                 "the transmitter's display."
+            )
+        if self._is_net and not int(reading.status) & _NET_SHOWN:
+            raise SensorFaultError(
+                "The weight transmitter has lost its tare: it was restarted, or somebody took the tare away on its "
+                "keypad. The grasp is abandoned; it is tared again before the next one."
             )
         gross_n, net_n = reading.gross * newton, reading.net * newton
         self._peak_n = None if reading.peak is None else reading.peak * newton

@@ -5,7 +5,15 @@ import statistics
 import pytest
 
 from fast.hardware.clock import VirtualClock
-from fast.hardware.laumas.codec import FILTER_REFRESH_HZ, FILTER_RESPONSE_S, Reading, Scale, Status
+from fast.hardware.laumas.codec import (
+    COMMAND_REGISTER,
+    FILTER_REFRESH_HZ,
+    FILTER_RESPONSE_S,
+    Command,
+    Reading,
+    Scale,
+    Status,
+)
 from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.parts.force_sensor import FULL_SCALE_KG, ForceSensor, OverloadError, SensorFaultError
 from fast.hardware.parts.layout import BenchLayout
@@ -246,6 +254,18 @@ def test_overload_is_warned_of_then_raised_by_force_and_by_status(make, caplog):
     rig.extra_n = 1.2 * FULL_SCALE_N
     with pytest.raises(OverloadError, match="carries 244 N.*gross above 110 % of full scale"):
         rig.gross_n(5, 1 / 80)
+
+
+def test_a_tare_that_is_gone_is_no_pull(make):
+    """The net is then the gross: the weight of head and tool would pass for a peak."""
+    rig = make()
+    rig.sensor.tare()
+    assert rig.sensor.read().net_n == pytest.approx(0.0, abs=0.05)
+    rig.virtual.write_registers(COMMAND_REGISTER, [int(Command.GROSS)])  # on the keypad, or by a restart
+    with pytest.raises(SensorFaultError, match="has lost its tare: it was restarted, or somebody"):
+        rig.sensor.read()
+    rig.sensor.tare()
+    assert rig.sensor.read().net_n == pytest.approx(0.0, abs=0.05)
 
 
 def test_a_smaller_cell_is_overloaded_sooner(make):

@@ -102,7 +102,7 @@ class Telling:
     may_replace: bool = False
     """Correct what was told before with other numbers."""
     is_sure: bool = False
-    """Strange numbers are so; without it they are a question."""
+    """Strange numbers are right; without it they are a question."""
 
 
 def tell(

@@ -25,7 +25,7 @@ class Forecast:
             return f"A person is needed now: print and mount B{self.batch:02d}."
         at = now + timedelta(seconds=self.in_s)
         day = "" if at.date() == now.date() else f" on {at:%A, %d %B}"
-        return f"Next time a person is needed: {at:%H:%M}{day}, for B{self.batch:02d}."
+        return f"Next time a person is needed: {at:%H:%M %Z}{day}, for B{self.batch:02d}."
 
 
 def forecast(

@@ -114,7 +114,7 @@ def format_page(campaign: Campaign, load: Workload, seen: Forecast, tools: list[
         f"# Campaign {campaign.campaign_id}",
         f"**{seen.in_words(now)}**",
         f"{load.grasps_done} of {load.grasps_total} grasps measured, {load.simulated_done} of "
-        f"{load.simulated_total} simulated; as of {now:%H:%M, %d %B}.",
+        f"{load.simulated_total} simulated; as of {now:%H:%M %Z, %d %B}.",
     ]
     if campaign.config.gap.active:
         lines.append(_describe_gap(campaign))

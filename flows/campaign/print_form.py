@@ -25,7 +25,7 @@ from fast.tasks.bench.measured_tools import MeasuredTool
 from fast.tasks.bench.print import PrintConfirmation, confirm_print, open_slots
 
 WAIT_LIMIT_S = 10 * 365 * 86400  # Prefect gives up after an hour unless told otherwise
-SURE = "Strange numbers are so"  # what a form calls --sure
+SURE = "Strange numbers are right"  # what a form calls --sure
 _MEASURES = {
     "front_mm": "measured_front_thickness_mm",
     "back_mm": "measured_back_thickness_mm",

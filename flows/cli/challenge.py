@@ -11,9 +11,7 @@ from fast.flows.cli.common import AsJson, make_app, show, table_text, tell
 if TYPE_CHECKING:
     from fast.flows.challenge.grade import Rows
 
-app = make_app(
-    name="challenge", help="Worlds that hide what is missing in the simulator: get them, make them, be graded."
-)
+app = make_app(name="challenge", help="Test a method of your own: find what made-up benches hide, and be graded.")
 _SHOWN = ["figure", "worlds", "value", "low95", "high95", "bound"]
 
 

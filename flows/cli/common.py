@@ -12,7 +12,12 @@ from cyclopts.exceptions import CoercionError
 
 from fast.models.errors import UsageError, tell_cause
 
-LakePath = Annotated[Path, Parameter(name="--lake", env_var="FAST_LAKE", help="Lake: a folder, or s3://BUCKET/PREFIX.")]
+LakePath = Annotated[
+    Path,
+    Parameter(
+        name="--lake", env_var="FAST_LAKE", help="The lake, which keeps all data: a folder, or s3://BUCKET/PREFIX."
+    ),
+]
 AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON, for machines.")]
 CampaignId = Annotated[str | None, Parameter(help="Campaign; not needed when the lake has only one.")]
 OBJECT_HELP = "Number or name of an object (fast objects list), or the file of an own one."

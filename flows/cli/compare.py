@@ -25,7 +25,9 @@ def compare(
     ] = None,
     campaign: Annotated[str | None, Parameter(help="Campaign of --lake; not needed where there is one.")] = None,
     races: Annotated[int, Parameter(help="Seeds of each strategy.", validator=AT_LEAST_ONE)] = 2,
-    strategies: Annotated[str | None, Parameter(help="Names separated by `;`; default: all.")] = None,
+    strategies: Annotated[
+        str | None, Parameter(help="Names with semicolons between them, in quotes; default: all.")
+    ] = None,
     lakes: Annotated[Path, Parameter(help="Folder of the lakes of the campaigns; may be continued.")] = Path(
         "compare-data"
     ),

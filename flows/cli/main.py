@@ -25,7 +25,8 @@ def _read_version() -> str:
 
 app = make_app(
     name="fast",
-    help="FAST: design soft grippers with simulations, a printer and a gantry.",
+    help="FAST: find better soft grippers with simulations, a printer and a bench. New here: `fast init` makes a "
+    "folder of examples and says what to run first.",
     help_epilogue="Exit status: 0 done, 1 failed, 2 wrong use (then nothing was written). "
     "`fast COMMAND --help` explains a command.",
     version=_read_version,
@@ -37,8 +38,8 @@ for _name, _target, _help in (
     ("init", "fast.flows.cli.init:init", "Make a project folder: configs, worlds, material data, first commands."),
     ("campaign", "fast.flows.cli.campaign:app", "Start, continue, watch and stop campaigns."),
     ("ask", "fast.flows.cli.told:ask", "Tools to print and grasps to make next, for a bench of your own."),
-    ("tell", "fast.flows.cli.told:tell", "What a bench of your own has measured."),
-    ("print", "fast.flows.cli.printing:app", "Print sheets, and the word of the person who printed."),
+    ("tell", "fast.flows.cli.told:tell", "Hand in what a bench of your own has measured."),
+    ("print", "fast.flows.cli.printing:app", "Files for the printer, and what became of each print."),
     ("simulate", "fast.flows.cli.simulate:simulate", "Simulate one grasp: peak, contact force, work, trace, picture."),
     ("objects", "fast.flows.cli.objects:app", "List, check, draw and print test objects, and add own ones."),
     ("gantry", "fast.flows.cli.gantry:app", "Move the bench by hand: home, park, tare, grasp, faults."),
@@ -49,8 +50,12 @@ for _name, _target, _help in (
         "Import, export, check and compact the lake; where its rows come from.",
     ),
     ("sql", "fast.flows.cli.sql:sql", "Ask the lake a question in SQL (read-only)."),
-    ("calibrate", "fast.flows.cli.calibrate:calibrate", "Infer theta of the simulator from measurements."),
-    ("compare", "fast.flows.cli.compare:compare", "Strategies of the scientist side by side, on the same worlds."),
+    ("calibrate", "fast.flows.cli.calibrate:calibrate", "Fit stiffness and friction of the simulator to measurements."),
+    (
+        "compare",
+        "fast.flows.cli.compare:compare",
+        "Ways to choose the next designs, side by side on the same virtual benches.",
+    ),
     (
         "features",
         "fast.flows.cli.features:features",
@@ -60,7 +65,7 @@ for _name, _target, _help in (
     (
         "challenge",
         "fast.flows.cli.challenge:app",
-        "Worlds that hide what is missing in the simulator: get them, make them, be graded.",
+        "Test a method of your own: find what made-up benches hide, and be graded.",
     ),
     ("report", "fast.flows.cli.results:report", "Write a campaign's report: figures, tables, data."),
     ("view", "fast.flows.cli.results:view", "Look at a grasp, design or campaign in Rerun."),
@@ -69,7 +74,7 @@ for _name, _target, _help in (
         "fast.flows.cli.serve:serve",
         "The lab's page, Prefect's server, a worker and the deployments; prints the addresses.",
     ),
-    ("mcp", "fast.flows.cli.serve:mcp", "The lab's page for agents: reads, simulates, and proposes."),
+    ("mcp", "fast.flows.cli.serve:mcp", "The lab's page for AI agents: they read, simulate and propose."),
     (
         "doctor",
         "fast.flows.cli.doctor:doctor",

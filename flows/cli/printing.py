@@ -14,14 +14,14 @@ from fast.models.units import spell_count
 if TYPE_CHECKING:
     from fast.tasks.bench.measured_tools import MeasuredTool
 
-app = make_app(name="print", help="Print sheets, and the word of the person who printed.")
+app = make_app(name="print", help="Files for the printer, and what became of each print.")
 
 V = TypeVar("V")
 
 Batch = Annotated[str, Parameter(help="Batch, e.g. quick/B01 (or B01 when the lake has one campaign).")]
 
 
-Sure = Annotated[bool, Parameter(negative="", help="Strange numbers are so; they are marked in the lake.")]
+Sure = Annotated[bool, Parameter(negative="", help="Numbers that look strange are right; they are marked in the lake.")]
 
 
 @app.command

@@ -63,7 +63,9 @@ def tell(
     config: Config,
     results: Annotated[
         list[Path] | None,
-        Parameter(help="Tables of peaks (results.csv), folders with traces, or with --format files of a machine."),
+        Parameter(
+            negative="", help="Tables of peaks (results.csv), folders with traces, or with --format files of a machine."
+        ),
     ] = None,
     *,
     format: Annotated[
@@ -72,7 +74,9 @@ def tell(
     ] = None,
     operator: Annotated[str, Parameter(help="Who measured.")] = "unknown",
     replace: Annotated[bool, Parameter(negative="", help="Correct what was told before with other numbers.")] = False,
-    sure: Annotated[bool, Parameter(negative="", help="Strange numbers are so; they are marked in the lake.")] = False,
+    sure: Annotated[
+        bool, Parameter(negative="", help="Numbers that look strange are right; they are marked in the lake.")
+    ] = False,
     undo: Annotated[bool, Parameter(negative="", help="Take back the last telling, in place of telling.")] = False,
     dry_run: Annotated[bool, Parameter(negative="", help="Only check, write nothing.")] = False,
     lake: LakePath = DEFAULT_LAKE,

@@ -22,10 +22,10 @@ from fast.tasks.campaign.requests import GANTRY_LEASE
 def describe_holder(lake: Lake, lent: LentBench | None) -> str:
     """Who has the bench, in some words; empty where nobody has and none is lent."""
     if lent is not None and lent.holder:
-        return f"bench: {lent.holder}, by hand"
+        return f"{lent.holder} moves the bench by hand"
     if holder_of(lake.storage, GANTRY_LEASE) is not None:
-        return "bench: the campaign"
-    return f"bench: {lent.name} is lent" if lent is not None else ""
+        return "a campaign has the bench"
+    return f"the bench {lent.name} is lent" if lent is not None else ""
 
 
 def read_bench(lake: Lake, lent: LentBench | None) -> dict[str, Any]:

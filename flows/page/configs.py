@@ -20,7 +20,7 @@ _NAMED_FILE = re.compile(r"""\"([^"/~\n][^"\n]*\.[^"\n]*)\"|'([^'/~\n][^'\n]*\.[
 
 def list_configs(lake: Lake) -> list[str]:
     """Configs to start from: those that were kept here, those of the folder of `fast serve`, and those of FAST."""
-    own = sorted(path.name for path in _own_folder(lake).glob("*.toml"))
+    own = sorted(path.name for path in _own_folder(lake).glob("[!.]*.toml"))
     coming = sorted({path.name for folder in _list_folders() for path in folder.glob("*.toml")})
     first = ["quick.toml"] if "quick.toml" in coming else []
     return [*(f"lake/{name}" for name in own), *first, *(name for name in coming if name not in first)]

@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from fast.flows.page.web import write_clock
 from fast.flows.page.worker import find_worker
 from fast.flows.server.access import Api
 from fast.flows.server.server import address_for_others, ask_server
@@ -96,4 +97,4 @@ def _name_job(flow: str, run: Mapping[str, Any]) -> str:
 
 
 def _clock(text: str | None) -> str:
-    return "" if not text else datetime.fromisoformat(text).astimezone().strftime("%H:%M")
+    return write_clock(datetime.fromisoformat(text) if text else None)

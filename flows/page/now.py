@@ -337,7 +337,7 @@ def _say_need(seen: Forecast, now: datetime) -> str:
     if seen.batch is not None and seen.in_s:
         at = now + timedelta(seconds=seen.in_s)
         day = "" if at.date() == now.date() else f" on {at:%A, %d %B}"
-        return f"You are needed in {describe_duration(seen.in_s)} ({at:%H:%M}{day}): print B{seen.batch:02d}"
+        return f"You are needed in {describe_duration(seen.in_s)} ({at:%H:%M %Z}{day}): print B{seen.batch:02d}"
     return seen.in_words(now).rstrip(".")
 
 
@@ -362,7 +362,7 @@ def _say_misses(findings: Findings) -> str:
     # A second of imports, which a lake without searches does without.
     from fast.flows.report.gap.answer import shorten_answer
 
-    return f"{findings.gap.rmse_after_n:.2f} N; {shorten_answer(findings)}"
+    return f"{shorten_answer(findings)}; error {findings.gap.rmse_after_n:.2f} N"
 
 
 def _is_owed(campaign: Campaign, state: CampaignState, batch: int) -> bool:

@@ -151,8 +151,8 @@ class Pages:
 
 
 def write_clock(moment: datetime | None) -> str:
-    """A time of the lab's day."""
-    return "" if moment is None else moment.astimezone().strftime("%H:%M")
+    """A time of the lab's day, with its zone."""
+    return "" if moment is None else moment.astimezone().strftime("%H:%M %Z")
 
 
 def say(response: Response, sentence: str) -> Response:

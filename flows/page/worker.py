@@ -49,5 +49,5 @@ def require_worker(lake: Lake) -> Api:
     """
     api = find_worker(lake)
     if api is None:
-        raise UsageError("No worker stands, so nothing was started: run `fast serve`, and use its page.")
+        raise UsageError("No worker is running, so nothing was started: run `fast serve`, and use its page.")
     return api

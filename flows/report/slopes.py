@@ -41,6 +41,6 @@ def draw_peak_changes(result: GraspSimulation, title: str) -> Figure:
     axes.set_yticks(places, [describe_change(name, slope) for name, slope, _ in rows])
     axes.axvline(0.0, color=MUTED, linewidth=0.8)
     axes.margins(x=0.2)
-    axes.set_xlabel(f"change of the peak, {result.peak_force_n:.2f} N (N); hollow: finite difference")
+    axes.set_xlabel(f"change of the peak of {result.peak_force_n:.2f} N, in N; hollow: finite difference")
     axes.set_title(title, loc="left", fontsize=9)
     return figure

@@ -242,7 +242,7 @@
     head.setAttribute("aria-sort", isDown ? "descending" : "ascending");
     const value = (row) => row.cells[place].dataset.value ?? row.cells[place].textContent.trim();
     const rows = [...body.rows].map((row) => [value(row), row]);
-    const number = (text) => (text === "" ? NaN : Number(text));
+    const number = (text) => (text === "" ? -Infinity : Number(text));
     const isNumeric = rows.every(([text]) => text === "" || !Number.isNaN(Number(text)));
     rows.sort(([a], [b]) => { const order = isNumeric ? (number(a) - number(b) || 0) : a.localeCompare(b, undefined, { numeric: true }); return isDown ? -order : order; });
     body.append(...rows.map(([, row]) => row));

@@ -1,5 +1,6 @@
 """What the page of a gap search is made of, and its answer in words."""
 
+import math
 from dataclasses import dataclass
 
 from fast.models.gap.evaluation.evaluate import FEWEST_HELD_OUT, Evaluation
@@ -14,6 +15,7 @@ from fast.models.units import spell_number, spell_share
 
 # Tensile bars of the paper (Methods); friction and Poisson ratio were not measured on their own.
 INDEPENDENT = {"young_modulus_mpa": (11.5, 1.75)}
+_MOST_NATS = math.log(1000.0)
 _LEAST_LEFT = 0.02  # of what a name explains: less is told without reserve
 
 
@@ -64,6 +66,14 @@ def shorten_tool(tool: str) -> str:
 def describe_probability(probability: float) -> str:
     """A probability to two digits, never 1.00 or 0.00."""
     return "> 0.99" if probability > 0.995 else "< 0.01" if probability < 0.005 else f"{probability:.2f}"
+
+
+def describe_odds(nats: float) -> str:
+    """What so much evidence makes of even odds, for people: 3 nats are `20 to 1`."""
+    if nats > _MOST_NATS:
+        return "> 1000 to 1"
+    odds = math.exp(nats)
+    return f"{odds:.{0 if odds >= 3.0 else 1}f} to 1"
 
 
 def describe_answer(findings: Findings) -> str:

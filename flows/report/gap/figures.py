@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fast.flows.report.gap.answer import describe_effect, shorten_tool
@@ -31,16 +32,21 @@ def draw_errors(evaluation: Evaluation) -> Figure:
     places = np.arange(len(labels))
     axes.barh(places, values, height=0.62, color=colours)
     for place, value in enumerate(values):
-        axes.text(value, place, f" {value:.2f} N", va="center", fontsize=8.5)
+        _label(axes, (value, place), f"{value:.2f} N")
     floor = evaluation.gap.rmse_floor_n
     axes.axvline(floor, color=MUTED, linewidth=1.2, linestyle=(0, (4, 2)))
-    axes.text(floor, -0.62, f"noise floor {floor:.2f} N", ha="center", va="bottom", fontsize=8, color=MUTED)
-    axes.set_yticks(places, labels)
+    _label(axes, (floor, -0.72), f"noise floor {floor:.2f} N", MUTED)
+    axes.set_yticks(places, ["before, recalibrated" if label == BEFORE else label for label in labels])
     axes.set_ylim(len(labels) - 0.5, -0.95)
     axes.set_xlim(0.0, 1.22 * max(values))
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("root mean square error on held-out grasps (N)")
     return figure
+
+
+def _label(axes: Axes, at: tuple[float, float], words: str, color: str = INK) -> None:
+    """Words to the right of the end of a bar or of a line; blanks before them would be lost in the picture's file."""
+    axes.annotate(words, at, xytext=(4, 0), textcoords="offset points", va="center", fontsize=8.5, color=color)
 
 
 def draw_map(residuals: Residuals, phase: str) -> Figure:
@@ -116,7 +122,7 @@ def draw_names(candidates: Sequence[Candidate], named: Decision) -> Figure:
     places = np.arange(len(chosen))
     axes.barh(places, values, height=0.62, color=[BEST if c.effect in answer else FAINT for c in chosen])
     for place, value in enumerate(values):
-        axes.text(value, place, f" {value:.0f}", va="center", fontsize=8.5)
+        _label(axes, (value, place), f"{value:.0f}")
     labels = ["a pattern without a name" if c.effect == "unknown" else describe_effect(c.effect) for c in chosen]
     axes.set_yticks(places, labels)
     axes.invert_yaxis()

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fast.flows.report.folder import Folder
-from fast.flows.report.gap.answer import GapPage, describe_effect, describe_probability, shorten_tool
+from fast.flows.report.gap.answer import GapPage, describe_effect, describe_odds, describe_probability, shorten_tool
 from fast.flows.report.style import BEST, FIRST, INK, SIMULATED, WIDTH_IN, new_axes
 from fast.models.gap.ask.outcomes import MEANS
 from fast.models.gap.findings import UNKNOWN, NextExperiment
@@ -45,7 +45,10 @@ def _prepare_question(asked: NextExperiment, folder: Folder) -> dict[str, Any]:
             {"tool": shorten_tool(g.tool), "object_name": get_object(g.object).name, "setting": g.setting, "n": g.n}
             for g in asked.grasps
         ],
-        "promised": [{"between": " or ".join(map(describe_effect, p.between)), "nats": p.nats} for p in asked.promised],
+        "promised": [
+            {"between": " or ".join(map(describe_effect, p.between)), "odds": describe_odds(p.nats)}
+            for p in asked.promised
+        ],
         "predicted": folder.draw("question", draw_predictions(asked)) if asked.predictions else None,
     }
 

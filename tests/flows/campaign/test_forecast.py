@@ -1,6 +1,6 @@
 """When a person is needed next, on a campaign whose lake is written by hand."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 
 import pytest
 
@@ -12,7 +12,7 @@ from fast.tasks.scientist.propose import propose_initial
 from tests.tasks.campaign.small_campaign import small_campaign
 from tests.tasks.simulation.made_up import append_grasp, append_simulation
 
-NOW = datetime(2026, 11, 21, 4, 0)
+NOW = datetime(2026, 11, 21, 4, 0, tzinfo=UTC)
 
 
 @pytest.fixture
@@ -51,8 +51,8 @@ def test_when_a_night_ends_is_not_known(campaign):
 @pytest.mark.parametrize(
     ("seen", "words"),
     [
-        (Forecast(2, 9600.0), "Next time a person is needed: 06:40, for B02."),
-        (Forecast(2, 30 * 3600.0), "Next time a person is needed: 10:00 on Sunday, 22 November, for B02."),
+        (Forecast(2, 9600.0), "Next time a person is needed: 06:40 UTC, for B02."),
+        (Forecast(2, 30 * 3600.0), "Next time a person is needed: 10:00 UTC on Sunday, 22 November, for B02."),
         (Forecast(2, 0.0), "A person is needed now: print and mount B02."),
         (Forecast(2, None), "A person is needed for B02; when is not known yet."),
         (Forecast(None, None), "No person is needed any more."),

@@ -38,13 +38,16 @@ def browsers(lake):
 def test_two_screens_see_one_holder_and_a_take_over_asks(lake, browsers):
     ada, grace, tim = browsers
     assert "Take a virtual bench" in ada.see("/start")
-    assert order(ada, "take") == (409, "No worker stands, so nothing was started: run `fast serve`, and use its page.")
+    assert order(ada, "take") == (
+        409,
+        "No worker is running, so nothing was started: run `fast serve`, and use its page.",
+    )
     with lent(lake):
         assert "with leave to move given in the terminal beside it" in grace.see("/start")
         assert order(tim, "take")[0] == 403
         assert order(ada, "take")[0] == 204
         wait_for(lambda: "z_mm" in ada.client.get("/bench/reading").json(), 30.0)
-        wait_for(lambda: "bench: ada, by hand" in grace.see("/strip"), 10.0)
+        wait_for(lambda: "ada moves the bench by hand" in grace.see("/strip"), 10.0)
         wait_for(lambda: "Ask ada for it" in grace.see("/bench"), 10.0)
         assert "Stop now" in grace.see("/bench")  # whoever sees a bench move may stop it
         assert order(grace, "step", step="home") == (409, "ada holds the bench, not grace; nothing was moved.")

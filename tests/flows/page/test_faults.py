@@ -78,7 +78,7 @@ def test_a_fault_is_a_choice_on_every_tab_and_in_the_terminal(stopped, monkeypat
     assert f"{command}: The bench homes and goes on" in said
     form = {"campaign": "quick", "run": "r1", "way": "object", "reason": "mount broke"}
     status, words = browser.say("/start/way", form)
-    assert (status, "No worker stands, so nothing was started" in words) == (409, True)
+    assert (status, "No worker is running, so nothing was started" in words) == (409, True)
     assert lake.rows(EventRow, kind="left_out") == []
     monkeypatch.setattr(start, "require_worker", lambda _: None)
     monkeypatch.setattr(start, "start_on_worker", lambda *words, key: begun.append(key))

@@ -285,6 +285,8 @@ def test_a_config_shows_its_faults_beside_the_line_and_keeps_what_was_typed(lake
     status, words = browser.say("/start/campaign", {**base, "text": text})
     assert (status, "run `fast serve`" in words) == (409, True)
     assert not list((lake.root / "outputs" / "configs").glob("*.toml"))
+    (lake.root / "outputs" / "configs" / ".check-1.toml").write_text(text)  # another's, while it is looked at
+    assert not [name for name in configs.list_configs(lake) if "check" in name]
 
 
 def test_a_campaign_is_not_started_under_the_name_of_another_nor_twice(lake):

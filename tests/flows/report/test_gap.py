@@ -134,6 +134,8 @@ def test_page_says_where_what_and_how_much(content: GapPage, tmp_path: Path) -> 
     assert "B01T3" in page
     assert "load cell lag or object post compliance" in page
     assert "Asked before: 4 grasps promised, 4 made. 4 grasps say load cell lag. load cell lag 0.50 to 0.97" in page
+    assert "odds of the right one, about" in page
+    assert ">30 to 1<" in page
     assert "a dead weight" in page
     assert "Where most of the gap is" in page
     assert "Looked at and not found:" in page
@@ -457,7 +459,7 @@ def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:
     assert "measured less simulated force" in (tmp_path / "figures" / "gap_rest_2.svg").read_text()
     bars = (tmp_path / "figures" / "gap_names_2.svg").read_text()
     assert "0.96" not in bars  # a share among candidates is not the probability of the answer
-    assert "> 420<" in bars
+    assert ">420<" in bars
 
 
 def test_too_few_held_out_and_a_small_gap_are_said(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def _draw_agreement(found: LabsSideBySide) -> Figure:
     axes.set_ylim(0.0, top)
     axes.set_xlabel("mean of the labs (N)")
     axes.set_ylabel("peak force in one lab (N)")
-    axes.legend(loc="upper left", handletextpad=0.2)
+    figure.legend(loc="outside upper left", ncols=4, handletextpad=0.2)
     return figure
 
 

@@ -3,9 +3,11 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from fast.flows.report.style import FIRST, MUTED, SIMULATED, new_figure
+from fast.flows.report.style import FIRST, MUTED, SIMULATED, WIDTH_IN, new_figure
 from fast.models.records import GraspSimulation, Slope, Slopes
 from fast.models.units import spell_name, unit_of
+
+_NAMES = {"young_modulus_mpa": "Young's modulus", "nu": "Poisson's ratio", "poisson_ratio": "Poisson's ratio"}
 
 
 def peak_changes(slopes: Slopes) -> list[tuple[str, Slope, float]]:
@@ -17,13 +19,14 @@ def peak_changes(slopes: Slopes) -> list[tuple[str, Slope, float]]:
 def describe_change(name: str, slope: Slope) -> str:
     """The usual change of a parameter in words, such as `rib angle + 8 deg`."""
     unit = unit_of(name)
-    return f"{spell_name(name).replace('.', ', ')} + {slope.usual:.3g}{f' {unit}' if unit else ''}"
+    spelled = _NAMES.get(name) or spell_name(name).replace(".", ", ")
+    return f"{spelled} + {slope.usual:.3g}{f' {unit}' if unit else ''}"
 
 
 def draw_peak_changes(result: GraspSimulation, title: str) -> Figure:
     """Bars: by how much the peak changes with the usual change of every parameter; finite differences are hollow."""
     rows = [] if result.slopes is None else peak_changes(result.slopes)
-    figure = new_figure(6.4, 0.9 + 0.27 * max(len(rows), 1))
+    figure = new_figure(WIDTH_IN, 0.9 + 0.24 * max(len(rows), 1))
     axes = figure.subplots()
     places = np.arange(len(rows))[::-1]
     for place, (_, slope, change_n) in zip(places, rows, strict=True):
@@ -41,6 +44,6 @@ def draw_peak_changes(result: GraspSimulation, title: str) -> Figure:
     axes.set_yticks(places, [describe_change(name, slope) for name, slope, _ in rows])
     axes.axvline(0.0, color=MUTED, linewidth=0.8)
     axes.margins(x=0.2)
-    axes.set_xlabel(f"change of the peak of {result.peak_force_n:.2f} N, in N; hollow: finite difference")
-    axes.set_title(title, loc="left", fontsize=9)
+    axes.set_xlabel(f"change of the peak of {result.peak_force_n:.2f} N (N)\nhollow: finite difference")
+    figure.suptitle(title, x=0.01, ha="left", fontsize=9)
     return figure

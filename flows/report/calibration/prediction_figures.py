@@ -59,7 +59,7 @@ def panel_figure(panel: Panel, limits: tuple[float, float]) -> Figure:
     figure, axes = new_axes(WIDTH_IN, 4.3, grid="both")
     _draw(axes, panel, limits)
     handles, labels = axes.get_legend_handles_labels()
-    axes.legend(handles[::-1], labels[::-1], loc="lower right", handletextpad=0.4)
+    figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=len(labels), handletextpad=0.4)
     return figure
 
 

@@ -186,5 +186,5 @@ def draw_loss(curves: Mapping[int, Curve], slot: int, label: str) -> Figure:
     axes.axhline(0, color=MUTED, linewidth=0.8)
     axes.set_xlabel("lift (mm)")
     axes.set_ylabel("force (N), mean over repeats")
-    axes.legend(loc="upper right")
+    figure.legend(loc="outside upper left", ncols=2)
     return figure

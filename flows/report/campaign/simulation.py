@@ -127,7 +127,7 @@ def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
     axes.set_xlabel(f"simulated peak pull-off force (N), {what}")
     axes.set_ylabel("measured (N)")
     axes.set_title(_statistics(measure_agreement(pairs)), loc="left", fontsize=8.5, linespacing=1.35)
-    axes.legend(loc="lower right", handletextpad=0.4)
+    figure.legend(loc="outside lower center", ncols=3, handletextpad=0.4)
     return figure
 
 

@@ -91,7 +91,7 @@ def draw_work(rows: Sequence[Mapping[str, Any]], first: int, last: int) -> Figur
     axes.set_ylim(-0.6, len(order) - 0.4)
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("work to break the grasp (J), mean over repeats")
-    axes.legend(loc="lower right", handletextpad=0.2)
+    figure.legend(loc="outside upper left", ncols=2, handletextpad=0.2)
     return figure
 
 

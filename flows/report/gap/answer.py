@@ -127,7 +127,9 @@ def shorten_answer(findings: Findings) -> str:
     if not named:
         return "no further gap" if findings.in_use else "no gap"
     known = [
-        n.family or "one of a set" if n.kind == "set" else " + ".join(map(describe_effect, n.effects))
+        n.family or f"one of {len(n.effects)} causes"
+        if n.kind == "set"
+        else " + ".join(map(describe_effect, n.effects))
         for n in named
         if n.effects
     ]

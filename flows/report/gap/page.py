@@ -200,11 +200,11 @@ def _list_assumed(content: GapPage) -> list[str]:
     """What the answer rests on."""
     findings = content.findings
     return [
-        "Theta was calibrated again before anything was called a gap; rho is 1.",
-        f"Findings of WHERE hold a false discovery rate of {spell_share(Q)} over phases and factors; the unit is the "
-        "tool or the object, never the grasp.",
+        "Material and friction were fitted again before anything was called a gap; simulated forces are not scaled.",
+        f"Of the places named under Where, {spell_share(Q)} may be there by chance; the unit is the tool or the "
+        "object, never the grasp.",
         "Names are those of the catalogue; what is not in it can only be called unknown.",
-        f"Seed {findings.seed}.",
+        f"Random numbers: seed {findings.seed}.",
         *([findings.power] if findings.power else []),
         *content.assumed,
     ]

@@ -273,7 +273,7 @@ def test_a_set_and_a_name_behind_it_are_both_said() -> None:
     findings = _told(*map(_round, (either, wear, NOTHING)))
     said = write_answer(findings)
     assert said.startswith("found friction_wear; one of load_cell_lag, lift_misalignment, not told apart; held-out")
-    assert answer.shorten_answer(findings) == "one of a set, friction wear"
+    assert answer.shorten_answer(findings) == "one of 2 causes, friction wear"
     assert "cannot tell apart, then Friction drifts" in answer.describe_answer(findings)
     assert answer.describe_sureness(findings) == "is missing; right with probability 0.90, 0.95"
     assert [answer.describe_notes(found, False) for found in findings.rounds] == [[], [], []]

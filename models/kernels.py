@@ -97,7 +97,8 @@ def _told(ready: Path, lock: Path) -> Iterator[None]:
             if not (ready.exists() or _is_told_by_another(lock)):
                 passed_s = time.monotonic() - started
                 logger.warning(
-                    "The simulator is compiled, once on this computer (a minute and a half): %.0f s so far.", passed_s
+                    "The simulator is compiled, once on this computer (a minute and a half if it is idle): %.0f s so far.",
+                    passed_s,
                 )
 
     threading.Thread(target=tell, daemon=True, name="compiling").start()

@@ -61,6 +61,14 @@ def test_a_campaign_that_cannot_be_read_is_said_and_the_page_stands(tmp_path):
     assert "demo/B01T0" in Browser(lake).see("/results")
 
 
+def test_of_many_chosen_tools_six_are_laid_over_each_other_and_that_is_said(tmp_path):
+    lake = build(Lake.open(tmp_path / "lake", create=True))
+    tools = [f"demo/B{batch:02d}T{slot}" for batch in (1, 2) for slot in (0, 1, 2)] + ["demo/B01T0"]
+    text = Browser(lake).see(f"/results/compare?tool={'&tool='.join(tools)}")
+    assert "the first six of 7 tools that were chosen" in text
+    assert f"<h1>{', '.join(tools[:6])}</h1>" in text
+
+
 @pytest.mark.parametrize("path", ["/", "/todo", "/results", "/gap", "/start"])
 def test_a_campaign_that_the_lake_lacks_is_not_shown_as_another(lake, path):
     answer = Browser(lake).client.get(path, params={"campaign": "no<such"}, headers={"Accept": "text/html"})

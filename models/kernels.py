@@ -97,7 +97,7 @@ def _told(ready: Path, lock: Path) -> Iterator[None]:
             if not (ready.exists() or _is_told_by_another(lock)):
                 passed_s = time.monotonic() - started
                 logger.warning(
-                    "The simulator is compiled, once on this computer (a minute and a half if it is idle): %.0f s so far.",
+                    "The simulator is compiled, once on this computer (a minute and a half if idle): %.0f s so far.",
                     passed_s,
                 )
 

@@ -11,7 +11,7 @@ import pytest
 from fast.models import kernels
 from fast.models.solver_code import VARIABLE
 
-LINE = "The simulator is compiled, once on this computer (a minute and a half if it is idle): "
+LINE = "The simulator is compiled, once on this computer (a minute and a half if idle): "
 PROCESS = """
 import os, sys, time
 from pathlib import Path

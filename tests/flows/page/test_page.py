@@ -2,11 +2,14 @@
 
 import re
 from datetime import UTC, datetime
+from types import SimpleNamespace
+from urllib.parse import quote
 
 import pytest
 
 from fast.flows.campaign.status import read_status
 from fast.flows.page import by_hand, configs, jobs, start
+from fast.flows.page.web import write_clock
 from fast.flows.server.access import Role
 from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.flows.server.server import address_for_others
@@ -19,6 +22,7 @@ from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.orders import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from fast.tasks.campaign.setup import register
+from fast.tasks.templates import render
 from tests.flows.cli.cli_lakes import QUICK, ROOT, WORLD, Fast, proposed_lake, write_config
 from tests.flows.page.lab_page import ADDRESS, Browser
 from tests.flows.synthetic_lake import build
@@ -404,6 +408,17 @@ def test_no_print_is_forecast_of_a_campaign_that_nobody_runs(lake):
     slots = find_slots(browser.see("/todo"))
     browser.say("/todo/print", {"campaign": name, "batch": "1", **{f"fate-{slot}": "printed" for slot in slots}})
     assert "Nothing is measured now, the campaign is interrupted" in browser.see("/")
+
+
+def test_a_campaign_that_is_complete_leads_to_its_results():
+    load = SimpleNamespace(grasps_done=8, grasps_total=8, simulated_done=4, simulated_total=4)
+    shown = {"version": "V1", "effects": "", "misses": "", "best": None, "tiles": (), "as_of": None, "ticks": ()}
+    pace = {"batches_done": 1, "batches_total": 1, "left": "all is done", "s_per_grasp": 12.34}
+    now = SimpleNamespace(load=load, is_complete=True, needs_now=False, need="", **shown, **pace)
+    around = {"todos": [], "strip": None, "campaign": "quick", "quote": quote, "clock": write_clock}
+    text = render("flows/page/now_part.html.j2", now=now, **around)
+    assert 'All is measured: <a href="/results?campaign=quick">look at the results</a>' in text
+    assert ", 12 s each" in text
 
 
 def test_the_queue_says_what_waits_in_words_of_ours(lake, monkeypatch):

@@ -48,7 +48,7 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	@touch $@
 	@echo "$(VENV) is ready."
 
-kernels: setup  ## compile all kernels once, so that no test or worker has to
+kernels: setup  ## compile all kernels once, and make an empty Prefect database, so that no test or worker has to
 	$(BIN)/python -m tests.kernels
 
 campaign: setup ## a small complete campaign on the virtual bench, with report and recording

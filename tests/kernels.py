@@ -1,8 +1,13 @@
-"""Compile what tests call before their workers start (`python -m tests.kernels`): each worker would compile it, too."""
+"""Make what tests share before their workers start (`python -m tests.kernels`): each worker would make it, too."""
+
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from fast.flows.server.database import take_empty_database
+from fast.flows.server.server import server
 from fast.models.objects.distance import distance, distance_and_normal
 from fast.models.objects.own import object_of_mesh
 from fast.models.records import Trace
@@ -15,3 +20,7 @@ if __name__ == "__main__":
     for measure in (distance, distance_and_normal):
         measure(block.primitives, np.zeros((1, 3)))
     features_of([Trace(np.arange(9.0), np.arange(9.0), np.ones(9))])
+    with tempfile.TemporaryDirectory() as folder:
+        if take_empty_database(Path(folder)):
+            with server(Path(folder) / "lake"):
+                pass  # the first server of a computer makes the database that later ones begin with

@@ -52,6 +52,7 @@ def test_a_stopped_campaign_opens_reports_and_is_sound(fast: Fast, tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # it hangs nowhere: a machine that is busy with other work takes minutes for its 20 s of CPU
 def test_a_stopped_campaign_continues_at_the_missing_grasp(tmp_path: Path) -> None:
     folder = unpacked("campaign", tmp_path)
     before = Lake.open(folder / "lake")
@@ -66,7 +67,7 @@ def test_a_stopped_campaign_continues_at_the_missing_grasp(tmp_path: Path) -> No
         env={name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")},
         capture_output=True,
         text=True,
-        timeout=280,
+        timeout=850,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr

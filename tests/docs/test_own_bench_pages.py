@@ -11,6 +11,7 @@ import pytest
 from fast.lake.store import Lake
 from tests.docs.pages import DOCS, blocks_of
 from tests.flows.cli.cli_lakes import Fast
+from tests.flows.undrawn import leave_undrawn
 
 BENCH, DESIGNS = (DOCS / "how-to" / f"{name}.md" for name in ("bring-your-own-bench", "bring-own-designs"))
 PULL, UTM = [block.text for block in blocks_of(BENCH, "toml")]
@@ -61,7 +62,8 @@ def write_pulls(results: Path, folder: Path) -> list[Path]:
 
 
 @pytest.mark.slow
-def test_a_campaign_is_asked_told_and_finished_as_the_page_says(fast: Fast) -> None:
+def test_a_campaign_is_asked_told_and_finished_as_the_page_says(fast: Fast, monkeypatch: pytest.MonkeyPatch) -> None:
+    leave_undrawn(monkeypatch)
     ask, tell, guess, ask_more, tell_pulls, ask_last, report = commands_of(BENCH)[:7]
     assert fast(*ask).status == 0
     measure(Path("B01/results.csv"))

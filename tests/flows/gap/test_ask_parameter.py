@@ -7,12 +7,14 @@ import pytest
 from fast.flows.gap.bench_plan import explain_silence
 from fast.lake.tables.requests import GraspRequestRow
 from fast.models.gap.ask import refine
+from fast.models.records import EffectValue
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.gap.data import read_grasps
-from tests.flows.gap.test_ask import LAG, go, no_physics  # noqa: F401 - a fixture for every test
+from tests.flows.gap.test_ask import go, no_physics  # noqa: F401 - a fixture for every test
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import answer_rows, gap_lake
 
+LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.11})  # is named alone
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 

@@ -324,9 +324,9 @@ def test_a_config_that_is_started_again_as_it_is_is_the_same(lake):
 
 
 def test_a_file_that_is_not_there_is_named_as_the_person_wrote_it(lake, tmp_path):
-    text = write_config(tmp_path).read_text().replace('"world.toml"', '"worlds/none.toml"')
+    text = write_config(tmp_path).read_text().replace('"world.toml"', '"none/world.toml"')
     (fault,) = start.check_config(lake, text, "").faults
-    assert "world file `worlds/none.toml` does not exist" in fault.sentence
+    assert "world file `none/world.toml` does not exist" in fault.sentence
     assert "outputs" not in fault.sentence
 
 

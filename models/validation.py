@@ -104,15 +104,17 @@ def check_type(given: object, kind: type, name: str, what: str = "") -> None:
         raise UsageError(f"{name} is of type {type(given).__name__}, it must be {wanted}; change it.")
 
 
-def check_whole(given: object, name: str, least: int = 0) -> int:
-    """A whole number of at least `least`, also one of numpy.
+def check_whole(given: object, name: str, least: int | None = 0) -> int:
+    """A whole number of at least `least`, if that is given, also one of numpy.
 
     Raises:
         UsageError: it is none.
     """
     number = plain(given)
-    if isinstance(number, bool) or not isinstance(number, int | Integral) or number < least:
-        raise UsageError(f"{name} is {given!r}, it must be a whole number of at least {least}; change it.")
+    is_whole = isinstance(number, int | Integral) and not isinstance(number, bool)
+    if not is_whole or (least is not None and number < least):
+        at_least = "" if least is None else f" of at least {least}"
+        raise UsageError(f"{name} is {given!r}, it must be a whole number{at_least}; change it.")
     return int(number)
 
 

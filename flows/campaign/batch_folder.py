@@ -4,7 +4,6 @@ import os
 import shutil
 from pathlib import Path
 
-from fast.flows.gap.bench_plan import BenchPlan, write_bench_plan
 from fast.lake.store import Lake
 from fast.models.errors import UsageError, tell_cause
 from fast.models.records import GraspRequest
@@ -25,6 +24,8 @@ def write_batch(campaign: Campaign, batch: int, folder: Path) -> tuple[GraspRequ
     Raises:
         UsageError: the folder is there and not empty, or cannot be written.
     """
+    from fast.flows.gap.bench_plan import BenchPlan, write_bench_plan
+
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(f"{folder} is there already and not empty; nothing was written: give a new folder.")
     state = campaign.state()

@@ -20,6 +20,7 @@ from fast.flows.campaign.loops import CampaignRun
 from fast.flows.campaign.notify import notifier
 from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.campaign.progress import CampaignProgress
+from fast.flows.campaign.results import write_files
 from fast.flows.memory import limit_arenas
 from fast.flows.progress import Bar, ProgressReporter, format_report
 from fast.hardware.arm.bench import open_arm_bench
@@ -35,7 +36,6 @@ from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere
 from fast.hardware.virtual.world.physics_cache import PhysicsFiles
-from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError
 from fast.models.objects.catalogue import get_object, name_object
 from fast.models.records import GraspSimulation
@@ -289,15 +289,3 @@ def _write_results(campaign: Campaign, reporter: ProgressReporter) -> CampaignOu
         writer.close()
     tools = rank_tools(campaign.lake, name)
     return CampaignOutcome(name, True, tools, report, recording, times_reference=found)
-
-
-def write_files(lake: Lake, campaign_id: str, output: Path) -> "tuple[Path, Path, TimesReference | None]":
-    """Report and recording of a campaign in `output`, and its best tool against the reference finger."""
-    from fast.flows.report.campaign.content import Content
-    from fast.flows.report.campaign.page import add_features, write_report
-    from fast.flows.viewer.campaign import write_recording
-
-    add_features(lake, campaign_id)
-    report = write_report(lake, campaign_id, output / "report")
-    recording = write_recording(lake, campaign_id, output / f"{campaign_id}.rrd")
-    return report, recording, Content.load(lake, campaign_id).times_reference

@@ -101,7 +101,7 @@ def _find_lowest(
     """Lowest sample of each grasp whose pull is counted downwards; none where all are, which is said once."""
     found: dict[str, dict[str, Trace]] = {"real": {}, "sim": {}}
     for key, (_, values) in grasps.items():
-        if key in traces and values.get("status") != "failed":
+        if key in traces and values["fidelity"] in found and values.get("status") != "failed":
             found[values["fidelity"]][key] = traces[key][1]
     down = {kind: _find_down(of) for kind, of in found.items()}
     if len(down["sim"]) <= _MOST_PUSHING * len(found["sim"]):

@@ -62,7 +62,7 @@ def get_object(object_id: int) -> RigidObject:
     Raises:
         UsageError: there is no such object, or it is no number.
     """
-    object_id = check_whole(object_id, "the object's number")
+    object_id = check_whole(object_id, "the object's number", least=None)
     found = find_object(object_id)
     if found is None and object_id >= FIRST_OWN_ID:
         raise UsageError(

@@ -29,7 +29,7 @@ def test_a_trace_takes_lists_and_columns_and_shows_how_long_it_is() -> None:
     assert [channel.dtype for channel in (trace.time_s, trace.lift_mm, trace.force_n)] == [np.float64] * 3
     assert trace.is_lift.tolist() == [False, True, True]
     assert repr(trace) == "Trace(3 samples, lift_mm to 3.0)"
-    with pytest.raises(ValueError, match="differ in shape"):
+    with pytest.raises(UsageError, match="differ in shape"):
         Trace([0, 1], [0, 1], [0])
 
 
@@ -43,5 +43,5 @@ def test_what_is_no_point_or_design_of_the_space_is_named() -> None:
         from_unit(np.hstack([point[:, :8], [[29.68]]]))
     rounded = np.where(np.arange(9) % 2, 1 + 1e-12, -1e-12)
     assert from_unit(rounded[None]) == from_unit(np.round(rounded)[None])
-    with pytest.raises(UsageError, match="must be a fast.Design; give a list of them"):
+    with pytest.raises(UsageError, match="designs are of type FinRay; give a list of designs"):
         to_unit(BEST_PUBLISHED)  # type: ignore[arg-type]  # a record is a sequence of its fields

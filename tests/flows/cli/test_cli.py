@@ -219,7 +219,7 @@ def test_doctor_passes_here_and_names_the_fix_elsewhere(fast, tmp_path, monkeypa
     (tmp_path / "notes.txt").write_text("not a lake")
     monkeypatch.setattr("fast.flows.cli.doctor._small_mesh", _broken)
     monkeypatch.setattr("fast.flows.cli.doctor._small_grasp", lambda: "solved above")
-    monkeypatch.setattr("fast.flows.dependencies.is_installed", lambda name: name != "pymc")
+    monkeypatch.setattr("fast.flows.cli.doctor.is_installed", lambda name: name != "pymc")
     answer = fast("doctor", "--lake", tmp_path)
     assert answer.status == 1
     failed = [line for line in answer.out.splitlines() if line.startswith("FAIL")]

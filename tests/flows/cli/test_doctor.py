@@ -21,7 +21,7 @@ def _no_server_named(monkeypatch):
 def test_a_package_of_another_version_fails_with_its_fix(monkeypatch, tmp_path):
     lock = tmp_path / "requirements.lock"
     lock.write_text("prefect==1.0\nnumpy==1.0\n")
-    monkeypatch.setattr("fast.flows.dependencies.LOCK", lock)
+    monkeypatch.setattr("fast.flows.cli.doctor.LOCK", lock)
     check = doctor._versions()
     assert not check.ok
     assert "prefect is 3.8.8, the lock says 1.0; run `make clean setup`. (and 1 more)" in check.note

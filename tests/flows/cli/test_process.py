@@ -207,7 +207,7 @@ def test_sigterm_ends_a_search_as_ctrl_c_does(tmp_path):
 
 
 CLOSED = """
-import os, signal, sys
+import os, signal, sys, time
 from fast.flows.cli.main import end_with_terminal
 
 def hear(number, frame):
@@ -217,7 +217,8 @@ def hear(number, frame):
 signal.signal(signal.SIGTERM, hear)
 end_with_terminal()
 print("ready", flush=True)
-signal.pause()
+while not os.path.exists(sys.argv[1]):
+    time.sleep(0.01)
 os.kill(os.getpid(), signal.SIGHUP)
 """
 

@@ -88,7 +88,7 @@ def test_with_leave_the_bench_is_opened(fast, bench, monkeypatch, how):
     class Opened(Exception):
         pass
 
-    def transport(port):
+    def transport(port, baud_rate):
         raise Opened
 
     monkeypatch.setattr("fast.hardware.bench.SerialTransport", transport)

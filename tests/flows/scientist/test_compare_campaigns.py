@@ -54,7 +54,7 @@ def made_up_simulation(campaign: Campaign, design, *, pool) -> int:
     return 0
 
 
-def made_up_batch(campaign: Campaign, tools, open_bench, measure, *, should_stop, on_grasp) -> None:
+def made_up_batch(campaign: Campaign, tools, use) -> None:
     """The gantry's part, at once: half the simulated force less a penalty, and some noise."""
     for tool in tools:
         for object_id, repeat in campaign.state().missing_grasps(tool, campaign.config.objects.cells(0), 1):

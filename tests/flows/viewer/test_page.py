@@ -11,7 +11,7 @@ import httpx
 import psutil
 import pytest
 
-from fast.flows.cli import virtual
+from fast.flows.cli import results
 from fast.flows.server.access import Api, address_for_person
 from fast.flows.viewer import page
 from fast.flows.viewer.page import POLICY, RECORDING, open_page, read_files
@@ -114,7 +114,7 @@ def test_the_address_stands_alone_on_the_last_line(capsys, tmp_path, files, monk
         raise KeyboardInterrupt
 
     monkeypatch.setattr(page, "read_files", lambda: files)
-    monkeypatch.setattr(virtual, "wait_for", close)
+    monkeypatch.setattr(results, "wait_for", close)
     lake = proposed_lake(tmp_path)
     answer = Fast(capsys)("view", "quick", "--lake", lake)
     assert answer.status == 0

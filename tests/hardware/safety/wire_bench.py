@@ -99,8 +99,8 @@ def open_firmware_rig(image=IMAGE, pace=PACE):
     write_settings(SerialTransport(board.port), clock)
     gantry = BoardGantry(board)
 
-    def connect(port):
-        lines.append(FaultyLine(SerialTransport(port)))
+    def connect(port, baud_rate):
+        lines.append(FaultyLine(SerialTransport(port, baud_rate)))
         return lines[-1]
 
     try:

@@ -57,7 +57,7 @@ def test_a_trace_that_cannot_be_used_is_refused_in_one_sentence() -> None:
     broken.force_n[3] = np.nan
     with pytest.raises(UsageError, match="not finite"):
         features_of([broken])
-    with pytest.raises(ValueError, match="differ in shape"):
+    with pytest.raises(UsageError, match="differ in shape"):
         Trace(np.arange(3.0), np.arange(3.0), np.arange(4.0))
 
 

@@ -23,10 +23,9 @@ _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
 _WORLDS = 120  # that are rehearsed
 _EVIDENCE = (
-    "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1). The table "
-    "has it after each effect was fitted in full. Before that, another simulator of the same physics, with nothing "
-    "missing, rarely shows more than 45: more is an alarm, and so are cells that are too far off as a whole. On up to "
-    "20 cells more than 90 after the full fit is an alarm, too."
+    "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1), once an "
+    "effect is fitted in full. Beyond 90, or 25 without the cell that it helps most, it is an alarm; so are 45 before "
+    "the full fit, and cells that are too far off as a whole. Another simulator of the same physics rarely shows more."
 )
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "

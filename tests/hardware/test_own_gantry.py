@@ -36,16 +36,21 @@ def test_a_small_gantry_homes_to_its_own_corner_and_stays_in_its_own_box():
             gantry.move_to(x_mm=801.0)
 
 
+def _name_devices(at, modbus_time_out_s):
+    """A bench file of virtual devices."""
+    return BenchSettings(
+        serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port,
+        transmitter_host=at.transmitter_host, transmitter_port=at.transmitter_port,
+        modbus_time_out_s=modbus_time_out_s, stale_after_s=0.0,
+    )  # fmt: skip
+
+
 def test_the_bench_file_says_what_the_controller_must_have():
     clock = VirtualClock()
     with open_virtual_servers(QUIET, TOOLS, physics, clock) as virtual:
         virtual.grbl._machine.settings.update({110: 6000.0})
         at = virtual.endpoints
-        lab = BenchSettings(
-            serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port,
-            transmitter_host=at.transmitter_host, transmitter_port=at.transmitter_port, modbus_time_out_s=5.0,
-            stale_after_s=0.0,
-        )  # fmt: skip
+        lab = _name_devices(at, modbus_time_out_s=5.0)
         with pytest.raises(DeviceError, match=r"\$110 is 6000, profile 12000"), open_real_bench(lab, TOOLS, clock):
             pass
         own = lab.model_copy(update={"gantry_settings": {110: 6000.0}})
@@ -140,11 +145,7 @@ def test_between_two_sessions_somebody_frees_a_virtual_carriage_from_its_limit_s
     clock = ScaledClock(20.0)
     with open_virtual_servers(QUIET, TOOLS, physics, clock) as virtual:
         at = virtual.endpoints
-        settings = BenchSettings(
-            serial_port=at.serial_port, plc_host=at.plc_host, plc_port=at.plc_port,
-            transmitter_host=at.transmitter_host, transmitter_port=at.transmitter_port, modbus_time_out_s=20.0,
-            stale_after_s=0.0,
-        )  # fmt: skip
+        settings = _name_devices(at, modbus_time_out_s=20.0)
         with open_real_bench(settings, TOOLS, clock):
             pass
         until_s = clock.now_s() + 200.0

@@ -31,6 +31,16 @@ def suspected() -> NamingResult:
     return result
 
 
+def test_what_explains_more_than_one_cell_in_full_is_an_alarm_before_its_first_evidence_is() -> None:
+    result = name(RELAXED.model_copy(update={"parameters": {**RELAXED.parameters, "relaxed_share": 0.4}}))
+    signs, lines = result.trials.signs, USUAL.lines
+    assert signs.nats < lines.nats
+    assert signs.full_nats < lines.full_nats
+    assert signs.spread_nats > lines.spread_nats
+    assert result.alarm.is_raised
+    assert result.alarm.over_line == pytest.approx(signs.spread_nats / lines.spread_nats)
+
+
 def chances(hypotheses: tuple[Hypothesis, ...]) -> dict[str, float]:
     found: dict[str, float] = {}
     for one in hypotheses:

@@ -8,6 +8,7 @@ the lift are compared as 16 features: those of calibration, and the rise of the 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -143,9 +144,7 @@ class Surrogate:
         from_bank = [value for value in effects if value.effect in self.effect_surfaces]
         for value in from_bank:
             friction = friction * build_effects([value])[0].friction_of_runs(stiffer)
-        low, high = self.surfaces.lower[0], self.surfaces.upper[0]
-        basis = self.surfaces.rows(np.clip(friction, low, high), float(theta[2]))
-        steps = (basis[:, None] @ self.rows_n)[:, 0]
+        steps = self._find_base(friction, float(theta[2]))
         for value in from_bank:
             against = stiffer / self._find_strength(value)
             change_n = self.effect_surfaces[value.effect].change_n(value.parameters, against, tool, self.column)
@@ -159,6 +158,22 @@ class Surrogate:
             if of_grasps[0].acts_on_traces():
                 steps = self.apply_to_traces(of_grasps, steps)
         return steps
+
+    def _find_base(self, friction: np.ndarray, poisson_ratio: float) -> np.ndarray:
+        """The end of closing and step means at the bank's modulus and frictions of each grasp (n), n x 132.
+
+        The last one is kept: many effects are asked for at one theta.
+        """
+        asked = friction.tobytes(), poisson_ratio
+        if self._last.get("asked") != asked:
+            low, high = self.surfaces.lower[0], self.surfaces.upper[0]
+            basis = self.surfaces.rows(np.clip(friction, low, high), poisson_ratio)
+            self._last.update(asked=asked, steps_n=(basis[:, None] @ self.rows_n)[:, 0])
+        return np.asarray(self._last["steps_n"])
+
+    @cached_property
+    def _last(self) -> dict[str, Any]:
+        return {}
 
     def apply_to_traces(self, effects: Sequence[Effect], steps_n: np.ndarray) -> np.ndarray:
         """Step means with their lead (n x 132) with an effect on traces, each at the timing of its grasp."""

@@ -90,12 +90,11 @@ class Errors:
         peak_n = np.abs(force_n).max(axis=1)[:, None, None]
         moved_n = PLACEMENT_SD_MM * (self.placed_n @ OF_BINS.T) * self.grow(force_n)[:, None]
         relative = (scatter.cell**2 + scatter.repeat**2 / n_repeats)[:, None, None]
-        return np.asarray(
-            scatter.solver**2 * self.solver * peak_n**2
-            + moved_n[:, :, None] * moved_n[:, None]
-            + relative * force_n[:, :, None] * force_n[:, None]
-            + (self.noise + TARE_SD_N**2) / n_repeats[:, None, None]
-        )
+        found = scatter.solver**2 * self.solver * peak_n**2
+        found += moved_n[:, :, None] * moved_n[:, None]
+        found += (relative * force_n[:, :, None]) * force_n[:, None]
+        found += (self.noise + TARE_SD_N**2) / n_repeats[:, None, None]
+        return np.asarray(found)
 
     def cover_contrasts(self, force_n: np.ndarray, scatter: Scatter) -> np.ndarray:
         """Covariances of contrasts of repeats (r x d x d) of cells with these forces (r x d)."""

@@ -35,6 +35,7 @@ _AMPLITUDE_SD = 0.7  # of ln of an effect's amplitude about its start
 _LARGER = 0.1  # step of ln of an amplitude, of a finite difference
 _FINE = 1e-3  # step of the same, of a finite difference
 _LARGEST_AMPLITUDE, _SHORTER = 1.0, 0.85  # first step of the same, and by what factor each next one is shorter at least
+_SMALL = 12  # rows of a triangular matrix that is inverted as a whole
 _AMPLITUDES = (0.05, 1.7)  # of where an effect starts: farther it is not fitted
 
 
@@ -171,28 +172,27 @@ class EvidenceFit:
     def whiten(self, means_n: np.ndarray, contrasts_n: np.ndarray | None = None) -> np.ndarray:
         """Changes of means (k x c x b) and of contrasts (k x r x ...; none by default) over their errors, k x d."""
         found = np.zeros((len(means_n), len(self.gap)))
-        found[:, : self.force_n.size] = np.einsum("cij,kcj->kci", self.mean_roots, means_n).reshape(len(means_n), -1)
+        found[:, : self.force_n.size] = _whiten(self.mean_roots, means_n)
         if contrasts_n is not None:
             found[:, self.of_contrasts] = self.whiten_contrasts(contrasts_n)
         return found
 
     def whiten_contrasts(self, contrasts_n: np.ndarray) -> np.ndarray:
         """Changes of contrasts alone over their errors, k x (r ...)."""
-        found = np.einsum("rij,krj->kri", self.contrast_roots, contrasts_n)
-        return np.asarray(found.reshape(len(contrasts_n), -1))
+        return _whiten(self.contrast_roots, contrasts_n)
 
     def multiply(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of k changes: their products (k x k) and those with the gap (k), what is free integrated out."""
         heavy = white * self.value_weights
-        inner = np.linalg.solve(self._root, self.columns @ heavy.T)
+        inner = self._white_columns @ heavy.T
         return np.asarray(white @ heavy.T - inner.T @ inner), np.asarray(heavy @ self.gap - inner.T @ self._own)
 
     def multiply_contrasts(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same for changes of contrasts alone, k x (r ...)."""
-        columns = self.columns[:, self.of_contrasts]
+        columns = self._white_columns[:, self.of_contrasts]
         products, along = white @ white.T, white @ self.gap[self.of_contrasts]
         if columns.any():
-            inner = np.linalg.solve(self._root, columns @ white.T)
+            inner = columns @ white.T
             products, along = products - inner.T @ inner, along - inner.T @ self._own
         return np.asarray(products), np.asarray(along)
 
@@ -206,8 +206,12 @@ class EvidenceFit:
         return np.linalg.cholesky((self.columns * self.value_weights) @ self.columns.T + np.eye(len(self.columns)))
 
     @cached_property
+    def _white_columns(self) -> np.ndarray:
+        return np.asarray(np.linalg.solve(self._root, self.columns))
+
+    @cached_property
     def _own(self) -> np.ndarray:
-        return np.asarray(np.linalg.solve(self._root, (self.columns * self.value_weights) @ self.gap))
+        return np.asarray(self._white_columns @ (self.value_weights * self.gap))
 
 
 def _weigh_cells(chi: np.ndarray) -> np.ndarray:
@@ -303,17 +307,17 @@ def _weigh(problem: Problem, scatter: Scatter, start: _Start) -> tuple[EvidenceF
     from_prior = np.zeros(len(columns))
     from_prior[:3] = np.array([np.log(theta[0] / start.began[0]), *(theta[1:] - start.began[1:])]) / _PRIOR_SD
     from_prior[3 : 3 + len(moduli)] = moduli / TOOL_SD
-    gap = np.einsum("cij,cj->ci", roots, problem.means_n - force_n)
+    gap = _whiten(roots, (problem.means_n - force_n)[None])[0].reshape(force_n.shape)
     known_n = problem.predict_contrasts(theta, effects)
-    of_contrasts = np.einsum("rij,rj->ri", contrast_roots, problem.contrasts_n - known_n).ravel()
-    white = np.einsum("cij,kcj->kci", roots, columns).reshape(len(columns), -1)
-    white_contrasts = np.einsum("rij,krj->kri", contrast_roots, contrast_columns).reshape(len(columns), -1)
+    of_contrasts = _whiten(contrast_roots, (problem.contrasts_n - known_n)[None])[0]
+    white, white_contrasts = _whiten(roots, columns), _whiten(contrast_roots, contrast_columns)
     of_facts, white_facts, fact_weights = _list_facts(problem, effects, scales, len(columns))
     white = np.concatenate([white, white_contrasts, white_facts], axis=1)
     all_gap = np.concatenate([gap.ravel(), of_contrasts, of_facts])
-    heavy = white * _spread_weights(weights, len(all_gap))
-    precision = heavy @ white.T + np.eye(len(white))
-    moved = np.linalg.solve(precision, heavy @ all_gap - from_prior)
+    root_weights = np.sqrt(_spread_weights(weights, len(all_gap)))
+    heavy = white * root_weights
+    precision = heavy @ heavy.T + np.eye(len(white))
+    moved = np.linalg.solve(precision, heavy @ (root_weights * all_gap) - from_prior)
     left = all_gap - moved @ white
     chi = (left[: gap.size].reshape(gap.shape) ** 2).sum(axis=1)
     cell_nats = -0.5 * (TAILS + N_BINS) * np.log1p(chi / TAILS)
@@ -363,9 +367,27 @@ def _list_facts(
     return weights * rest, weights * columns, weights
 
 
+def _whiten(roots: np.ndarray, changes_n: np.ndarray) -> np.ndarray:
+    """Changes (k x m x b) times the matrices of their parts (m x b x b), k x (m b)."""
+    found = (roots @ changes_n.transpose(1, 2, 0)).transpose(2, 0, 1)
+    return np.asarray(found.reshape(len(changes_n), -1))
+
+
 def _invert(covariances: np.ndarray) -> np.ndarray:
-    """Matrices that whiten values with these covariances."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariances)))
+    """Matrices (m x b x b) that whiten values with these covariances."""
+    return _invert_lower(np.linalg.cholesky(covariances))
+
+
+def _invert_lower(roots: np.ndarray) -> np.ndarray:
+    """Inverses of lower triangular matrices (m x b x b), by halves: those of the halves, and what joins them."""
+    n = roots.shape[-1]
+    if n <= _SMALL:
+        return np.asarray(np.linalg.inv(roots))
+    half, found = n // 2, np.zeros_like(roots)
+    first, last = _invert_lower(roots[:, :half, :half]), _invert_lower(roots[:, half:, half:])
+    found[:, :half, :half], found[:, half:, half:] = first, last
+    found[:, half:, :half] = -last @ (roots[:, half:, :half] @ first)
+    return found
 
 
 def _list_columns(

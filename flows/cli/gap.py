@@ -11,6 +11,7 @@ from fast.flows.cli.campaign import open_lake, resolve_campaign
 from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, show, table_text
 from fast.flows.cli.live import open_reporter
 from fast.models.errors import UsageError
+from fast.models.gap.evidence import REHEARSED
 from fast.models.units import spell_share
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 app = make_app(name="gap", help="Find where simulation and measurement disagree, name what is missing, add it.")
 _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
-_WORLDS = 120  # that are rehearsed
 _EVIDENCE = (
     "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1), once an "
     "effect is fitted in full. Beyond 90, or 25 without the cell that it helps most, it is an alarm; so are 45 before "
@@ -64,7 +64,7 @@ def gap(
     ] = None,
     rehearse: Annotated[
         int, Parameter(help="Made-up worlds that say what could still hide.", validator=Number(gte=8, lte=10_000))
-    ] = _WORLDS,
+    ] = REHEARSED,
     simulated: Annotated[
         Path | None,
         Parameter(
@@ -158,7 +158,7 @@ def plan_(
         int | None,
         Parameter(help="On how many objects, of different classes; default: 6, or all.", validator=_AT_LEAST_ONE),
     ] = None,
-    rehearse: Annotated[int, Parameter(help="Made-up worlds.", validator=Number(gte=8, lte=10_000))] = _WORLDS,
+    rehearse: Annotated[int, Parameter(help="Made-up worlds.", validator=Number(gte=8, lte=10_000))] = REHEARSED,
     workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=_AT_LEAST_ONE)] = 2,
     json: AsJson = False,
 ) -> None:

@@ -20,6 +20,7 @@ from fast.lake.tables.catalogue_rows import append_version
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import FastError
 from fast.models.gap.data import GapData
+from fast.models.gap.evidence import REHEARSED
 from fast.models.gap.findings import Findings, Verdict
 from fast.models.ids import content_id
 from fast.models.records import EffectValue
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
 
 MOST_ROUNDS = 4
 MOST_ASKED = 24  # grasps, as usual and changed
-REHEARSED = 120  # made-up worlds of the panel: half a minute
 
 
 class UnfinishedError(FastError):
@@ -180,7 +180,7 @@ def _prepare(lake: Lake, order: GapOrder) -> _Search:
     settings = {
         "rounds": order.rounds,
         "seed": order.seed,
-        **({} if order.rehearsed == REHEARSED else {"rehearsed": order.rehearsed}),
+        "rehearsed": order.rehearsed,
         **order.settings.model_dump(mode="json", exclude={"workers"}),
     }
     return _Search(order, split, measured, version, make_gap_id(measured, version, split, settings))

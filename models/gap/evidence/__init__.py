@@ -7,3 +7,5 @@ placements and sensors differ by. `likelihood`: theta, moduli and variants fitte
 leave. `worlds` and `rehearsal`: made-up worlds of the panel at hand, answered as the real one; `odds`: what is
 learnt from them. `visible`: how large an effect must be to be seen.
 """
+
+REHEARSED = 500  # made-up worlds of a panel, unless others are asked for

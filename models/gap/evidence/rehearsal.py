@@ -47,8 +47,9 @@ class Named:
 class Rehearsed:
     """What the likelihood said of a world.
 
-    cause, family, size: of what is hidden, the family empty where the catalogue has none. named: the name of an alarm;
-    left_out: the one that it would have had the catalogue nothing of the family that is hidden.
+    cause, family, size: of what is hidden, the family empty where the catalogue has none; second: the family of another
+    effect beside it. named: the name of an alarm; left_out: the one that it would have had the catalogue nothing of the
+    family that is hidden.
     """
 
     group: Group
@@ -58,6 +59,7 @@ class Rehearsed:
     size: float = 0.0
     named: Named | None = None
     left_out: Named | None = None
+    second: str = ""
 
 
 @dataclass(frozen=True)
@@ -134,8 +136,8 @@ class Rehearsal:
     def tell_families(self) -> list["FamilyTold"]:
         """Of each family that was hidden, how often it raised an alarm and got which name, by the words of families."""
         found = []
-        for family in sorted({one.family for one in self.worlds if one.family}):
-            own = [one for one in self.worlds if one.family == family]
+        for family in sorted({one.family for one in self.worlds if one.family and not one.second}):
+            own = [one for one in self.worlds if one.family == family and not one.second]
             alarms = [one for one in own if self.is_alarm(one.signs)]
             names = [self._tell_name(one) for one in alarms]
             others = [name for name in names if name not in (family, "")]
@@ -241,11 +243,12 @@ def rehearse_world(panel: Panel, number: int) -> Rehearsed:
     fit = fit_evidence(panel.problem.measured(world.steps_n, world.facts))
     weighed = weigh_candidates(fit, names)
     own, trials = _find_family(panel.families, world), Trials.of(fit, weighed, panel.families)
-    said = Rehearsed(world.group, trials.signs, world.cause, own, world.size)
+    second = panel.families.get(world.second, "")
+    said = Rehearsed(world.group, trials.signs, world.cause, own, world.size, second=second)
     # A name is asked for where the real panel would: beyond the least lines at least.
     if world.group == NOTHING or trials.signs.measure_over(LEAST) < 1.0:
         return said
-    left_out = _name(trials.without(own), panel.families, world) if own else None
+    left_out = _name(trials.without(own), panel.families, world) if own and not second else None
     return replace(said, named=_name(trials, panel.families, world), left_out=left_out)
 
 
@@ -258,8 +261,8 @@ def _name(trials: Trials, families: Mapping[str, str], world: World) -> Named | 
     return Named(
         name=best.effect,
         description=tuple(looked.describe().tolist()),
-        is_right=best.family == _find_family(families, world),
-        behind=None if true_nats is None else 1.0 - true_nats / best.nats,
+        is_right=best.family in (_find_family(families, world), families.get(world.second)),
+        behind=None if true_nats is None or world.second else 1.0 - true_nats / best.nats,
     )
 
 

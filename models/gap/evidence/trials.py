@@ -25,8 +25,9 @@ from fast.models.gap.evidence.likelihood import EvidenceFit, add_effect
 from fast.models.records import EffectValue
 
 N_FAMILIES, N_OF_FAMILY = 3, 3  # that are tried: the most evident families, and effects of each
+NEEDED_NATS = 3.0  # of an effect in the simulator: with less evidence than that it is not needed
 _N_BESIDES = 6  # effects of other families that are weighed beside the best: the most evident ones
-N_DESCRIBED = 4
+N_DESCRIBED = 5
 _USUAL_NATS = 100.0
 # An effect whose law would have to go farther than one law in a hundred goes, is another one that has its form alone.
 LARGEST_DEPARTURE = float(chdtri(N_KNOTS, 0.01))
@@ -63,6 +64,7 @@ class Trial:
     """An effect in the simulator. nats: its evidence over nothing; spread_nats: that without the cell it helps most.
 
     left: what there is most evidence for besides, only what is no effect of its family; empty until it is looked for.
+    second: the effect that it leaves most for, in the simulator beside it; None if there is none.
     """
 
     effect: str
@@ -71,6 +73,7 @@ class Trial:
     spread_nats: float
     fit: EvidenceFit
     left: tuple[Candidate, ...] = ()
+    second: "Trial | None" = None
 
     @property
     def value(self) -> EffectValue:
@@ -137,17 +140,33 @@ class Trials:
         if not self.tried or self.tried[0].left:
             return self
         best = self.tried[0]
-        seen = [one.name for one in self.weighed if one.kind == "effect"]
-        others = [name for name in seen if families.get(name) not in (None, best.family, *self.missing)][:_N_BESIDES]
-        drifts = weigh_drifts(best.fit)
-        # Where what is changed by the best itself changes from grasp to grasp, lesser drifts only look like that.
-        own = max((one.nats for one in drifts if families.get(one.effect) == best.family), default=0.0)
-        lesser = [one for one in drifts if one.nats <= own]
-        effects = [one for one in weigh_effects(best.fit, others) if not has_memory(one.name) or one.nats > own]
-        patterns = [*weigh_patterns(best.fit), *weigh_quantities(best.fit)]
-        left = [*effects, *patterns, *(one for one in drifts if one not in lesser)]
-        looked = replace(best, left=tuple(sorted(left, key=lambda one: -one.nats)))
+        looked = replace(best, left=self._list_left(best.fit, families, (best.family,)))
+        looked = replace(looked, second=self._try_beside(looked, families))
         return replace(self, tried=(looked, *self.tried[1:]))
+
+    def _try_beside(self, best: Trial, families: Mapping[str, str]) -> Trial | None:
+        """The effect that the best leaves most for, beside it; None if that explains nothing, or is refused."""
+        one = next((one for one in best.left if one.value is not None), None)
+        if one is None or one.value is None or one.nats < NEEDED_NATS:
+            return None
+        both = add_effect(best.fit, one.value)
+        nats = both.nats - best.fit.nats
+        second = Trial(one.name, families[one.name], nats, nats, both)
+        known = best.family, second.family
+        return None if second.is_refused else replace(second, left=self._list_left(both, families, known))
+
+    def _list_left(self, fit: EvidenceFit, families: Mapping[str, str], known: Sequence[str]) -> tuple[Candidate, ...]:
+        """What there is evidence for besides the families `known`, whose effects the fit has; the most first."""
+        seen = [one.name for one in self.weighed if one.kind == "effect"]
+        others = [name for name in seen if families.get(name) not in (None, *known, *self.missing)][:_N_BESIDES]
+        drifts = weigh_drifts(fit)
+        # Where what is changed by an effect itself changes from grasp to grasp, lesser drifts only look like that.
+        own = max((one.nats for one in drifts if families.get(one.effect) in known), default=0.0)
+        lesser = [one for one in drifts if one.nats <= own]
+        effects = [one for one in weigh_effects(fit, others) if not has_memory(one.name) or one.nats > own]
+        patterns = [*weigh_patterns(fit), *weigh_quantities(fit)]
+        left = [*effects, *patterns, *(one for one in drifts if one not in lesser)]
+        return tuple(sorted(left, key=lambda one: -one.nats))
 
     def find(self, effect: str) -> Trial:
         """The trial of an effect that was tried."""
@@ -163,19 +182,22 @@ class Trials:
 
         The evidence of the best effect, as far as more of it says more; the mean share of it that is left for a
         pattern, a quantity, and another effect; the evidence of the best effect of another family, or of one that is
-        refused, as such a share; and by how much what is left for a pattern would be an alarm of its own.
+        refused, as such a share; by how much what is left for a pattern would be an alarm of its own; and the share of
+        a second effect beside the best. With a second, what is left is what both leave.
         """
         best = self.tried[0]
         others = [trial.nats for trial in self.tried if trial.family != best.family]
         second = max([*others, *(trial.nats for trial in self.refused)], default=0.0)
+        last, beside = best.second or best, 0.0 if best.second is None else best.second.nats
         nats = max(best.nats, 1.0)
-        left = np.array([best.left_patterns_nats, best.left_quantities_nats, best.left_effects_nats])
+        left = np.array([last.left_patterns_nats, last.left_quantities_nats, last.left_effects_nats])
         return np.array(
             [
                 min(np.log(nats / _USUAL_NATS), 1.0),
                 np.log(np.clip(left / nats, _LEAST_SHARE, _MOST_SHARE)).mean(),
                 np.log(np.clip(second / nats, _LEAST_SHARE, _MOST_SHARE)),
-                np.log(max(best.left_patterns_nats / LEAST.nats, 1.0)),
+                np.log(max(last.left_patterns_nats / LEAST.nats, 1.0)),
+                np.log(np.clip(beside / nats, _LEAST_SHARE, _MOST_SHARE)),
             ]
         )
 

@@ -2,8 +2,9 @@
 
 A world has the lab's own tools, objects, repeats, order and noise. Every other one hides nothing but another mesh,
 contact, placement and prints. The others hide, in turn, an effect of the catalogue, by its own law or by one that
-differs along the lift and from print to print, and a cause of no catalogue: a force or factor of all grasps, objects,
-tools or single cells, or a drift. Sizes are drawn from a hundredth to a fifth of the force.
+differs along the lift, from print to print and from object to object, and a cause of no catalogue: a force or factor
+of all grasps, objects, tools or single cells, or a drift. A third of the worlds with an effect hides a second one, of
+another family. Sizes are drawn from a hundredth to a fifth of the force.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +21,7 @@ from fast.models.gap.evidence.reading import KNOTS_MM, OF_BINS, compute_rms
 from fast.models.gap.fit.law_freedom import LAW_SD
 from fast.models.gap.fit.recalibrate import TOOL_SD
 from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import N_STEPS, STEP_MM
 
 SCATTER = Scatter()  # of cells and repeats of made-up worlds
@@ -28,6 +30,7 @@ _SOLVER_SD = 0.4  # of ln of how many times larger than the bank's variants a so
 _OTHER_SOLVER = 0.3  # of what a variant changes: by how much another solver differs from cell to cell and over the lift
 _MODULUS_SD = 0.25  # of ln E
 _INNER = 0.1  # of the grid: thetas lie farther from its ends
+_PAIRS = 1.0 / 3.0  # of worlds with an effect: they hide two
 _LEAST_ERROR = 0.01  # of the peak: what no likelihood weighs finer, when theta is fitted to a change
 
 Group = Literal["nothing", "listed", "unlisted"]
@@ -41,8 +44,8 @@ _LIFT_MM = STEP_MM * (np.arange(N_STEPS) + 0.5)
 class World:
     """A made-up world. steps_n: n x 120. cause: an effect or a kind of unlisted cause, empty for nothing.
 
-    facts: as persons would measure them there.
-    size: root mean square of what it changes and theta and prints cannot make up for, as a share of the force.
+    second: another effect beside it, mostly empty. facts: as persons would measure them there.
+    size: root mean square of what is changed and theta and prints cannot make up for, as a share of the force.
     """
 
     group: Group
@@ -50,6 +53,7 @@ class World:
     cause: str = ""
     size: float = 0.0
     facts: tuple[Fact, ...] = ()
+    second: str = ""
 
 
 def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator, number: int) -> World:
@@ -57,23 +61,30 @@ def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator,
     theta = _draw_theta(problem, rng)
     base_n = problem.predict_steps(theta, problem.effects)
     group = (NOTHING, LISTED, NOTHING, UNLISTED)[number % 4]
-    cause, change_n, hidden = "", np.zeros_like(base_n), list(problem.effects)
-    size = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
+    cause, second, change_n, hidden = "", "", np.zeros_like(base_n), list(problem.effects)
+    size = _draw_size(rng)
     if group == LISTED:
         cause = names[(number // 4) % len(names)]
-        has_other_law = rng.uniform() < 0.5
-        value = _draw_effect(problem, theta, base_n, cause, size, rng)
-        change_n = problem.predict_steps(theta, [*problem.effects, value]) - base_n
-        hidden.append(value)
-        if has_other_law:
-            change_n = change_n * _draw_law(problem, rng)
+        if rng.uniform() < _PAIRS:
+            others = [name for name in names if CATALOGUE[name].family != CATALOGUE[cause].family]
+            second = others[int(rng.integers(len(others)))] if others else ""
+        for name, own in ((cause, size), (second, _draw_size(rng))) if second else ((cause, size),):
+            has_other_law = rng.uniform() < 0.5
+            value = _draw_effect(problem, theta, base_n, name, own, rng)
+            own_n = problem.predict_steps(theta, [*hidden, value]) - problem.predict_steps(theta, hidden)
+            hidden.append(value)
+            change_n = change_n + (own_n * _draw_law(problem, rng) if has_other_law else own_n)
     elif group == UNLISTED:
         cause = tuple(_UNLISTED)[(number // 4) % len(_UNLISTED)]
         change_n = _UNLISTED[cause](_Draw.of(problem, base_n, rng))
         change_n = change_n * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9)
     steps_n = _measure(problem, base_n + change_n, base_n, rng)
     visible = _measure_visible(problem, theta, base_n, change_n) if cause else 0.0
-    return World(group, steps_n, cause, visible, tuple(fact.draw(hidden, rng) for fact in problem.facts))
+    return World(group, steps_n, cause, visible, tuple(fact.draw(hidden, rng) for fact in problem.facts), second)
+
+
+def _draw_size(rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
 
 
 def _measure_visible(problem: Problem, theta: np.ndarray, base_n: np.ndarray, change_n: np.ndarray) -> float:
@@ -155,8 +166,11 @@ def _draw_law(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     """By what factor another law of an effect changes more, n x 120."""
     reading = problem.reading
     along = _draw_smooth(rng, 1)
-    tools = rng.standard_normal(len(reading.grasps.tools))[reading.grasps.tool][:, None]
-    return np.asarray(1.0 + LAW_SD * (along + tools))
+    tools, objects = (
+        rng.standard_normal(len(all_own))[own][:, None]
+        for all_own, own in ((reading.grasps.tools, reading.grasps.tool), (reading.grasps.objects, reading.grasps.obj))
+    )
+    return np.asarray(1.0 + LAW_SD * (along + tools + objects))
 
 
 @dataclass(frozen=True, eq=False)

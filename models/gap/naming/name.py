@@ -10,15 +10,13 @@ from fast.models.gap.evidence.candidates import weigh_candidates
 from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, fit_evidence
 from fast.models.gap.evidence.reading import compute_rms
 from fast.models.gap.evidence.rehearsal import Rehearsal
-from fast.models.gap.evidence.trials import Trials
+from fast.models.gap.evidence.trials import NEEDED_NATS, Trials
 from fast.models.gap.findings import NONE, UNKNOWN, Candidate, Decision
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.recalibrate import recalibrate
 from fast.models.gap.naming.decide import Decider
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
-
-_DROPPED_NATS = 3.0  # of an effect in the model: with less evidence than that it is no longer needed
 
 
 @dataclass(frozen=True)
@@ -175,6 +173,6 @@ def _drop_effects(fit: EvidenceFit) -> tuple[str, ...]:
     for value in fit.problem.effects:
         others = [other for other in fit.problem.effects if other is not value]
         without = fit_evidence(Problem.of(fit.problem.surrogate, others, fit.problem.facts))
-        if fit.nats - without.nats < _DROPPED_NATS:
+        if fit.nats - without.nats < NEEDED_NATS:
             dropped.append(value.effect)
     return tuple(dropped)

@@ -67,7 +67,7 @@ def test_what_is_hidden_is_named(effect: str) -> None:
 
 def test_a_name_that_is_less_probable_than_not_is_unknown(lag: NamingResult) -> None:
     """Its size, where it is, and which effect comes nearest are said."""
-    doubtful = replace(lag.decider, rehearsal=replace(USUAL, name=Odds((-0.1, 0.0, 0.0, 0.0, 0.0))))
+    doubtful = replace(lag.decider, rehearsal=replace(USUAL, name=Odds((-0.1, 0.0, 0.0, 0.0, 0.0, 0.0))))
     decision, chance = doubtful.decide(0.9, is_alarm=True)
     assert decision.kind == "unknown"
     assert decision.probability == pytest.approx(0.9 * (1.0 - chance))
@@ -81,7 +81,7 @@ def test_what_nine_in_ten_rehearsed_alarms_do_not_exclude_is_possible(lag: Namin
         log_odds = float(np.log(name / (1.0 - name)))
         rehearsal = replace(
             USUAL,
-            name=Odds((log_odds, 0.0, 0.0, 0.0, 0.0)),
+            name=Odds((log_odds, 0.0, 0.0, 0.0, 0.0, 0.0)),
             possible_name=possible_name,
             possible_unknown=possible_unknown,
         )

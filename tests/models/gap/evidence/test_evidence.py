@@ -157,7 +157,27 @@ def test_an_effect_on_trial_is_fitted_with_everything_else(worlds: Worlds) -> No
     assert described[0] == pytest.approx(min(np.log(best.nats / 100.0), 1.0))
     assert (described[1:3] <= np.log(2.0)).all()
     assert described[3] == 0.0
+    assert described[4] < np.log(0.05)  # hardly anything beside it is needed
     assert looked.left_quantities_nats > 0.1 * best.nats > best.left_quantities_nats
+
+
+def test_a_second_effect_is_tried_beside_the_best(worlds: Worlds) -> None:
+    """What either of two leaves is the other, so it says nothing against a name; both together leave nothing."""
+    problem = _hide(worlds, "load_cell_lag")
+    problem = problem.measured(problem.surrogate.grasps.steps_n + 0.6)
+    names = ("load_cell_lag", "load_cell_offset", "object_edge_radius")
+    families = {name: CATALOGUE[name].family for name in names}
+    fit = fit_evidence(problem)
+    trials = Trials.of(fit, weigh_candidates(fit, names), families).look_after_best(families)
+    best = trials.tried[0]
+    assert best.second is not None
+    assert {best.effect, best.second.effect} == {"load_cell_lag", "load_cell_offset"}
+    assert best.second.nats > 20.0
+    assert best.second.left_effects_nats < 0.2 * best.left_effects_nats
+    described = trials.describe()
+    assert described[4] == pytest.approx(np.log(best.second.nats / best.nats))
+    alone = replace(trials, tried=(replace(best, second=None), *trials.tried[1:])).describe()
+    assert described[1] < alone[1]
 
 
 @pytest.mark.parametrize("start", [0.5, 1.5])
@@ -293,8 +313,8 @@ def test_what_could_still_hide_has_a_size() -> None:
 def test_names_are_learnt_from_what_was_right_and_what_was_not() -> None:
     """Half of what is hidden is in no catalogue, whatever was drawn; and the table says what was taken for what."""
     lag, weight = (CATALOGUE[name].family for name in ("load_cell_lag", "tool_weight"))
-    right = Named("load_cell_lag", (1.0, -3.0, -1.0, 0.0), is_right=True, behind=0.02)
-    wrong = Named("tool_weight", (1.0, 0.0, -1.0, 1.0), is_right=False)
+    right = Named("load_cell_lag", (1.0, -3.0, -1.0, 0.0, -3.9), is_right=True, behind=0.02)
+    wrong = Named("tool_weight", (1.0, 0.0, -1.0, 1.0, -3.9), is_right=False)
     worlds = [
         Rehearsed("nothing", Signs(5.0, 1.0)),
         *[Rehearsed("listed", Signs(300.0, 1.0), "load_cell_lag", lag, 0.05, right, wrong)] * 12,
@@ -308,6 +328,8 @@ def test_names_are_learnt_from_what_was_right_and_what_was_not() -> None:
     (told,) = rehearsal.tell_families()
     assert (told.family, told.n, told.n_alarms, told.n_right, told.n_unknown) == (lag, 13, 12, 12, 0)
     assert told.seen_size == 0.05
+    pair = Rehearsed("listed", Signs(300.0, 1.0), "load_cell_lag", lag, 0.05, right, second=weight)
+    assert Rehearsal.of([*worlds, pair]).tell_families() == [told]  # what became of single ones
     other = Rehearsal.of([replace(one, named=replace(wrong, is_right=True)) if one.family else one for one in worlds])
     assert other.tell_families()[0].taken_for in ((weight,), ())
 
@@ -365,6 +387,16 @@ def test_made_up_worlds_are_the_same_for_a_seed_and_hide_in_turn(problem: Proble
     assert made[5].cause == "object_edge_radius"
     assert all(one.size == 0.0 for one in made[::2])
     assert all(0.001 < one.size < 0.3 for one in made[1::2])
+
+
+def test_a_third_of_the_worlds_with_an_effect_hides_another_beside_it(problem: Problem) -> None:
+    names = ("load_cell_offset", "tool_weight", "load_cell_lag")
+    made = [make_world(problem, names, np.random.default_rng([3, n]), n) for n in range(1, 241, 4)]
+    seconds = [one for one in made if one.second]
+    assert 10 <= len(seconds) <= 30
+    assert all(CATALOGUE[one.second].family != CATALOGUE[one.cause].family for one in seconds)
+    alone = [make_world(problem, names[:2], np.random.default_rng([3, n]), n).second for n in range(1, 241, 4)]
+    assert not any(alone)  # of one family
 
 
 def test_worlds_have_the_effects_of_the_model(worlds: Worlds) -> None:

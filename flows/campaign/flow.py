@@ -23,7 +23,6 @@ from fast.flows.campaign.events import announce_measured
 from fast.flows.campaign.gap_step import close_gap
 from fast.flows.campaign.loops import BenchLoop, CampaignRun, SimulationLoop
 from fast.flows.campaign.night import begin_night
-from fast.flows.campaign.page import CampaignPage
 from fast.flows.memory import give_memory_back
 from fast.flows.server.run_process import RunningProcess
 from fast.lake.maintenance import compact_all
@@ -76,23 +75,17 @@ def run_flow(
 
 def _run_stages(run: CampaignRun, finish: Callable[[], None]) -> bool:
     campaign = run.campaign
-    page = CampaignPage(campaign)
-    try:
-        for stage in range(campaign.config.schedule.n_stages):
-            if has_stopped(campaign, stage):
-                run.reporter.announce(describe_stop(campaign))
-                break
-            if not run_stage(run, stage, page.update) or not close_gap(
-                run, stage, partial(_next_event, run, page.update)
-            ):
-                return False
-        finish()
-        return True
-    finally:
-        page.update(now=True)
+    for stage in range(campaign.config.schedule.n_stages):
+        if has_stopped(campaign, stage):
+            run.reporter.announce(describe_stop(campaign))
+            break
+        if not run_stage(run, stage) or not close_gap(run, stage, partial(_next_event, run)):
+            return False
+    finish()
+    return True
 
 
-def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> bool:
+def run_stage(run: CampaignRun, stage: int) -> bool:
     """One stage: its tools and its simulations, side by side. False when asked to stop before the end.
 
     Where the simulator version is new, a night comes first, in which designs are simulated with it.
@@ -103,7 +96,7 @@ def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> boo
     campaign = run.campaign
     if night is not None:
         run.reporter.announce(night.say_plan())
-        _run_loops(run, BenchLoop(run, []), night, on_event)
+        _run_loops(run, BenchLoop(run, []), night)
         if run.should_stop():
             return False
         run.reporter.announce(night.close().sentence)
@@ -112,16 +105,16 @@ def run_stage(run: CampaignRun, stage: int, on_event: Callable[[], None]) -> boo
         started_s = time.monotonic()
         steps.propose_batch(f"B{batches[-1]:02d}", unmapped(campaign), stage)
         run.pace.note_between(time.monotonic() - started_s, len(batches))
-    _run_loops(run, BenchLoop(run, batches), SimulationLoop(run, stage), on_event)
+    _run_loops(run, BenchLoop(run, batches), SimulationLoop(run, stage))
     if not run.should_stop():
         _close_stage(campaign, stage)
     return not run.should_stop()
 
 
-def _run_loops(run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop, on_event: Callable[[], None]) -> None:
+def _run_loops(run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop) -> None:
     """Let both loops work until they are idle; what went wrong is raised then."""
     try:
-        error = _drive(run, bench, simulations, on_event)
+        error = _drive(run, bench, simulations)
     except BaseException:
         # Prefect waits for the tasks that run, so they must hear that this is the end.
         run.stopping.set()
@@ -130,9 +123,7 @@ def _run_loops(run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop, 
         raise error
 
 
-def _drive(
-    run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop, on_event: Callable[[], None]
-) -> FastError | None:
+def _drive(run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop) -> FastError | None:
     """Advance both loops until they are idle; the first failure stops new work and is returned."""
     error: FastError | None = None
     while True:
@@ -147,7 +138,7 @@ def _drive(
             continue
         if not (is_bench_busy or are_simulations_busy):
             return error
-        future = _next_event(run, on_event)
+        future = _next_event(run)
         try:
             if not bench.finish(future):
                 simulations.finish(future)
@@ -156,10 +147,9 @@ def _drive(
             run.stopping.set()
 
 
-def _next_event(run: CampaignRun, on_wait: Callable[[], None]) -> PrefectFuture[Any]:
+def _next_event(run: CampaignRun) -> PrefectFuture[Any]:
     """The next future that is finished; requests of people are heard meanwhile."""
     while True:
-        on_wait()
         verb = run.requested_verb()
         if verb is not None:
             run.ask(verb)

@@ -9,7 +9,7 @@ from fast.models.gap.findings import Verdict
 from fast.models.records import Record
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.simulator_versions import count_seconds, find_decision, find_newest_decision
+from fast.tasks.campaign.simulator_versions import count_seconds, find_decision
 from fast.tasks.gap.findings import KIND as GAP_ENDED
 from fast.tasks.gap.findings import GapRun
 from fast.tasks.scientist.observe import means_of_simulations, means_of_tools
@@ -92,19 +92,6 @@ def read_verdicts(lake: Lake, campaign_id: str) -> list[Verdict]:
     rows = [row for row in lake.records(EventRow, kind=GAP_ENDED) if row.campaign_id in ("", campaign_id)]
     verdicts = [GapRun.model_validate(row.payload).findings.verdict for row in rows]
     return [verdict for verdict in verdicts if verdict is not None]
-
-
-def describe_nights(campaign: Campaign) -> list[str]:
-    """A sentence for each night with a new simulator, and for the one that is under way."""
-    nights = read_nights(campaign.lake, campaign.campaign_id)
-    told = [f"Night before B{night.batch:02d}: {night.sentence}." for night in nights]
-    decision = find_newest_decision(campaign)
-    if decision is None or not decision.reruns or decision.stage in {night.stage for night in nights}:
-        return told
-    state, batch = campaign.state(), campaign.config.schedule.batches_of(decision.stage)[-1]
-    n_done = sum(not state.missing_objects(design_id, campaign.object_ids) for design_id in decision.reruns)
-    n_all = len(decision.reruns)
-    return [*told, f"Night before B{batch:02d}: {n_done} of {n_all} designs are simulated with {decision.version_id}."]
 
 
 def end_night(campaign: Campaign, old: SimulatorVersion, stage: int) -> Night:

@@ -274,16 +274,6 @@ def rank_tools(lake: Lake, campaign_id: str) -> list[dict[str, Any]]:
     return lake.query(_RANKING, [campaign_id]).to_pylist()
 
 
-def format_ranking(tools: list[dict[str, Any]]) -> str:
-    """The ranking as a Markdown table."""
-    head = "| tool | batch | tool quality (N) | objects | grasps |\n| --- | --- | --- | --- | --- |"
-    rows = [
-        f"| {t['tool_id']} | {t['batch']} | {t['tool_quality_n']:.2f} | {t['n_objects']} | {t['n_grasps']} |"
-        for t in tools
-    ]
-    return "\n".join([head, *rows])
-
-
 def load_designs(lake: Lake) -> dict[str, Design]:
     """All designs of the lake by id."""
     return {row.design_id: row.design for row in lake.records(DesignRow)}

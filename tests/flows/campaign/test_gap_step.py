@@ -12,11 +12,8 @@ from typing import Any
 import pytest
 
 from fast.flows.campaign import gap_step
-from fast.flows.campaign.forecast import Forecast
 from fast.flows.campaign.gap_step import close_gap
-from fast.flows.campaign.page import format_page
 from fast.flows.campaign.process import with_run_page
-from fast.flows.campaign.progress import Workload
 from fast.flows.campaign.status import describe_state
 from fast.flows.gap.scheduled import search_and_tell
 from fast.flows.gap.search import UnfinishedError
@@ -28,7 +25,6 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow
 from fast.models.errors import UsageError
-from fast.models.gap.ask.answers import Reading
 from fast.models.records import GraspSetup
 from fast.tasks.bench import mount, mounting
 from fast.tasks.bench.asked import read_open_requests
@@ -37,8 +33,7 @@ from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import GAP_LEASE, lease_name
 from fast.tasks.campaign.settings import GapSettings
-from fast.tasks.gap.readings import write_reading
-from tests.flows.campaign.made_up_search import ask_person, search_made_up
+from tests.flows.campaign.made_up_search import search_made_up
 from tests.flows.campaign.test_campaign import ROOT
 from tests.studies.benchmarks.fingerprints import fingerprint
 from tests.studies.benchmarks.made_up_batch import Batch, measure_missing
@@ -66,9 +61,6 @@ world = "world.toml"
 [execution]
 simulation_workers = 1
 """
-
-
-SEEN = (Workload(8, 8, 0, 0), Forecast(None, None), [], "")  # what else a page tells
 
 
 class KilledError(Exception):
@@ -231,33 +223,6 @@ def test_two_tools_do_not_hang_in_one_slot(campaign: Campaign, in_turn: None) ->
     word = mounting.Mounting(search_id=outcome.run.gap_id, slots=slots, operator="ada")
     with pytest.raises(UsageError, match="rack slot 3 is not there or has two tools"):
         mounting.confirm_mounting(campaign.lake, campaign.campaign_id, word)
-
-
-def test_the_page_says_what_was_asked_and_what_came_of_it(campaign: Campaign, in_turn: None) -> None:
-    def read_line() -> str:
-        (line,) = (line for line in format_page(campaign, *SEEN).split("\n\n") if "imulator" in line)
-        return line
-
-    assert read_line() == "No search for what the simulator misses has ended yet."
-    run, wait = make_run(campaign, dies_after=1)
-    with pytest.raises(KilledError):
-        close_gap(run, 0, wait)
-    assert read_line() == "Simulator: set. Asked grasps: 4, made: 1."
-    assert "**The bench is asked:** Lift fast." in format_page(campaign, *SEEN)
-    assert close_gap(*_in_order(make_run(campaign)))
-    assert read_line() == "Simulator: effect. Asked grasps: 4, made: 4. 4 grasps say lag."
-    assert "is asked" not in format_page(campaign, *SEEN)
-    object.__setattr__(campaign, "config", campaign.config.model_copy(update={"gap": GapSettings()}))
-    assert "Asked grasps" not in format_page(campaign, *SEEN)
-
-
-def test_the_page_says_how_a_person_answers_until_it_is_answered(campaign: Campaign) -> None:
-    run = ask_person(campaign.lake, campaign.campaign_id)
-    page = format_page(campaign, *SEEN)
-    assert "**A person is asked:** Please measure the walls." in page
-    assert f"`fast gap answer walls VALUE --campaign {campaign.campaign_id} --operator NAME --lake" in page
-    write_reading(campaign.lake, campaign.campaign_id, run.gap_id, Reading(kind="walls", value=0.1), "ada")
-    assert "is asked" not in format_page(campaign, *SEEN)
 
 
 def _in_order(made: tuple[Any, Callable[[], Any]]) -> tuple[Any, int, Callable[[], Any]]:

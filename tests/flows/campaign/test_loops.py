@@ -45,12 +45,12 @@ class ScriptedLoop:
 def run(monkeypatch):
     import threading
 
-    monkeypatch.setattr(campaign_flow, "_next_event", lambda run, on_wait: object())
+    monkeypatch.setattr(campaign_flow, "_next_event", lambda run: object())
     return SimpleNamespace(campaign=SimpleNamespace(state=lambda: None), stopping=threading.Event())
 
 
 def drive(run, bench, simulations):
-    return campaign_flow._drive(run, bench, simulations, lambda: None)
+    return campaign_flow._drive(run, bench, simulations)
 
 
 def test_the_wheel_turns_until_both_lanes_are_idle(run):

@@ -14,7 +14,7 @@ from fast.lake.tables.campaign import EventRow, ProposalRow, SimulationRow
 from fast.models.gap.findings import Decision, Verdict
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.night_story import describe_nights, end_night, read_nights
+from fast.tasks.campaign.night_story import end_night, read_nights
 from fast.tasks.campaign.settings import NightSettings
 from fast.tasks.campaign.simulator_versions import at_present, list_reruns
 from fast.tasks.campaign.state import NIGHT
@@ -132,8 +132,6 @@ def test_a_night_that_was_killed_goes_on_with_the_same_list(campaign: Campaign, 
     with pytest.raises(KilledError):
         spend_night(campaign, clock, dies_after=7)
     plan = read_plan(campaign)
-    (told,) = describe_nights(at_present(campaign))
-    assert told == f"Night before B02: 7 of 20 designs are simulated with {OTHER.version_id}."
     calibrate(campaign, OTHER, LAGGING)  # news of the night are for the next one
     now, done = spend_night(campaign, clock)
     assert read_plan(campaign) == plan
@@ -200,7 +198,6 @@ def test_the_story_says_what_changed_and_what_is_not_known(campaign: Campaign, c
     angles = [tool.design.rib_angle_deg for tool in now.state().tools]
     assert (night.rank_after == pytest.approx(1.0)) == (angles == sorted(angles))
     assert f"1.00 -> {night.rank_after:.2f}" in night.sentence
-    assert describe_nights(now) == [f"Night before B02: {night.sentence}."]
     (row,) = now.lake.records(EventRow, kind="night")
     assert row.message == night.sentence
 

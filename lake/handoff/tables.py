@@ -4,11 +4,13 @@ import csv
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from fast.models.errors import UsageError
+from fast.models.validation import closest
 
 _MOST_SHOWN = 40  # faults in one message
 _NUMBERS_OF_ROWS = re.compile(r"|unnamed: \d+|__index_level_\d+__")  # what pandas calls them
@@ -55,6 +57,7 @@ class Table:
     name: str
     columns: dict[str, list[str]]
     rows: list[int]
+    decimal: str = "."
 
 
 @dataclass
@@ -79,22 +82,32 @@ class Reader:
             return None
 
 
-def read_csv(reader: Reader, name: str, columns: tuple[str, ...], optional: tuple[str, ...] = ()) -> Table:
+def read_csv(
+    reader: Reader,
+    name: str,
+    columns: tuple[str, ...],
+    optional: tuple[str, ...] = (),
+    ignored: list[str] | None = None,
+    most_rows: int | None = None,
+) -> Table:
     """Cells of a CSV file; an empty table and faults where it cannot be used.
 
     Cells are separated by commas, or by semicolons with commas or points in the numbers, as spreadsheets of many
-    countries do; names of columns may be in capitals.
+    countries do; names of columns may be in capitals. ignored: a list that takes columns that nobody knows; None
+    makes them faults.
     """
     empty = Table(name, {column: [] for column in columns}, [])
+    known = {column.lower(): column for column in columns}
     try:
         with (reader.directory / name).open(encoding="utf-8-sig", newline="") as file:
             first = file.readline()
             separator = find_separator(first)
             lines = csv.reader(chain([first], file), delimiter=separator, strict=True)
-            header = [cell.strip().lower() for cell in next(lines, [])]
-            if not has_columns(reader, name, header, columns, optional):
+            written = [cell.strip().lower() for cell in next(lines, [])]
+            header = [known.get(cell, cell) for cell in written]
+            if not has_columns(reader, name, header, columns, optional, ignored):
                 return empty
-            table = _cells(reader, name, header, lines)
+            table = _cells(reader, name, header, lines, most_rows)
             return _with_points(table) if separator == ";" else table
     except FileNotFoundError:
         reader.fault(name, None, None, None, "is missing; add it to the folder.")
@@ -112,18 +125,26 @@ def find_separator(header: str) -> str:
 
 def _with_points(table: Table) -> Table:
     """The table with decimal points in its numbers."""
+    table.decimal = ","
     for column, cells in table.columns.items():
         table.columns[column] = [c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in cells]
     return table
 
 
-def _cells(reader: Reader, name: str, header: list[str], lines: Any) -> Table:
+def _cells(reader: Reader, name: str, header: list[str], lines: Any, most_rows: int | None) -> Table:
     rows, body = [], []
     for row, line in enumerate(lines, start=2):
         if not any(cell.strip() for cell in line):
             continue
+        if row - 1 == most_rows:
+            reader.fault(name, None, None, None, f"has more than {most_rows} rows; give it in parts.")
+            break
         if len(line) != len(header):
-            reader.fault(name, row, None, None, f"has {len(line)} cells, the header has {len(header)}.")
+            hint = "write 12.5 with a point where commas separate"
+            reader.fault(name, row, None, None, f"has {len(line)} cells, the header has {len(header)}; {hint}.")
+            continue
+        if "\0" in "".join(line):
+            reader.fault(name, row, None, None, "is no text in UTF-8; save the file as CSV in UTF-8.")
             continue
         rows.append(row)
         body.append(line)
@@ -136,9 +157,17 @@ def _cells(reader: Reader, name: str, header: list[str], lines: Any) -> Table:
 
 
 def has_columns(
-    reader: Reader, name: str, header: Sequence[str], columns: tuple[str, ...], optional: tuple[str, ...]
+    reader: Reader,
+    name: str,
+    header: Sequence[str],
+    columns: tuple[str, ...],
+    optional: tuple[str, ...],
+    ignored: list[str] | None = None,
 ) -> bool:
-    """Whether a file has its columns, each once and no others but the numbers of rows; names what is wrong."""
+    """Whether a file has its columns, each once and no others but the numbers of rows; names what is wrong.
+
+    ignored: a list that takes the others, unless they are written like one of the columns.
+    """
     missing = [column for column in columns if column not in header and column not in optional]
     if not set(header) & set(columns):
         limit = "row 1 names no column; separate names by commas or semicolons, without lines above: "
@@ -149,8 +178,10 @@ def has_columns(
     for column in dict.fromkeys(header):
         if _NUMBERS_OF_ROWS.fullmatch(column):
             continue
-        if column not in columns:
-            reader.fault(name, None, column, None, f"unknown column; the columns are {', '.join(columns)}.")
+        if column not in columns and ignored is not None and not get_close_matches(column, columns, cutoff=0.75):
+            ignored.append(column)
+        elif column not in columns:
+            reader.fault(name, None, column, None, f"unknown column; {closest(column, list(columns))}")
         elif list(header).count(column) > 1:
             reader.fault(name, None, column, None, "the column is there twice.")
             missing.append(column)

@@ -56,8 +56,6 @@ def read_designs(path: Path, rules: PrintingRules | None = None, family: type[De
         UsageError: the file cannot be read, a value is out of its range, or a finger cannot be printed.
     """
     rows = read_rows(path, tuple(family.model_fields), (NAME, BATCH))
-    if not rows:
-        raise UsageError(f"{path} has no designs; write one in each row below the header.")
     return [_read(row, number, rules, family) for number, row in enumerate(rows, start=1)]
 
 

@@ -159,7 +159,7 @@ def test_curves_that_are_missing_or_no_forces_are_named(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="row 2: lift_mm is -3"):
         describe_cost(lake, ORDER, silent(), file)
     file.write_text("tool_id,object_id,lift_mm\nT,1,3\n")
-    with pytest.raises(UsageError, match="the column `force_n` is missing"):
+    with pytest.raises(UsageError, match="force_n: the column is missing"):
         weigh_panel(lake, ORDER, silent(), file)
 
 

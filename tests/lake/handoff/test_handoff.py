@@ -259,7 +259,10 @@ def test_wrong_columns_are_named(lake, folder):
 def test_a_short_row_is_named(lake, folder):
     with (folder / "grasps.csv").open("a") as file:
         file.write("c,mine-1\n")
-    assert "grasps.csv row 6: has 2 cells, the header has 8." in faults_of(lake, folder)
+    assert (
+        "grasps.csv row 6: has 2 cells, the header has 8; write 12.5 with a point where commas separate."
+        in faults_of(lake, folder)
+    )
 
 
 def test_parquet_traces_are_checked_too(lake, folder):

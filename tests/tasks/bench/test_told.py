@@ -237,9 +237,12 @@ def test_all_faults_are_named_at_once(campaign: Campaign) -> None:
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,1_0\n", "peak_force_n is `1_0`, it must be a finite number"),
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4.5,0,1\n", "object_id is `4.5`, it must be a whole number"),
         ("tool_id,object_id,repeat,peak_force_n,reasn\nB01T0,4,0,1,1\n", "reasn"),
-        ("", "results.csv: row 1 is not the names of the columns"),
-        ("tool_id\tobject_id\trepeat\tpeak_force_n\nB01T0\t4\t0\t1\n", "separated by commas or semicolons"),
-        ("# rig 1\ntool_id,object_id,repeat,peak_force_n\nB01T0,4,0,1\n", "begin with tool_id, object_id, repeat"),
+        ("", "results.csv: row 1 names no column"),
+        ("tool_id\tobject_id\trepeat\tpeak_force_n\nB01T0\t4\t0\t1\n", "separate names by commas or semicolons"),
+        (
+            "# rig 1\ntool_id,object_id,repeat,peak_force_n\nB01T0,4,0,1\n",
+            "without lines above: tool_id, object_id, repeat",
+        ),
     ],
 )
 def test_a_table_that_cannot_be_read_says_where(tmp_path: Path, text: str, words: str) -> None:

@@ -128,7 +128,7 @@ def test_rows_of_proposed_batches_may_not_change(tmp_path: Path) -> None:
         (FREE * 4, "the initial batches have 3 tools"),
         (PUBLISHED.replace("2.4", ""), "front_thickness_mm is ``, it must be a finite number"),
         (PUBLISHED.replace("published", "x" * 61), "at most 60 characters"),
-        ("", "has no designs"),
+        ("", "has no usable rows"),
     ],
 )
 def test_a_wrong_file_is_one_sentence(tmp_path: Path, row: str, words: str) -> None:

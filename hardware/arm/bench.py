@@ -5,25 +5,23 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 
 import numpy as np
 
 from fast.hardware.arm.link import ArmState
 from fast.hardware.arm.motion import SETTLE_S, ArmMotion
 from fast.hardware.arm.settings import ArmSettings, Point
-from fast.hardware.cell.cell import CLOSED_SETTLE_S, Item, MeasuredGrasp, closing_s
+from fast.hardware.cell.cell import CLOSED_SETTLE_S, GraspInProgress, Item, MeasuredGrasp, closing_s, least_lift_mm
 from fast.hardware.cell.live import GraspInView, read_samples
 from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM
 from fast.hardware.cell.recorder import CONTACT_READINGS
-from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
+from fast.hardware.cell.separation import FORCE_BACK_N, WINDOW_MM, is_free
 from fast.hardware.grasp_bench import Leave
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import Ask
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
-from fast.models.objects.catalogue import get_object
-from fast.models.records import BENCH_FAULT, GraspRequest, GraspSetup, Placement, Trace
+from fast.models.records import BENCH_FAULT, GraspSetup, Trace
 from fast.models.units import spell_share
 
 logger = logging.getLogger(__name__)
@@ -121,7 +119,7 @@ class ArmBench:
                 if should_stop():
                     logger.info("Stop asked: hanging tool %s back", tool.tool_id)
                     break
-                self._measure(tool, self._begin(item, setup), on_grasp)
+                self._measure(tool, _ArmGrasp.of(item, setup, {"arm": self.settings.host}), on_grasp)
             self._hang_back(slot)
 
     def _check_plan(self, slot: int, plan: Sequence[Item], setup: GraspSetup) -> MountedTool:
@@ -129,21 +127,11 @@ class ArmBench:
         if tool is None or slot >= len(self.settings.rack_mm):
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._tools)}.")
         for item in plan:
-            grasp = self._begin(item, setup)
-            if grasp.request is not None and grasp.request.tool_id != tool.tool_id:
-                wanted = f"A grasp of tool {grasp.request.tool_id} is asked for"
-                raise UsageError(f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for.")
+            grasp = GraspInProgress.of(item, setup, {})
+            grasp.check_tool(slot, tool)
             self.settings.limits.check(grasp.setup, grasp.placement)
             self.settings.grasp_mm(tool.design, grasp.object_id, grasp.setup)
         return tool
-
-    def _begin(self, item: Item, setup: GraspSetup) -> "_ArmGrasp":
-        if isinstance(item, GraspRequest):
-            grasp = _ArmGrasp(item.object_id, item.repeat, item.setup, item.placement, item)
-        else:
-            grasp = _ArmGrasp(*item, setup)
-        grasp.details["arm"] = self.settings.host
-        return grasp
 
     # Tools
 
@@ -177,8 +165,7 @@ class ArmBench:
     # A grasp
 
     def _measure(self, tool: MountedTool, grasp: "_ArmGrasp", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
-        purpose = "asked for" if grasp.request is not None else ""
-        self._present = GraspInView(tool.tool_id, grasp.object_id, grasp.repeat, grasp.started_at, grasp.read, purpose)
+        self._present = grasp.view(tool.tool_id)
         try:
             self._grasp(tool, grasp)
         except (FastError, KeyboardInterrupt, SystemExit) as error:
@@ -202,10 +189,7 @@ class ArmBench:
         grasp.add(self._motion.wait(closing_s(setup) + CLOSED_SETTLE_S + setup.dwell_s))
         grasp.end = self._lift(grasp, (x, y, z), -placement.yaw_deg)
         if not grasp.reason and not grasp.is_contact_seen():
-            grasp.reason = (
-                f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
-                "not counted; look at the mount."
-            )
+            grasp.fail_untouched()
         self._release(grasp, (x, y, z))
 
     def _close(self, grasp: "_ArmGrasp") -> None:
@@ -220,8 +204,7 @@ class ArmBench:
         settings, setup = self.settings, grasp.setup
         speed = setup.lift_speed_mm_per_s
         top_mm = (place_mm[0], place_mm[1], place_mm[2] + setup.max_lift_mm)
-        height_mm = get_object(grasp.object_id).height_mm
-        least_mm = min(setup.tip_below_mm + height_mm + TOP_MARGIN_MM, setup.max_lift_mm)
+        least_mm = least_lift_mm(grasp.object_id, setup)
         self._motion.leave()
         number = self._link.start([self._link.write_move(top_mm, speed, yaw_deg)])
         state = self._link.read()
@@ -274,21 +257,9 @@ class ArmBench:
 
 
 @dataclass
-class _ArmGrasp:
-    """What is known of a grasp while it is made."""
+class _ArmGrasp(GraspInProgress):
+    """A grasp of the arm while it is made."""
 
-    object_id: int
-    """What is grasped."""
-    repeat: int
-    """Counts the grasps of a tool on the object."""
-    setup: GraspSetup
-    """How it is made."""
-    placement: Placement = Placement()
-    """Where the object shall sit between the fingers."""
-    request: GraspRequest | None = None
-    """What asked for it; None: an ordinary grasp."""
-    started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
-    """When it began."""
     tare_n: float = 0.0
     """Gross force of the free-hanging gripper that was taken as zero, N."""
     sd_n: float = 0.0
@@ -303,12 +274,6 @@ class _ArmGrasp:
     """Lift at each reading."""
     forces_n: list[float] = field(default_factory=list)
     """Net force of each reading."""
-    reason: str = ""
-    """Why it failed; empty: it did not."""
-    end: str = ""
-    """How it ended: `separated`, `max_lift`, or by a fault."""
-    details: dict[str, float | str] = field(default_factory=dict)
-    """What else is kept with it."""
 
     def read(self, first: int) -> Trace:
         """Samples from number `first` on, from any thread."""
@@ -335,26 +300,11 @@ class _ArmGrasp:
         return bool(np.abs(means).max() > max(FORCE_BACK_N, 3.0 * self.sd_n))
 
     def result(self) -> MeasuredGrasp:
-        """The grasp as measured; failed when a reason was noted. The lift of a resting arm is exactly 0."""
+        """The grasp as measured. The lift of a resting arm is exactly 0."""
         lift_mm = np.round(np.array(self.lifts_mm), 3)
         lift_mm = np.maximum.accumulate(np.where(lift_mm < 0.02, 0.0, lift_mm)) if lift_mm.size else lift_mm
         trace = Trace(np.round(np.array(self.times_s), 4), lift_mm, np.array(self.forces_n))
-        self.details.update(end=self.end, baseline_sd_n=self.sd_n)
-        separation = find_separation(trace, self.sd_n) if self.end == "separated" else None
-        if separation is not None:
-            self.details.update(separation_mm=separation.lift_mm, zero_drift_n=separation.zero_drift_n)
-        return MeasuredGrasp(
-            object_id=self.object_id,
-            repeat=self.repeat,
-            started_at=self.started_at,
-            trace=trace,
-            status="failed" if self.reason else "ok",
-            reason=self.reason,
-            tare_force_n=self.tare_n,
-            details=self.details,
-            setup=self.setup,
-            request=self.request,
-        )
+        return self.measured(trace, self.tare_n, self.sd_n)
 
 
 @contextmanager

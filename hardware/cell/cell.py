@@ -6,9 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Literal
-
-import numpy as np
+from typing import Literal, Self
 
 from fast.hardware.cell.live import NOTHING, GraspInView
 from fast.hardware.cell.recorder import GraspRecorder
@@ -138,7 +136,7 @@ class GraspCell:
                     logger.info("Stop asked: parking tool %s", tool.tool_id)
                     break
                 self._watch.before_grasp()
-                self._measure(tool, self._begin(item, setup), on_grasp)
+                self._measure(tool, _GantryGrasp.of(item, setup, self._recorded), on_grasp)
             self.park()
 
     def park(self) -> None:
@@ -159,13 +157,11 @@ class GraspCell:
             raise UsageError(f"Slot {slot} has no tool; mounted are slots {sorted(self._changer.tools)}.")
         self._layout.dock_xy_mm(slot)
         for item in plan:
-            grasp = self._begin(item, setup)
+            grasp = GraspInProgress.of(item, setup, {})
             self._layout.limits.check(grasp.setup, grasp.placement)
             self._layout.grasp_z_mm(tool.design, grasp.setup)
             self._layout.grasp_xy_mm(grasp.object_id, grasp.placement)
-            if grasp.request is not None and grasp.request.tool_id != tool.tool_id:
-                wanted = f"A grasp of tool {grasp.request.tool_id} is asked for"
-                raise UsageError(f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for.")
+            grasp.check_tool(slot, tool)
         return tool
 
     def _check_at_rest(self) -> None:
@@ -175,16 +171,9 @@ class GraspCell:
                 "`fast gantry park --real BENCH.toml --vent` to vent, raise and park."
             )
 
-    def _begin(self, item: Item, setup: GraspSetup) -> "_GraspInProgress":
-        if isinstance(item, GraspRequest):
-            return _GraspInProgress(item.object_id, item.repeat, item.setup, dict(self._recorded), request=item)
-        return _GraspInProgress(*item, setup, dict(self._recorded))
-
-    def _measure(self, tool: MountedTool, grasp: "_GraspInProgress", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
+    def _measure(self, tool: MountedTool, grasp: "_GantryGrasp", on_grasp: Callable[[MeasuredGrasp], None]) -> None:
         """One grasp, reported whatever its end; re-raises what the bench cannot go on with."""
-        self.present = GraspInView(
-            tool.tool_id, grasp.object_id, grasp.repeat, grasp.started_at, grasp.read, grasp.purpose
-        )
+        self.present = grasp.view(tool.tool_id)
         grasp.details["wire_from_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
         try:
             self._approach(tool, grasp)
@@ -201,7 +190,7 @@ class GraspCell:
             raise
         on_grasp(grasp.result())
 
-    def _approach(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+    def _approach(self, tool: MountedTool, grasp: "_GantryGrasp") -> None:
         """Travel over the object, unless the head is there from the last repeat, and tare hanging free."""
         x_mm, y_mm = self._layout.grasp_xy_mm(grasp.object_id, grasp.placement)
         here_x_mm, here_y_mm, _ = self._gantry.position_mm()
@@ -220,7 +209,7 @@ class GraspCell:
         # The lighter of two looks: one alone is off by the weight of a lost part once in ten thousand grasps.
         grasp.free_n = grasp.baseline.net_n - max(step_n, 0.0)
 
-    def _prepare_air(self, grasp: "_GraspInProgress") -> None:
+    def _prepare_air(self, grasp: "_GantryGrasp") -> None:
         """Stroke recipe and supply pressure of this grasp, where they differ from those of the last one."""
         if grasp.setup != self._stroke:
             self._pneumatics.set_stroke(grasp.setup)
@@ -228,7 +217,7 @@ class GraspCell:
         self._pneumatics.set_supply_pressure(grasp.setup.supply_pressure_psi)
         grasp.details["supply_pressure_psi"] = self._pneumatics.supply_pressure_psi
 
-    def _grip_and_lift(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+    def _grip_and_lift(self, tool: MountedTool, grasp: "_GantryGrasp") -> None:
         setup = grasp.setup
         self._gantry.move_to(z_mm=self._layout.grasp_z_mm(tool.design, setup))
         z_mm = self._gantry.position_mm()[2]
@@ -249,10 +238,7 @@ class GraspCell:
         grasp.details.update(self._force.peak_details())
         least_contact_n = max(FORCE_BACK_N, CONTACT_SDS * grasp.baseline.sd_n)
         if not recorder.is_contact_seen(least_contact_n):
-            grasp.reason = (
-                f"No force above {FORCE_BACK_N:g} N on object {grasp.object_id}: it is missing or moved. The grasp is "
-                "not counted; look at the mount."
-            )
+            grasp.fail_untouched()
 
     def _record_until(self, recorder: GraspRecorder, end_s: float) -> None:
         """Read the force at the transmitter's rate until a time."""
@@ -264,7 +250,7 @@ class GraspCell:
                 recorder.add_force(reading)
             next_s = max(next_s + period_s, self._clock.now_s())
 
-    def _record_lift(self, recorder: GraspRecorder, grasp: "_GraspInProgress") -> str:
+    def _record_lift(self, recorder: GraspRecorder, grasp: "_GantryGrasp") -> str:
         """Read force and position until the fingers have left the object; says how it ended."""
         setup = grasp.setup
         speed = setup.lift_speed_mm_per_s
@@ -291,7 +277,7 @@ class GraspCell:
             "and was held; check the Z axis."
         )
 
-    def _back_off(self, fault: FastError, grasp: "_GraspInProgress") -> None:
+    def _back_off(self, fault: FastError, grasp: "_GantryGrasp") -> None:
         """After a failed grasp: stop and lower, so that nothing falls when the gripper opens."""
         logger.warning("Grasp on object %d failed: %s", grasp.object_id, fault)
         self._gantry.stop_lift()
@@ -302,7 +288,7 @@ class GraspCell:
             rest_z_mm = max(self._gantry.position_mm()[2] - OVERLOAD_LOWER_MM, rest_z_mm)
         self._gantry.move_to(z_mm=rest_z_mm)
 
-    def _retreat(self, tool: MountedTool, grasp: "_GraspInProgress") -> None:
+    def _retreat(self, tool: MountedTool, grasp: "_GantryGrasp") -> None:
         """Open, go up if the tips are not over the object yet, and make sure that nothing came along."""
         grasp.details["pressure_psi"] = self._pneumatics.pressure_psi()
         if self._pneumatics.is_gripping():
@@ -320,8 +306,8 @@ class GraspCell:
 
 
 @dataclass
-class _GraspInProgress:
-    """What is known of a grasp while it is made."""
+class GraspInProgress:
+    """What any bench knows of a grasp while it is made."""
 
     object_id: int
     """What is grasped."""
@@ -335,40 +321,51 @@ class _GraspInProgress:
     """What asked for it; None: an ordinary grasp."""
     started_at: datetime = field(default_factory=lambda: datetime.now(UTC))
     """When it began."""
-    baseline: Baseline = Baseline(0.0, 0.0, 0.0)
-    """Force of the free-hanging gripper before the grasp."""
-    free_n: float = 0.0
-    """Net force of the open gripper, against which it is judged after the release."""
-    recorder: GraspRecorder | None = None
-    """What was recorded; None before the jaws close."""
     reason: str = ""
     """Why it failed; empty: it did not."""
     end: str = ""
     """How it ended: `separated`, `max_lift`, or by a fault."""
+
+    @classmethod
+    def of(cls, item: Item, setup: GraspSetup, details: Mapping[str, float | str]) -> Self:
+        """The grasp of a plan's item; `setup`: of ordinary ones."""
+        if isinstance(item, GraspRequest):
+            return cls(item.object_id, item.repeat, item.setup, dict(details), item)
+        return cls(*item, setup, dict(details))
 
     @property
     def placement(self) -> Placement:
         """Where the object shall sit between the fingers."""
         return Placement() if self.request is None else self.request.placement
 
-    @property
-    def purpose(self) -> str:
-        """What it is made for, unless it is an ordinary grasp."""
-        return "asked for" if self.request is not None else ""
-
     def read(self, first: int) -> Trace:
         """Its samples from number `first` on, from any thread."""
-        return NOTHING if self.recorder is None else self.recorder.read(first)
+        raise NotImplementedError
 
-    def result(self) -> MeasuredGrasp:
-        """The grasp as measured; failed when a reason was noted."""
-        empty = np.zeros(0)
-        trace = self.recorder.trace() if self.recorder is not None else Trace(empty, empty, empty)
-        self.details.update(end=self.end, baseline_sd_n=self.baseline.sd_n, baseline_net_n=self.baseline.net_n)
-        separation = find_separation(trace, self.baseline.sd_n) if self.end == "separated" else None
+    def view(self, tool_id: str) -> GraspInView:
+        """The grasp for those who look on."""
+        purpose = "asked for" if self.request is not None else ""
+        return GraspInView(tool_id, self.object_id, self.repeat, self.started_at, self.read, purpose)
+
+    def check_tool(self, slot: int, tool: MountedTool) -> None:
+        """Raises UsageError where it is asked of another tool than that of the slot."""
+        if self.request is not None and self.request.tool_id != tool.tool_id:
+            wanted = f"A grasp of tool {self.request.tool_id} is asked for"
+            raise UsageError(f"{wanted}, but slot {slot} holds {tool.tool_id}; mount the tool that is asked for.")
+
+    def fail_untouched(self) -> None:
+        """Note that no force was felt."""
+        self.reason = (
+            f"No force above {FORCE_BACK_N:g} N on object {self.object_id}: it is missing or moved. The grasp is not "
+            "counted; look at the mount."
+        )
+
+    def measured(self, trace: Trace, tare_n: float, sd_n: float) -> MeasuredGrasp:
+        """The grasp as measured; failed when a reason was noted. sd_n: of a reading of the free gripper."""
+        self.details.update(end=self.end, baseline_sd_n=sd_n)
+        separation = find_separation(trace, sd_n) if self.end == "separated" else None
         if separation is not None:
             self.details.update(separation_mm=separation.lift_mm, zero_drift_n=separation.zero_drift_n)
-        self.details["wire_until_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
         return MeasuredGrasp(
             object_id=self.object_id,
             repeat=self.repeat,
@@ -376,11 +373,35 @@ class _GraspInProgress:
             trace=trace,
             status="failed" if self.reason else "ok",
             reason=self.reason,
-            tare_force_n=self.baseline.gross_n,
+            tare_force_n=tare_n,
             details=self.details,
             setup=self.setup,
             request=self.request,
         )
+
+
+@dataclass
+class _GantryGrasp(GraspInProgress):
+    """A grasp of the gantry while it is made."""
+
+    baseline: Baseline = Baseline(0.0, 0.0, 0.0)
+    """Force of the free-hanging gripper before the grasp."""
+    free_n: float = 0.0
+    """Net force of the open gripper, against which it is judged after the release."""
+    recorder: GraspRecorder | None = None
+    """What was recorded; None before the jaws close."""
+
+    def read(self, first: int) -> Trace:
+        """Its samples from number `first` on, from any thread."""
+        return NOTHING if self.recorder is None else self.recorder.read(first)
+
+    def result(self) -> MeasuredGrasp:
+        """The grasp as measured."""
+        trace = self.recorder.trace() if self.recorder is not None else NOTHING
+        self.details.update(baseline_net_n=self.baseline.net_n)
+        grasp = self.measured(trace, self.baseline.gross_n, self.baseline.sd_n)
+        self.details["wire_until_s"] = round(time.monotonic(), 3)  # the clock of the wire logs
+        return grasp
 
 
 def closing_s(setup: GraspSetup) -> float:

@@ -1,24 +1,19 @@
 """The routes of the page: what is shown, and what is done with what people say."""
 
-import asyncio
 import mimetypes
-from collections.abc import AsyncIterator
 from typing import Any
 
 from fastapi import FastAPI
-from starlette.concurrency import run_in_threadpool
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from fast.flows.page.interface import VERSION, add_interface, refuse_program
 from fast.flows.page.lab import ERROR_PAGE, LabPage
-from fast.flows.page.shown import add_bench, add_results, add_start
-from fast.flows.page.todo import list_campaigns
-from fast.flows.page.web import HEADERS, refuse, visitor_of
+from fast.flows.page.shown import add_shown
+from fast.flows.page.web import HEADERS, refuse
 from fast.flows.page.words import add_words
-from fast.flows.server.access import Role, role_login
 from fast.flows.server.gate import App
 from fast.lake.store import Lake
 from fast.models.errors import FastError
@@ -47,74 +42,11 @@ def make_app(lake: Lake, login: str) -> App:
 
     app.add_exception_handler(FastError, show_error)
     app.add_middleware(GZipMiddleware, minimum_size=2000)
-    _add_looks(app, page)
+    add_shown(app, page)
     add_words(app, page)
-    add_results(app, page)
-    add_start(app, page)
-    add_bench(app, page)
     add_interface(app, page)
     _add_files(app, page)
     return app
-
-
-def _add_looks(app: FastAPI, page: LabPage) -> None:
-    """What everybody may look at."""
-
-    async def show_now(request: Request) -> Response:
-        return await page.show(request, "now.html", "now")
-
-    async def show_now_part(request: Request) -> Response:
-        return await page.show(request, "now_part.html", "now")
-
-    async def show_map(request: Request) -> Response:
-        return await page.show(request, "map_part.html", "now")
-
-    async def show_strip(request: Request) -> Response:
-        return await page.show(request, "strip.html", "strip")
-
-    async def show_todo(request: Request) -> Response:
-        return await page.show(request, "todo.html", "todo")
-
-    async def show_simulated(request: Request) -> Response:
-        query = request.query_params
-        campaign_id, tool_id, object_id = query.get("campaign", ""), query.get("tool", ""), query.get("object", "")
-        if campaign_id not in list_campaigns(page.lake) or not object_id.isdecimal():
-            return JSONResponse({"lift_mm": [], "force_n": []}, headers=HEADERS)
-        found = await run_in_threadpool(page.now.simulated, campaign_id, tool_id, int(object_id))
-        return JSONResponse(found, headers=HEADERS)
-
-    async def follow(request: Request) -> Response:
-        campaign_id = await run_in_threadpool(page.choose_campaign, request)
-        headers = {**HEADERS, "X-Accel-Buffering": "no"}
-        return StreamingResponse(_until_gone(page.hub.follow(campaign_id)), 200, headers, "text/event-stream")
-
-    async def show_people(request: Request) -> Response:
-        links = {}
-        if visitor_of(request).role is Role.MOVE:
-            base = str(request.base_url)
-            links = {role: f"{base}?key={role_login(page.login, role).partition(':')[2]}" for role in Role}
-        return await page.show(request, "people.html", "people", links=links)
-
-    for path, handler in {
-        "/": show_now,
-        "/now/part": show_now_part,
-        "/now/map": show_map,
-        "/strip": show_strip,
-        "/todo": show_todo,
-        "/now/simulated": show_simulated,
-        "/events": follow,
-        "/people": show_people,
-    }.items():
-        app.add_api_route(path, handler, methods=["GET"], include_in_schema=False)
-
-
-async def _until_gone(events: AsyncIterator[str]) -> AsyncIterator[str]:
-    """Events until the browser is gone, which Starlette tells by cancelling."""
-    try:
-        async for event in events:
-            yield event
-    except asyncio.CancelledError:
-        return
 
 
 def _add_files(app: FastAPI, page: LabPage) -> None:

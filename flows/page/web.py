@@ -1,8 +1,10 @@
 """What every route of the page shares: who asks, what they may, forms, templates, and answers in one sentence."""
 
+import asyncio
 import hashlib
 import hmac
 import json
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -165,3 +167,12 @@ def refuse(error: FastError) -> Response:
     """An error as its sentence."""
     status = 403 if isinstance(error, NotAllowedError) else 409
     return PlainTextResponse(str(error), status, HEADERS)
+
+
+async def until_gone(events: AsyncIterator[str]) -> AsyncIterator[str]:
+    """Events until the browser is gone, which Starlette tells by cancelling."""
+    try:
+        async for event in events:
+            yield event
+    except asyncio.CancelledError:
+        return

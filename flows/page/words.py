@@ -1,7 +1,9 @@
 """What people say and order on the page: each word is a function of a form, with the role that it takes."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import ModuleType
+from typing import Any
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
@@ -9,7 +11,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from fast.flows.campaign.status import read_campaign
+from fast.flows.page import by_hand, start
 from fast.flows.page.lab import LabPage
+from fast.flows.page.notes import MOST_PHOTO_BYTES, keep_note, keep_photo
 from fast.flows.page.proposals import settle_proposal
 from fast.flows.page.todo import list_campaigns
 from fast.flows.page.web import (
@@ -24,6 +28,7 @@ from fast.flows.page.web import (
     say,
 )
 from fast.flows.server.access import Role
+from fast.flows.server.server import address_for_others
 from fast.hardware.parts.safe_state import Verb
 from fast.models.errors import UsageError
 from fast.tasks.bench.leave_out import leave_out as leave_part_out
@@ -34,10 +39,11 @@ from fast.tasks.campaign.simulator_versions import at_present
 
 # What a form makes of the lake, and the sentence that tells the person; arguments: page, form, name of the person.
 Word = Callable[[LabPage, dict[str, str], str], str]
+Trial = Callable[[LabPage, dict[str, str]], dict[str, Any]]
 
 
 def add_words(app: FastAPI, page: LabPage) -> None:
-    """Names, orders, answers and told files."""
+    """Names, orders, answers, told files, and what is started."""
 
     async def give_name(request: Request) -> Response:
         require_token(request, page.token)
@@ -62,28 +68,56 @@ def add_words(app: FastAPI, page: LabPage) -> None:
 
         return await run_in_threadpool(work)
 
-    for path, handler in {"/who": give_name, "/todo/told/look": look_at_file}.items():
+    async def take_photo(request: Request) -> Response:
+        visitor = require_write(request, page.token, Role.SAY)
+        content = await read_body(request, MOST_PHOTO_BYTES)
+        about = request.query_params.get("about", "")
+        sentence = await run_in_threadpool(keep_photo, page.lake, about, content, visitor.operator)
+        return say(Response(status_code=204, headers=HEADERS), sentence)
+
+    for path, handler in {"/who": give_name, "/todo/told/look": look_at_file, "/results/photo": take_photo}.items():
         app.add_api_route(path, handler, methods=["POST"], include_in_schema=False)
+    for path, (template, try_out) in TRIALS.items():
+        _add_trial(app, page, path, template, try_out)
     for path, (role, word) in WORDS.items():
         _add_word(app, page, path, role, word)
 
 
 def _add_word(app: FastAPI, page: LabPage, path: str, role: Role, word: Word) -> None:
     async def handle(request: Request) -> Response:
-        def work(form: dict[str, str], operator: str) -> str:
-            return word(page, form, operator)
-
-        return await page.write(request, role, work)
+        return await page.write(request, role, partial(word, page))
 
     app.add_api_route(path, handle, methods=["POST"], include_in_schema=False)
 
 
-def _pause(page: LabPage, form: dict[str, str], operator: str) -> str:
-    return _order(page, form, operator, Verb.PAUSE)
+def _add_trial(app: FastAPI, page: LabPage, path: str, template: str, try_out: Trial) -> None:
+    """A form that changes nothing, answered by a part of the page."""
+
+    async def handle(request: Request) -> Response:
+        require_token(request, page.token)
+        form = await read_form(request)
+        return page.pages.show(request, template, **await run_in_threadpool(try_out, page, form))
+
+    app.add_api_route(path, handle, methods=["POST"], include_in_schema=False)
 
 
-def _stop(page: LabPage, form: dict[str, str], operator: str) -> str:
-    return _order(page, form, operator, Verb.STOP)
+def _check_config(page: LabPage, form: dict[str, str]) -> dict[str, Any]:
+    text = form.get("text", "").replace("\r\n", "\n")
+    return {"checked": start.check_config(page.lake, text, form.get("base", ""))}
+
+
+def _simulate(page: LabPage, form: dict[str, str]) -> dict[str, Any]:
+    number = form.get("object", "")
+    if not number.isdecimal():
+        raise UsageError("Choose an object.")
+    wanted = address_for_others(page.lake), form.get("tool", ""), int(number)
+    return {"found": page.worker.call(start.simulate_one, *wanted)}
+
+
+TRIALS: Mapping[str, tuple[str, Trial]] = {
+    "/start/check": ("checked.html", _check_config),
+    "/start/simulate": ("simulated.html", _simulate),
+}
 
 
 def _order(page: LabPage, form: dict[str, str], operator: str, verb: Verb) -> str:
@@ -138,10 +172,22 @@ def _undo_file(page: LabPage, form: dict[str, str], operator: str) -> str:
     return str(_answers().undo_told(page.lake, _campaign_of(page, form), operator))
 
 
+def _continue(page: LabPage, form: dict[str, str], operator: str) -> str:
+    return start.continue_campaign(page.lake, _campaign_of(page, form), form.get("run", ""), operator)
+
+
+def _take_way(page: LabPage, form: dict[str, str], operator: str) -> str:
+    return start.go_on_after_fault(page.lake, {**form, "campaign": _campaign_of(page, form)}, operator)
+
+
+def _start_job(page: LabPage, form: dict[str, str], operator: str) -> str:
+    return start.start_job(page.lake, form.get("job", ""), form.get("campaign", ""), operator)
+
+
 WORDS: Mapping[str, tuple[Role, Word]] = {
     "/orders/leave-out": (Role.MOVE, _leave_out),
-    "/orders/pause": (Role.MOVE, _pause),
-    "/orders/stop": (Role.MOVE, _stop),
+    "/orders/pause": (Role.MOVE, partial(_order, verb=Verb.PAUSE)),
+    "/orders/stop": (Role.MOVE, partial(_order, verb=Verb.STOP)),
     "/todo/print": (Role.SAY, _say_printed),
     "/todo/mount": (Role.SAY, _say_mounted),
     "/todo/reading": (Role.SAY, _say_reading),
@@ -150,6 +196,12 @@ WORDS: Mapping[str, tuple[Role, Word]] = {
     "/todo/question": (Role.MOVE, _say_to_bench),
     "/todo/told/write": (Role.SAY, _write_file),
     "/todo/told/undo": (Role.SAY, _undo_file),
+    "/results/note": (Role.SAY, lambda page, form, who: keep_note(page.lake, form, who)),
+    "/start/campaign": (Role.MOVE, lambda page, form, who: start.start_campaign(page.lake, form, who)),
+    "/start/continue": (Role.MOVE, _continue),
+    "/start/way": (Role.MOVE, _take_way),
+    "/start/job": (Role.MOVE, _start_job),
+    "/bench/order": (Role.MOVE, lambda page, form, who: by_hand.order_bench(page.lake, form, who)),
 }
 
 

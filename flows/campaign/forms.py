@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fast.flows.server.access import Api
-from fast.flows.server.environment import named_server
-from fast.flows.server.server import address_for_others, ask_server, find_server
+from fast.flows.server.server import address_for_others, ask_server, find_any_server
 from fast.lake.store import Lake
 
 logger = logging.getLogger(__name__)
@@ -38,7 +37,7 @@ def open_form(lake: Lake, form: Form) -> str | None:
     None where all is answered, as it is when a form ended and its campaign has not heard of it yet; and where the
     server does not answer or nobody has applied prefect.yaml (`fast serve`).
     """
-    api = _server_of(lake)
+    api = find_any_server(lake)
     if api is None:
         return None
     try:
@@ -56,7 +55,7 @@ def open_form(lake: Lake, form: Form) -> str | None:
 
 def close_forms(lake: Lake, form: Form, reason: str) -> None:
     """End the forms of a step that nobody needs any more."""
-    api = _server_of(lake)
+    api = find_any_server(lake)
     if api is None:
         return
     try:
@@ -65,10 +64,6 @@ def close_forms(lake: Lake, form: Form, reason: str) -> None:
             ask_server(api, f"/flow_runs/{run['id']}/set_state", {"state": state, "force": True})
     except (OSError, ValueError) as error:
         logger.warning("the form of %s stays open: %s", form.tag, error)
-
-
-def _server_of(lake: Lake) -> Api | None:
-    return named_server() or find_server(lake.root)
 
 
 def _start(api: Api, lake: Lake, form: Form, parameters: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -8,7 +8,6 @@ import time
 from collections.abc import Sequence
 
 from prefect import task
-from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 
 from fast.flows.campaign.loops import CampaignRun, SimulationJob, SimulationLoop
@@ -31,11 +30,8 @@ def choose_version(label: str, campaign: Campaign, stage: int) -> Campaign:
 
 @task(task_run_name="{label}", cache_policy=NO_CACHE)
 def close_night(label: str, campaign: Campaign, old: SimulatorVersion, stage: int) -> Night:
-    """Write down what the night has done, as event and as artifact."""
-    night = end_night(campaign, old, stage)
-    text = f"# Night before B{night.batch:02d}\n\n{night.sentence}."
-    create_markdown_artifact(text, key="night", description="what a new simulator version has changed")
-    return night
+    """Write down what the night has done."""
+    return end_night(campaign, old, stage)
 
 
 def begin_night(run: CampaignRun, stage: int) -> "NightLoop | None":

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 
-from prefect.artifacts import create_markdown_artifact
-
 from fast.flows.campaign.events import announce_gap
 from fast.flows.campaign.notify import KINDS, SILENT, Notifier, notifier
 from fast.flows.gap.folder import find_page, write_folder
@@ -22,8 +20,8 @@ FLOW = "close-gap"
 def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, reporter: ProgressReporter) -> str:
     """Search the lake for its gap if anything is new; a sentence says what was found, or why nothing was done.
 
-    A new answer gets its page in the lake's outputs, and is an artifact and an event of the Prefect server. If it found
-    anything, the addresses in FAST_NOTIFY are told.
+    A new answer gets its page in the lake's outputs, and is an event of the Prefect server. If it found anything, the
+    addresses in FAST_NOTIFY are told.
 
     Raises:
         FastError: the search could not be done; what it simulated is in the lake.
@@ -45,7 +43,7 @@ def _search(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
 def search_and_tell(
     lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
 ) -> GapOutcome:
-    """Search a lake; a new answer gets its page, an artifact and an event, and people are told of a gap.
+    """Search a lake; a new answer gets its page and an event, and people are told of a gap.
 
     Raises:
         TooLittleDataError: there is nothing to search.
@@ -55,7 +53,6 @@ def search_and_tell(
     if not outcome.is_new:
         return outcome
     page = write_folder(lake, outcome)
-    create_markdown_artifact(markdown(outcome, str(page)), key="gap", description="what the simulator misses")
     announce_gap(lake, outcome.run.gap_id, outcome.sentence, outcome.run.findings.alarm)
     if outcome.run.findings.alarm:
         title = f"FAST found a gap: {order.campaign_id or lake.address}"
@@ -81,7 +78,7 @@ def _notifier_of(campaign_id: str, config_toml: str | None, is_virtual: bool) ->
 
 
 def markdown(outcome: GapOutcome, page: str) -> str:
-    """The answer for the page of a flow run."""
+    """The answer for a message."""
     findings = outcome.run.findings
     lines = [f"# {outcome.sentence}", ""]
     for number, found in enumerate(findings.rounds, start=1):

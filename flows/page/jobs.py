@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fast.flows.page.web import write_clock
-from fast.flows.page.worker import find_worker
 from fast.flows.server.access import Api
-from fast.flows.server.server import address_for_others, ask_server
+from fast.flows.server.server import address_for_others, ask_server, find_any_server
 from fast.lake.store import Lake
 from fast.tasks.campaign.requests import STARTED
 
@@ -36,7 +35,7 @@ class Job:
 
 def list_jobs(lake: Lake) -> list[Job] | None:
     """What the worker does and will do, and what failed, forms left aside; None where no worker stands."""
-    api = find_worker(lake)
+    api = find_any_server(lake)
     if api is None:
         return None
     try:

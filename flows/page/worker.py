@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fast.flows.server.access import Api
-from fast.flows.server.environment import named_server
-from fast.flows.server.server import address_for_others, ask_server, find_server
+from fast.flows.server.server import address_for_others, ask_server, find_any_server
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
 
@@ -36,18 +35,13 @@ def start_on_worker(
         ) from error
 
 
-def find_worker(lake: Lake) -> Api | None:
-    """The server of `fast serve`, if it stands."""
-    return named_server() or find_server(lake.root)
-
-
 def require_worker(lake: Lake) -> Api:
     """The server of `fast serve`.
 
     Raises:
         UsageError: it does not stand.
     """
-    api = find_worker(lake)
+    api = find_any_server(lake)
     if api is None:
         raise UsageError("No worker is running, so nothing was started: run `fast serve`, and use its page.")
     return api

@@ -13,8 +13,7 @@ from fast.flows.server.access import Api, own_login
 from fast.flows.server.child_process import ChildProcess
 from fast.flows.server.environment import FOLDER_VARIABLE
 from fast.flows.server.loopback import LOOPBACK, join_numbers, open_listeners
-from fast.flows.server.run_process import is_process_alive
-from fast.flows.server.server import address_for_others
+from fast.flows.server.server import address_for_others, read_address
 from fast.lake.storage.files import writing_failed
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
@@ -44,7 +43,7 @@ class PageServer:
         self._process = ChildProcess("fast.flows.page.process", arguments, environment, home / "page.log", listeners)
         self._watcher = threading.Thread(target=self._serve_on, daemon=True, name="page-watcher")
         self._watcher.start()
-        _address_file(lake.root).write_text(json.dumps({"url": self.api.url, "owner_pid": os.getpid()}))
+        _address_file(lake.root).write_text(json.dumps({"api_url": self.api.url, "owner_pid": os.getpid()}))
 
     @property
     def pid(self) -> int:
@@ -113,13 +112,7 @@ def listen(port: int | None, host: str = LOOPBACK) -> list[socket.socket]:
 
 def find_page(lake_root: Path) -> Api | None:
     """The page that a process of this machine serves for this lake."""
-    try:
-        entry = json.loads(_address_file(lake_root).read_text())
-        url, owner_pid = str(entry["url"]), int(entry["owner_pid"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    is_ours = url.startswith(f"http://{LOOPBACK}:") and is_process_alive(owner_pid)
-    return Api(url, own_login(lake_root)) if is_ours else None
+    return read_address(_address_file(lake_root), lake_root)
 
 
 def _address_file(lake_root: Path) -> Path:

@@ -169,17 +169,27 @@ def tell_ignored() -> str | None:
 
 def find_server(lake_root: Path) -> Api | None:
     """A server that already serves this lake, if it answers."""
+    api = read_address(_address_file(lake_root), lake_root)
+    return api if api is not None and is_healthy(api) else None
+
+
+def find_any_server(lake: Lake) -> Api | None:
+    """The server that is named, or one that already serves this lake."""
+    return named_server() or find_server(lake.root)
+
+
+def read_address(file: Path, lake_root: Path) -> Api | None:
+    """What a living process of this machine has written of its server; None where there is none.
+
+    A server whose owner is dead may still answer, but follows it within a second.
+    """
     try:
-        entry = json.loads(_address_file(lake_root).read_text())
+        entry = json.loads(file.read_text())
         url, owner_pid = str(entry["api_url"]), int(entry["owner_pid"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    if not is_process_alive(owner_pid):
-        return None  # it may still answer, but follows its owner within a second
-    if not url.startswith(f"http://{LOOPBACK}:"):
-        return None
-    api = Api(url, own_login(lake_root))
-    return api if is_healthy(api) else None
+    is_ours = url.startswith(f"http://{LOOPBACK}:") and is_process_alive(owner_pid)
+    return Api(url, own_login(lake_root)) if is_ours else None
 
 
 def is_healthy(api: Api) -> bool:

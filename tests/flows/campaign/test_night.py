@@ -51,7 +51,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     monkeypatch.setattr(night_module, "unmapped", lambda value: value)
     monkeypatch.setattr(night_module, "choose_version", night_module.choose_version.fn)
     monkeypatch.setattr(night_module, "close_night", night_module.close_night.fn)
-    monkeypatch.setattr(night_module, "create_markdown_artifact", lambda *words, **more: None)
     return found
 
 

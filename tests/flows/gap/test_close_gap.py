@@ -44,8 +44,6 @@ def test_a_run_tells_people_what_it_found_and_the_next_one_has_nothing_new(lake,
     assert "round 1, effect: First-order lag of the load-cell transmitter" in message.body["message"]
     runs = lake.records(FlowRunRow, flow="close-gap")
     assert [f"COMPLETED: {run.reason}" for run in runs] == [first, second]
-    (artifact,) = asked(url, "/artifacts/filter")
-    assert (artifact["key"], artifact["data"].splitlines()[0]) == ("gap", f"# {first.split('; page')[0][11:]}")
     assert list((lake.root / "outputs").glob("A*/findings.json"))
 
 

@@ -426,7 +426,7 @@ def test_the_queue_says_what_waits_in_words_of_ours(lake, monkeypatch):
     waiting = {"name": "sage-petrel", "auto_scheduled": False, "expected_start_time": None}
     runs = [{"id": "1", "flow_id": "f", "parameters": told, "state": {"type": "SCHEDULED", "name": "Late"}, **waiting}]
     answers = {"/flow_runs/filter": runs, "/flows/filter": [{"id": "f", "name": "run-campaign"}]}
-    monkeypatch.setattr(jobs, "find_worker", lambda lake: object())
+    monkeypatch.setattr(jobs, "find_any_server", lambda lake: object())
     monkeypatch.setattr(
         jobs, "ask_server", lambda api, path, body: [] if "END" in body.get("sort", "") else answers[path]
     )
@@ -451,7 +451,7 @@ def test_the_queue_says_why_a_job_failed_until_one_of_its_kind_succeeds(lake, mo
 
     runs = [ended("b1", "FAILED", "the disk is full."), ended("b1", "COMPLETED", "report x")]
     runs += [ended("b2", "COMPLETED", "report y"), ended("b2", "CRASHED", "gone")]
-    monkeypatch.setattr(jobs, "find_worker", lambda lake: object())
+    monkeypatch.setattr(jobs, "find_any_server", lambda lake: object())
     monkeypatch.setattr(jobs, "ask_server", answer)
     assert [(job.name, job.state, job.reason) for job in jobs.list_jobs(lake)] == [
         ("report of b1", "failed", "the disk is full.")
@@ -465,7 +465,7 @@ def test_a_campaign_that_failed_and_was_begun_again_since_is_no_news(lake, monke
     run = {"name": "sage-petrel", "flow_id": "f", "parameters": told, "state": state}
     run["end_time"] = datetime.now(UTC).isoformat()
     answers = {"/flows/filter": [{"id": "f", "name": "run-campaign"}], "END_TIME_DESC": [run]}
-    monkeypatch.setattr(jobs, "find_worker", lambda lake: object())
+    monkeypatch.setattr(jobs, "find_any_server", lambda lake: object())
     monkeypatch.setattr(jobs, "ask_server", lambda api, path, body: answers.get(body.get("sort", path), []))
     append_event(lake, "b2", STARTED, "begun", config="/lab/campaigns/b2.toml")
     assert [(job.name, job.reason) for job in jobs.list_jobs(lake)] == [("campaign b1", "the bench stopped.")]

@@ -1,6 +1,6 @@
 """Calibrate the simulator of a lake: simulate the hypercube, infer theta, verify; what exists is not made again."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -68,9 +68,7 @@ class CalibrationOrder:
                 raise UsageError(f"{flag} is of the calibration on means; leave it out with --data trace.")
 
 
-def run_calibration(
-    lake: Lake, order: CalibrationOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
-) -> CalibrationOutcome:
+def run_calibration(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> CalibrationOutcome:
     """Do what of an order is not done yet; killed, the same order continues.
 
     Raises:
@@ -80,13 +78,11 @@ def run_calibration(
     require(CALIBRATION)
     with exclusive(lake.storage, "calibrate", f"the lake {lake.address} is already being calibrated"):
         if order.data == "trace":
-            return _calibrate_traces(lake, order, reporter, should_stop)
-        return _calibrate_means(lake, order, reporter, should_stop)
+            return _calibrate_traces(lake, order, reporter)
+        return _calibrate_means(lake, order, reporter)
 
 
-def _calibrate_means(
-    lake: Lake, order: CalibrationOrder, reporter: ProgressReporter, should_stop: Callable[[], bool]
-) -> CalibrationOutcome:
+def _calibrate_means(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> CalibrationOutcome:
     measured = read_measured_tools(lake, order.campaign_id)
     settings, material_ids = _take_lot(lake, order, measured.campaign_ids, reporter)
     base = find_base_version(lake, measured.campaign_ids, order.version_id)
@@ -94,9 +90,9 @@ def _calibrate_means(
         check_enough(lake, base, measured, order.hypercube)
         plan = plan_hypercube(order.hypercube, base, measured)
         first = replace(plan, points=plan.points[:N_FIRST])
-        simulate_missing(lake, [first], settings.workers, reporter, should_stop)
+        simulate_missing(lake, [first], settings.workers, reporter)
         check_first(lake, base, measured, settings.seed)
-        simulate_missing(lake, [plan], settings.workers, reporter, should_stop)
+        simulate_missing(lake, [plan], settings.workers, reporter)
     simulated = read_simulated_points(lake, base, measured)
     data = compare_means(base, measured, simulated, settings.seed, settings.print_scatter)
     data = replace(data, material_ids=material_ids)
@@ -111,9 +107,7 @@ def _calibrate_means(
     return replace(outcome, row=verify(lake, data, outcome.row, verification))
 
 
-def _calibrate_traces(
-    lake: Lake, order: CalibrationOrder, reporter: ProgressReporter, should_stop: Callable[[], bool]
-) -> CalibrationOutcome:
+def _calibrate_traces(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> CalibrationOutcome:
     measured = read_grasps(lake, order.campaign_id)
     settings, material_ids = _take_lot(lake, order, measured.campaigns, reporter)
     base = find_base_version(lake, measured.campaigns, order.version_id)
@@ -121,9 +115,9 @@ def _calibrate_traces(
     if n_grasps := n_missing(lake, plans):
         n_all = sum(plan.n_grasps for plan in plans)
         reporter.progress(f"{n_grasps} of {n_all} grasps of the grid around the measured designs are missing")
-        simulate_missing(lake, plan_middle(measured, base), settings.workers, reporter, should_stop)
+        simulate_missing(lake, plan_middle(measured, base), settings.workers, reporter)
         check_middle(lake, measured, base)
-    simulate_missing(lake, plans, settings.workers, reporter, should_stop)
+    simulate_missing(lake, plans, settings.workers, reporter)
     data = replace(gather_traces(lake, measured, base, order.campaign_id), material_ids=material_ids)
     return calibrate_once(lake, data, settings, reporter.progress)
 

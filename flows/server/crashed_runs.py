@@ -48,7 +48,6 @@ def end_crashed_runs(
     api: Api,
     *,
     and_continue: bool = False,
-    hour_limit: int = MOST_PER_HOUR,
     worker_since: datetime | None = None,
 ) -> EndedRuns:
     """Declare crashed every run of ours whose process is gone; with `and_continue`, start campaigns of them again.
@@ -59,7 +58,7 @@ def end_crashed_runs(
     try:
         names = _flow_names(api)
         crashed = [sentence for run in _active(api, names) if (sentence := _declare(api, run, worker_since))]
-        continued = _continue_campaigns(api, names, hour_limit) if and_continue else []
+        continued = _continue_campaigns(api, names) if and_continue else []
     except (OSError, ValueError) as error:
         logger.warning("crashed flow runs were not looked for: %s", error)
         return EndedRuns()
@@ -134,7 +133,7 @@ def _set_state(api: Api, kind: str, run_id: str, state: str, reason: str) -> Non
     ask_server(api, f"/{kind}/{run_id}/set_state", {"state": new, "force": True})
 
 
-def _continue_campaigns(api: Api, names: dict[str, str], hour_limit: int) -> list[str]:
+def _continue_campaigns(api: Api, names: dict[str, str]) -> list[str]:
     """Start again every campaign whose last run from a deployment has crashed; a person's stop is no crash."""
     flow_ids = [flow_id for flow_id, name in names.items() if name == CONTINUED]
     if not flow_ids:
@@ -144,16 +143,16 @@ def _continue_campaigns(api: Api, names: dict[str, str], hour_limit: int) -> lis
     for run in ask_server(api, "/flow_runs/filter", question):
         if run["deployment_id"] and not run["auto_scheduled"]:
             by_campaign.setdefault(f"{run['deployment_id']} {sorted(run['parameters'].items())}", []).append(run)
-    return [sentence for runs in by_campaign.values() if (sentence := _continue(api, runs, hour_limit))]
+    return [sentence for runs in by_campaign.values() if (sentence := _continue(api, runs))]
 
 
-def _continue(api: Api, runs: list[Run], hour_limit: int) -> str | None:
+def _continue(api: Api, runs: list[Run]) -> str | None:
     """A new run with the parameters of the last, newest first, if that has crashed."""
     last, now = runs[0], datetime.now(UTC)
     if last["state"]["type"] != "CRASHED" or _time(last["state"]["timestamp"]) < now - FORGOTTEN_AFTER:
         return None
     recent = [run for run in runs if CONTINUES in run["tags"] and _time(run["created"]) > now - timedelta(hours=1)]
-    if len(recent) >= hour_limit:
+    if len(recent) >= MOST_PER_HOUR:
         logger.warning("%s has crashed and was continued %d times within an hour: no more", _title(last), len(recent))
         return None
     new = {"parameters": last["parameters"], "tags": [CONTINUES], "idempotency_key": f"continues-{last['id']}"}

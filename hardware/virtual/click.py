@@ -68,8 +68,7 @@ _WRITABLE: dict[Space, frozenset[int]] = {
 class VirtualClick:
     """A CLICK PLC in RUN, wired to the virtual world.
 
-    `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock. `unit_ids` are those
-    it answers to (None: any).
+    `lock` is the clock's; `refresh` brings the world up to date before a read, under that lock.
     """
 
     functions = ALL_FUNCTIONS
@@ -80,9 +79,8 @@ class VirtualClick:
         lock: threading.RLock,
         now_s: float,
         refresh: Callable[[], None] = lambda: None,
-        unit_ids: frozenset[int] | None = None,
     ) -> None:
-        self.server = ModbusServerThread("CLICK PLC", self, MOST_CONNECTIONS, unit_ids)
+        self.server = ModbusServerThread("CLICK PLC", self, MOST_CONNECTIONS)
         self._world = world
         self._lock = lock
         self._refresh = refresh

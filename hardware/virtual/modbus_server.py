@@ -76,10 +76,9 @@ class _Connection(asyncio.Protocol):
 class ModbusServerThread:
     """Serves one `RegisterMap` on loopback until `stop`.
 
-    `most_connections`: further clients are accepted and hung up at once (None: no limit). `unit_ids`: requests for
-    other units are not answered (None: all are). Named faults: `is_silent` (requests are swallowed, the client times
-    out), `n_to_swallow` (so are the next few), `n_to_leave` (the next few are carried out and not answered), `delay_s`
-    (late answers, real time).
+    `most_connections`: further clients are accepted and hung up at once (None: no limit). Named faults:
+    `is_silent` (requests are swallowed, the client times out), `n_to_swallow` (so are the next few), `n_to_leave` (the
+    next few are carried out and not answered), `delay_s` (late answers, real time).
     """
 
     def __init__(
@@ -87,7 +86,6 @@ class ModbusServerThread:
         name: str,
         registers: RegisterMap,
         most_connections: int | None = None,
-        unit_ids: frozenset[int] | None = None,
     ) -> None:
         self.name = name
         self.host = "127.0.0.1"
@@ -99,7 +97,6 @@ class ModbusServerThread:
         self.delay_s = 0.0
         self.registers = registers
         self.most_connections = most_connections
-        self.unit_ids = unit_ids
         self._connections: set[_Connection] = set()
         self._loop: asyncio.AbstractEventLoop | None = None  # while the thread runs
         self._thread = threading.Thread(target=self._serve, name=f"modbus-{name}", daemon=True)
@@ -169,7 +166,7 @@ class ModbusServerThread:
 
     def handle(self, connection: Asker, transaction: int, unit: int, pdu: bytes) -> None:
         """Answer one request, after the injected faults. Runs in the thread of the server, or of who asks in memory."""
-        if self.is_silent or (self.unit_ids is not None and unit not in self.unit_ids):
+        if self.is_silent:
             return
         if self.n_to_swallow > 0:
             self.n_to_swallow -= 1

@@ -7,7 +7,7 @@ is drawn from (world seed, tool, object, repeat), so a resumed bench measures wh
 import math
 import threading
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -24,8 +24,6 @@ from fast.models.simulation.version import MeshSettings, SimulatorVersion
 
 if TYPE_CHECKING:
     from fast.models.objects.rigid import RigidObject
-    from fast.models.simulation.effects.base import Effect
-    from fast.models.simulation.output.recording import Recorder
 
 # Below these a grasp is taken as symmetric: one finger is solved instead of two, or half of it instead of all. At the
 # limit the peak of two designs changes by at most 1.5 % on a turned cube, 0.4 % on sphere, tube and hourglass.
@@ -104,17 +102,6 @@ def simulate_request(request: PhysicsRequest) -> GraspSimulation:
     Raises:
         SimulationFailed: the solver found no solution, or no mesh (reason `mesh_...`).
     """
-    return simulate_watched(request)
-
-
-def simulate_watched(
-    request: PhysicsRequest, recorder: "Recorder | None" = None, extra: Sequence["Effect"] = ()
-) -> GraspSimulation:
-    """As `simulate_request`, seen by a recorder (see `simulate_grasp`), with effects beside the hidden laws.
-
-    Raises:
-        SimulationFailed: the solver found no solution, or no mesh (reason `mesh_...`).
-    """
     from fast.models.objects.catalogue import get_object
     from fast.models.simulation.contact.law import ContactLaw
     from fast.models.simulation.grasp import Numerics, simulate_grasp  # heavy: compiles on first use
@@ -131,10 +118,9 @@ def simulate_watched(
             version,
             request.setup,
             placement=request.placement,
-            effects=[*build_hidden(request.hidden, request.tool_seed), *extra],
+            effects=build_hidden(request.hidden, request.tool_seed),
             numerics=Numerics(contact=contact),
             deadline_s=SOLVER_DEADLINE_S,
-            recorder=recorder,
         )
     except MeshingFailed as failure:
         raise SimulationFailed(str(failure), f"mesh_{failure.reason}") from failure

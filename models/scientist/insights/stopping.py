@@ -93,21 +93,20 @@ def look_ahead(
     *,
     margin: float = MARGIN,
     next_tools: np.ndarray | None = None,
-    allowed: np.ndarray | None = None,
     n_night: int = 0,
     n_ahead: int = N_AHEAD,
 ) -> Outlook:
     """Rehearse batches of `n_tools` in each of the worlds.
 
-    next_tools: designs that are proposed already (p x d, unit cube), which are the next batch then. allowed: designs to
-    choose from instead of candidates around the best, m x d. n_night: simulations of a night, 0 for none.
+    next_tools: designs that are proposed already (p x d, unit cube), which are the next batch then. n_night:
+    simulations of a night, 0 for none.
     """
     surrogate = worlds.surrogate
-    points = candidate_points(surrogate, rng, CANDIDATES, space) if allowed is None else allowed
+    points = candidate_points(surrogate, rng, CANDIDATES, space)
     measured = surrogate.data.x[surrogate.data.s == REAL]
     own = np.zeros((0, space.n_dims)) if next_tools is None else next_tools
     designs = np.concatenate([measured, own, points])
-    night_rows = _promising(surrogate, designs, n_night)
+    night_rows = np.argsort(-surrogate.mean(designs, REAL), kind="stable")[:n_night]
     stage = _stage(worlds, designs, night_rows, rng)
     first = np.arange(len(measured), len(measured) + len(own)) if len(own) else None
     best_n = _rehearse(stage, surrogate, len(measured), n_tools, n_ahead, rng, first, ())
@@ -128,11 +127,6 @@ def _batch(before_n: np.ndarray, after_n: np.ndarray, margin: float) -> BatchAhe
     # What holds nothing yet may be a little below 0 in a world, and is not beaten by itself.
     is_beaten = (after_n > before_n) & (after_n - before_n >= margin * np.abs(before_n))
     return BatchAhead(chance=float(np.mean(is_beaten)), gain_n=float(np.median(after_n - before_n)))
-
-
-def _promising(surrogate: Surrogate, designs: np.ndarray, n: int) -> np.ndarray:
-    """The n designs with the largest predicted outcome that are within reach of no other one."""
-    return np.argsort(-surrogate.mean(designs, REAL), kind="stable")[:n]
 
 
 def _stage(worlds: Worlds, designs: np.ndarray, night_rows: np.ndarray, rng: np.random.Generator) -> _Stage:

@@ -158,17 +158,6 @@ def test_a_fourth_connection_is_hung_up_and_a_freed_place_is_given_again(server)
         client.close()
 
 
-def test_other_units_are_not_answered_when_the_device_cares():
-    server = ModbusServerThread("picky", Memory(), unit_ids=frozenset({2}))
-    server.start()
-    try:
-        with socket.create_connection((server.host, server.port), timeout=0.2) as client:
-            with pytest.raises(TimeoutError):
-                ask(client)
-    finally:
-        server.stop()
-
-
 @settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(noise=st.binary(min_size=1, max_size=300))
 def test_random_bytes_never_wedge_the_rtu_server(rtu_server, noise):

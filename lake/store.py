@@ -274,7 +274,7 @@ class Lake:
                     return engine.read_kept(sql, params, tables) if is_kept else engine.read(sql, params)
                 except duckdb.IOException as error:
                     if attempt + 1 == _QUERY_ATTEMPTS:
-                        raise LakeError(f"{_first_line(error)}; run `fast lake check`.") from error
+                        raise LakeError(f"{str(error).splitlines()[0]}; run `fast lake check`.") from error
                 except duckdb.Error as error:
                     raise LakeError(f"The query cannot be answered: {error}") from error
         raise LakeError(f"The lake {self.address} could not be read; run `fast lake check`.")
@@ -363,7 +363,3 @@ def _check_marker(address: str, marker: str) -> None:
             f"The lake {address} has schema version {version}, this program reads up to {LAYOUT_VERSION}: "
             "update the program."
         )
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0]

@@ -82,11 +82,6 @@ def force_n_from_kg(mass_kg: float) -> float:
     return mass_kg * STANDARD_GRAVITY_M_PER_S2
 
 
-def mass_kg_from_n(force_n: float) -> float:
-    """Inverse of `force_n_from_kg`."""
-    return force_n / STANDARD_GRAVITY_M_PER_S2
-
-
 def work_j_from_n_mm(work_n_mm: float) -> float:
     """Area under a force-displacement curve in N mm, as J."""
     return work_n_mm * 1e-3

@@ -53,11 +53,6 @@ def find_decision(campaign: Campaign, stage: int) -> StageVersion | None:
     return next((decision for decision in _decisions(campaign) if decision.stage == stage), None)
 
 
-def find_newest_decision(campaign: Campaign) -> StageVersion | None:
-    """What was decided for the last stage so far, if anything was."""
-    return max(_decisions(campaign), default=None)
-
-
 def list_reruns(campaign: Campaign, stage: int) -> list[Design]:
     """Designs that a stage simulates again because its simulator version is new, in order."""
     if not campaign.config.night.active:

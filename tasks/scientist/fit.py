@@ -121,7 +121,7 @@ def surrogate_for_simulation(
         return fitted_before(last, data), last["fit_id"]
     seed = campaign.seed("simulation fit", batch)
     surrogate = trust_prior(fit_surrogate(data, _parameters(last) if last else None, seed=seed), seed)
-    fit_id = _simulation_fit_id(campaign, batch, index)
+    fit_id = content_id("F", [campaign.campaign_id, batch, "simulation", index])
     row = _fit_row(campaign, fit_id, batch, surrogate, seed, "simulations")
     campaign.lake.append([row], campaign.provenance(seed, rows()))
     return surrogate, fit_id
@@ -167,11 +167,6 @@ def _parameters(row: Mapping[str, Any]) -> SurrogateParameters:
 def tools_fit_id(campaign: Campaign, batch: int, data: ObservationSet) -> str:
     """Id of the fit that the tools of a batch are chosen with."""
     return content_id("F", [campaign.campaign_id, batch, data.n_real, data.n_sim])
-
-
-def _simulation_fit_id(campaign: Campaign, batch: int, index: int) -> str:
-    """Id of the fit that one more simulation is chosen with."""
-    return content_id("F", [campaign.campaign_id, batch, "simulation", index])
 
 
 def _fit_row(

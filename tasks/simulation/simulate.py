@@ -36,7 +36,14 @@ def simulate_design(
         for object_id in state.missing_objects(design.design_id, campaign.object_ids):
             if should_stop():
                 break
-            job = _job(campaign, design, object_id)
+            job = GraspJob(
+                design,
+                get_object(object_id),
+                campaign.version,
+                campaign.config.grasp,
+                campaign.config.simulator.grasp_deadline_s,
+                campaign.lake.root,
+            )
             future = worker.submit(attempt_grasp, job)
             if last is not None:
                 n_failed += writer.add(*last)
@@ -44,17 +51,6 @@ def simulate_design(
         if last is not None:
             n_failed += writer.add(*last)
     return n_failed
-
-
-def _job(campaign: Campaign, design: Design, object_id: int) -> GraspJob:
-    return GraspJob(
-        design,
-        get_object(object_id),
-        campaign.version,
-        campaign.config.grasp,
-        campaign.config.simulator.grasp_deadline_s,
-        campaign.lake.root,
-    )
 
 
 class _Writer:

@@ -1,42 +1,22 @@
 """A small panel of true grasps and its bank in one compressed file: hidden-effect worlds that take seconds."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from fast.flows.challenge.hidden.panels import CHANNELS, Panels, TrueSet
+from fast.flows.challenge.hidden.panels import Panels, TrueSet
 from fast.models.errors import UsageError
 from fast.models.gap.bank.bank import CENTRE, NUMERICAL, Bank, EffectRuns
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Trace
 
 PANEL = Path(__file__).parents[1] / "panel.npz"  # 9 designs, 7 objects, 23 sets of true grasps; everybody may see it
-_STEP_N = 0.002  # forces are kept in whole multiples of it
-_ARRAYS = ("grid_steps_n", "grid_lead_n", "centre_steps_n", "numerical_steps_n", "placed_steps_n", "wider_steps_n")
-
-
-def write_small(path: Path, panels: Panels, bank: Bank, names: Sequence[str]) -> None:
-    """Keep these sets of true grasps and the bank of the same designs and objects."""
-    arrays: dict[str, np.ndarray] = {"grid": bank.grid, "designs": np.array(panels.designs)}
-    arrays["objects"] = np.array(panels.objects)
-    for name in _ARRAYS:
-        arrays[name] = _packed(getattr(bank, name))
-    for name, field in bank.effects.items():
-        arrays[f"field {name}"] = _packed(field.steps_n)
-        arrays[f"amplitudes {name}"] = np.array(json.dumps([dict(row) for row in field.parameters]))
-    for name in names:
-        cells = panels.cells[name]
-        arrays[f"set {name}"] = np.array(panels.sets[name].model_dump_json())
-        arrays[f"cells {name}"] = np.array([[*place, len(trace.time_s)] for place, trace in cells.items()])
-        samples = [np.stack([getattr(trace, channel) for channel in CHANNELS]) for trace in cells.values()]
-        arrays[f"samples {name}"] = np.concatenate(samples, axis=1).astype(np.float32)
-    np.savez_compressed(path, allow_pickle=False, **arrays)
+STEP_N = 0.002  # forces are kept in whole multiples of it
 
 
 def read_small(path: Path) -> tuple[Panels, Bank]:
-    """Panels and bank of a file of `write_small`.
+    """Panels and bank of the file.
 
     Raises:
         UsageError: its bank is that of another version of the program.
@@ -82,16 +62,8 @@ def _cells(table: np.ndarray, samples: np.ndarray) -> dict[tuple[int, int], Trac
     }
 
 
-def _packed(steps_n: np.ndarray) -> np.ndarray:
-    """Forces as differences of whole steps along the lift, which compress well; NaN as the least number."""
-    whole = np.round(np.nan_to_num(steps_n) / _STEP_N).astype(np.int32)
-    packed = np.diff(whole, axis=-1, prepend=0).astype(np.int16)
-    packed[np.isnan(steps_n).any(axis=-1)] = np.iinfo(np.int16).min
-    return np.asarray(packed)
-
-
 def _unpacked(packed: np.ndarray) -> np.ndarray:
     is_lost = (packed == np.iinfo(np.int16).min).all(axis=-1)
-    steps_n = _STEP_N * np.cumsum(packed.astype(np.int32), axis=-1)
+    steps_n = STEP_N * np.cumsum(packed.astype(np.int32), axis=-1)
     steps_n[is_lost] = np.nan
     return np.asarray(steps_n)

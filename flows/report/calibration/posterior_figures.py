@@ -134,7 +134,7 @@ def chains_figure(result: CalibrationResult, names: Sequence[str]) -> Figure:
         draws = result.of(name)
         _trace(trace, draws)
         _ranks(ranks, draws)
-        trace.set_ylabel(_chain_label(name), fontsize=8)
+        trace.set_ylabel(_CHAIN_LABELS.get(name, name.replace("_", " ")), fontsize=8)
         for axes in (trace, ranks):
             axes.tick_params(labelbottom=name == names[-1])
     grid[-1, 0].set_xlabel("draw")
@@ -161,10 +161,6 @@ def _ranks(axes: Axes, draws: np.ndarray) -> None:
     axes.set_ylim(bottom=0.0)
     axes.set_xlim(0, ranks.size)
     axes.set_xticks([0, ranks.size])
-
-
-def _chain_label(name: str) -> str:
-    return _CHAIN_LABELS.get(name, name.replace("_", " "))
 
 
 def theta_history_figure(history: Sequence[PastCalibration]) -> Figure:

@@ -78,7 +78,7 @@ def _at_draw(model: DrawnModel, x: np.ndarray, theta_before: np.ndarray, rng: np
         model.leave_one_out(),
         model.discrepancy(x),
         measure_emulator_relevance(model, rng),
-        measure_discrepancy_relevance(model, rng),
+        measure_relevance(model.discrepancy_mean, model.emulator.data.x_real, rng),
     )
 
 
@@ -112,11 +112,6 @@ def measure_emulator_relevance(model: DrawnModel, rng: np.random.Generator) -> n
     z = model.emulator.data.z_sim
     points = z[rng.permutation(len(z))[:N_POINTS]]
     return measure_relevance(model.emulator.mean, points, rng)
-
-
-def measure_discrepancy_relevance(model: DrawnModel, rng: np.random.Generator) -> np.ndarray:
-    """Relevance of the design's parameters for the discrepancy, at the measured designs, 9."""
-    return measure_relevance(model.discrepancy_mean, model.emulator.data.x_real, rng)
 
 
 @dataclass(frozen=True)

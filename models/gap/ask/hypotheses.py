@@ -71,13 +71,8 @@ class Hypothesis:
             for axis in axes_of(value.effect):
                 at = axis.inner(value.parameters[axis.name]) + float(inner[value.effect, axis.name])
                 moved[axis.name] = axis.value(float(np.clip(at, *axis.limits)))
-            effects.append(replace_parameters(value, moved))
+            effects.append(value.model_copy(update={"parameters": {**value.parameters, **moved}}))
         return theta, tuple(effects), tool_factor
-
-
-def replace_parameters(value: EffectValue, parameters: dict[str, float]) -> EffectValue:
-    """The effect with other parameters."""
-    return value.model_copy(update={"parameters": {**value.parameters, **parameters}})
 
 
 def list_hypotheses(naming: NamingResult) -> tuple[Hypothesis, ...]:

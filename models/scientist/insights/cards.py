@@ -89,7 +89,8 @@ def effect_card(effect: Effect, best_n: float, n_tools: int, unit: str = "N") ->
         )
         sentence = f"{name}: no effect that {n_tools} tools can tell from none ({say(effect.size)} {unit}); {more}."
     else:
-        words = describe_shape(effect) + (f" {in_unit}" if in_unit and _ends_with_level(effect) else "")
+        words = describe_shape(effect)
+        words += f" {in_unit}" if in_unit and words[-1].isdigit() else ""
         sentence = f"{name}: {_with_unit(words, in_unit)}: {say(effect.size)} of {best_n:.1f} {unit}."
     return Card(topic="effect", name=f"effect {effect.parameter}", sentence=sentence[0].upper() + sentence[1:])
 
@@ -201,10 +202,6 @@ def say(interval: Interval) -> str:
 
 def _with_unit(words: str, unit: str | None) -> str:
     return words.replace(", then nothing", f" {unit}, then nothing") if unit else words
-
-
-def _ends_with_level(effect: Effect) -> bool:
-    return describe_shape(effect)[-1].isdigit()
 
 
 def _hours(hours: float) -> str:

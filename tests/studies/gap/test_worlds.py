@@ -9,7 +9,7 @@ import pytest
 
 from fast.flows.challenge.hidden.lab_laws import LAB_LAWS
 from fast.flows.challenge.hidden.other_lab_laws import OTHER_LAB_LAWS
-from fast.flows.challenge.hidden.panel_file import read_small, write_small
+from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.challenge.hidden.panels import MODULUS_MPA, Panels, raw_strength, visible_share
 from fast.flows.challenge.hidden.worlds import UNLISTED, Hidden, WorldKey, Worlds
 from fast.lake.store import Lake
@@ -28,6 +28,7 @@ from tests.studies.gap.independent import is_alarm, read_independent
 from tests.studies.gap.judgement import Judged
 from tests.studies.gap.local_banks import LocalBanks
 from tests.studies.gap.sealed import SealedKey, judged, measure_gap_sealed, read_problem, seal, write_problem
+from tests.studies.gap.small_panel import write_small
 from tests.studies.gap.tables import gap_tables
 from tests.studies.gap.truth import LAWS, PANEL_DESIGNS, PANEL_OBJECTS, Panel
 from tests.synthetic.rehearsal import USUAL

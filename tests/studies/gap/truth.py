@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.challenge.hidden.panel_file import write_small
 from fast.flows.challenge.hidden.panels import CHANNELS, LOWER, RAISED, WIDER, Panels, TrueSet
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import SimulationRow
@@ -26,6 +25,7 @@ from fast.tasks.simulation.pool import WorkerPool
 from tests.studies.benchmarks.base import Options, Rows, Tables
 from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.grasp_laws.truth import OTHER_GRASP_LAWS, TrueGrasp, list_grasps, solve_truth
+from tests.studies.gap.small_panel import write_small
 
 FRICTIONS, RATIOS = (0.38, 0.95), (0.32, 0.47)  # of true thetas: the bulk of the priors, not the bank's centre
 N_BASES = 4

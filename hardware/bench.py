@@ -45,7 +45,7 @@ from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, Zer
 from fast.hardware.tools.changer import ToolChanger
 from fast.hardware.tools.journal import Journal
 from fast.hardware.tools.mounted import MountedTool
-from fast.hardware.virtual.bench import Endpoints, VirtualBench
+from fast.hardware.virtual.bench import VirtualBench
 from fast.hardware.virtual.memory_wires import MemoryTransport, memory_link
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, simulate_request
@@ -230,19 +230,6 @@ class Bench:
     def check_position(self) -> tuple[float, float, float]:
         """Slip of the gantry by axis, mm; see `PositionCheck`."""
         return self.position.run()
-
-    @property
-    def endpoints(self) -> Endpoints:
-        """Addresses the drivers use."""
-        s = self.settings
-        return Endpoints(
-            s.serial_port,
-            s.plc_host,
-            s.plc_port,
-            s.transmitter_host,
-            s.transmitter_port,
-            s.transmitter_serial_port,
-        )
 
 
 @dataclass(frozen=True)

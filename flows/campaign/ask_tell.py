@@ -212,6 +212,20 @@ def guess_for(campaign: Campaign, files: Sequence[Path], place: str) -> tuple[st
     return text, read_pulls(files, parse_format(text, place), names).grasps
 
 
+def describe_pull(one: ToldGrasp) -> dict[str, Any]:
+    """A pull of a testing machine as it was read, for a table."""
+    row: dict[str, Any] = {"tool": one.tool_id, "object": one.object_id, "repeat": one.repeat}
+    trace = one.trace
+    if trace is not None:
+        row |= {
+            "samples": len(trace.time_s),
+            "time, s": f"{trace.time_s[0]:.4g} to {trace.time_s[-1]:.4g}",
+            "lift, mm": f"{trace.lift_mm.min():.4g} to {trace.lift_mm.max():.4g}",
+            "peak, N": f"{trace.force_n.max():.4g}",
+        }
+    return row
+
+
 def untell(config_path: Path | str, lake: Path | str, operator: str) -> int:
     """Take back the last telling of a campaign; returns how many grasps are to be told again.
 

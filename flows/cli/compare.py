@@ -46,9 +46,8 @@ def compare(
         return
     if config is None or lake is not None:
         raise UsageError("give a config, or --lake with what was measured; one of them.")
-    from fast.flows.scientist.campaign_runs import PlannedCampaign, run_campaigns
+    from fast.flows.scientist.campaign_runs import REFERENCE, STRATEGIES, PlannedCampaign, run_campaigns
     from fast.flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
-    from fast.flows.scientist.strategies import REFERENCE, STRATEGIES
     from fast.tasks.campaign.config import load_config, world_path
     from fast.tasks.campaign.setup import read_world
 

@@ -120,19 +120,13 @@ def tell(
 
 def _guess(config: Path, lake: Path, results: list[Path], path: Path, words: str) -> None:
     """Write a format file, guessed from the first file of a machine; show it, and what is read with it."""
-    from fast.flows.campaign.ask_tell import guess
+    from fast.flows.campaign.ask_tell import describe_pull, guess
 
     text, grasps = guess(config, lake, results, path)
     rows = [
         {
             "file": Path(one.place).name,
-            "tool": one.tool_id,
-            "object": one.object_id,
-            "repeat": one.repeat,
-            "samples": len(one.trace.time_s),
-            "time, s": f"{one.trace.time_s[0]:.4g} to {one.trace.time_s[-1]:.4g}",
-            "lift, mm": f"{one.trace.lift_mm.min():.4g} to {one.trace.lift_mm.max():.4g}",
-            "peak, N": float(one.trace.force_n.max()),
+            **describe_pull(one),
             "at, mm": float(one.trace.lift_mm[one.trace.force_n.argmax()]),
         }
         for one in grasps

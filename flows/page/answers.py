@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fast.flows.campaign.ask_tell import Telling, guess_for, tell_campaign
+from fast.flows.campaign.ask_tell import Telling, describe_pull, guess_for, tell_campaign
 from fast.flows.campaign.forms import close_forms
 from fast.flows.campaign.operator_prompts import make_mount_form, make_print_form, make_reading_form
 from fast.flows.campaign.status import read_campaign
@@ -24,7 +24,8 @@ from fast.tasks.bench.measured_tools import MEASURES, read_measured
 from fast.tasks.bench.mount import plan_rack
 from fast.tasks.bench.mounting import Mounting, confirm_mounting
 from fast.tasks.bench.print import PrintConfirmation, Printed, confirm_print, open_slots
-from fast.tasks.bench.told import Taken, ToldGrasp, take_back
+from fast.tasks.bench.questions import read_number
+from fast.tasks.bench.told import Taken, take_back
 from fast.tasks.gap.findings import find_run
 from fast.tasks.gap.readings import take_back_reading, write_reading
 
@@ -126,18 +127,6 @@ def undo_reading(lake: Lake, campaign_id: str, search_id: str, kind: str, operat
     return f"{kind.replace('_', ' ')} is taken back, and asked for again."
 
 
-def read_number(what: str, text: str) -> float:
-    """A number as a person writes it, with a point or a comma.
-
-    Raises:
-        UsageError: it is none.
-    """
-    try:
-        return float(text.strip().replace(",", "."))
-    except ValueError as error:
-        raise UsageError(f"{what}: `{text}` is not a number; write it like 2.61.") from error
-
-
 @dataclass(frozen=True)
 class Dropped:
     """A file of results as it would be taken. `fault`: why not; `format_text`: guessed, of a testing machine."""
@@ -182,7 +171,7 @@ def look_at_upload(lake: Lake, campaign_id: str, upload: str) -> Dropped:
         else:
             with _named_as_dropped(path):
                 guessed, grasps = guess_for(campaign, [path], "the format")
-            machine, rows = parse_format(guessed, "the format"), list(map(_show_pull, grasps))
+            machine, rows = parse_format(guessed, "the format"), [describe_pull(one) for one in grasps]
     except FastError as error:
         return Dropped(upload, path.name, "", str(error), False, False, "", (), ())
 
@@ -266,17 +255,3 @@ def _works(attempt: Callable[[], object]) -> bool:
     except FastError:
         return False
     return True
-
-
-def _show_pull(one: ToldGrasp) -> dict[str, Any]:
-    """A pull as it was read with a guessed format."""
-    row: dict[str, Any] = {"tool": one.tool_id, "object": one.object_id, "repeat": one.repeat}
-    trace = one.trace
-    if trace is not None:
-        row |= {
-            "samples": len(trace.time_s),
-            "time, s": f"{trace.time_s[0]:.4g} to {trace.time_s[-1]:.4g}",
-            "lift, mm": f"{trace.lift_mm.min():.4g} to {trace.lift_mm.max():.4g}",
-            "peak, N": f"{trace.force_n.max():.4g}",
-        }
-    return row

@@ -10,8 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from fast.flows.campaign.forecast import Forecast, forecast
-from fast.flows.campaign.pace import LONGEST_GAP_S, PROPOSAL_S, StageLeft, count_left, find_stage, name_uncounted
+from fast.flows.campaign.pace import (
+    LONGEST_GAP_S,
+    PROPOSAL_S,
+    Forecast,
+    StageLeft,
+    count_left,
+    find_stage,
+    forecast,
+    name_uncounted,
+)
 from fast.flows.campaign.progress import Workload, count_work
 from fast.flows.campaign.status import read_campaign
 from fast.flows.progress import describe_duration, leave_out

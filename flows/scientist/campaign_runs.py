@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from fast.flows.progress import RateEstimate, describe_time_left
-from fast.flows.scientist.strategies import Strategy
 from fast.hardware.bench import Bench, open_virtual_bench
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools.mounted import MountedTool
@@ -28,6 +27,7 @@ from fast.hardware.virtual.world.physics_cache import PhysicsFiles
 from fast.lake.store import Lake
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, GraspSimulation
+from fast.models.scientist.propose import RANDOM
 from fast.tasks.bench.measure import BenchUse, measure_batch
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
@@ -41,6 +41,29 @@ from fast.tasks.simulation.pool import WorkerPool, follow_parent
 from fast.tasks.simulation.simulate import simulate_design
 
 _WORD = PrintConfirmation(operator="nobody (comparison)", confirmed_by="auto")
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """How measured tools (`tools`) and simulated designs (`simulations`) are chosen, as an acquisition rule; None: not.
+
+    With simulations but no tools, the best simulated designs are measured once, at the end.
+    """
+
+    name: str
+    tools: str | None
+    simulations: str | None
+
+
+REFERENCE = "hybrid, MES"
+_RANDOM = Strategy("random", RANDOM, None)
+# Expected improvement of the simulated force, then the ten best are measured.
+_SIMULATION_ONLY = Strategy("simulation only", None, "ei")
+# Max-value entropy search for a batch, without simulations.
+_MEASURED_ONLY = Strategy("measured only", "mes", None)
+# The paper's own: bi-fidelity max-value entropy search for both.
+_HYBRID = Strategy(REFERENCE, "mes", "mes")
+STRATEGIES = {strategy.name: strategy for strategy in (_RANDOM, _SIMULATION_ONLY, _MEASURED_ONLY, _HYBRID)}
 
 
 @dataclass(frozen=True)

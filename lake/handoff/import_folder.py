@@ -42,6 +42,8 @@ from fast.models.ids import canonical_json, content_id, id_in_lab
 from fast.models.records import GraspSetup, Trace
 
 _CAMPAIGN_ID = re.compile(r"[^\W_][\w .+-]{0,99}")
+_AS_TOLD = ("grasp_id", "tool_id", "design_id", "object_id", "repeat", "order", "attempt", "status", "reason",
+            "started_at", "lab", "bench", "world_hash", "software")  # fmt: skip
 _TRACES_AT_ONCE = 512  # traces of the lake held in memory while they are compared
 
 
@@ -265,27 +267,14 @@ def _same_samples(row: dict[str, Any] | None, trace: Trace) -> bool:
 def _real_rows(grasp: HandoffGrasp, campaign_id: str, setup: dict[str, Any], place: Place) -> list[Row]:
     trace, is_pull = grasp.trace, grasp.trace is not None and grasp.status == "ok"
     row = GraspRow(
-        grasp_id=grasp.grasp_id,
+        **{name: getattr(grasp, name) for name in _AS_TOLD},
         campaign_id=campaign_id,
-        tool_id=grasp.tool_id,
         batch=place[0],
         slot=place[1],
-        design_id=grasp.design_id,
-        object_id=grasp.object_id,
-        repeat=grasp.repeat,
-        order=grasp.order,
-        attempt=grasp.attempt,
-        status=grasp.status,
-        reason=grasp.reason,
-        started_at=grasp.started_at,
         peak_force_n=features.peak_force_n(trace) if trace and is_pull else grasp.peak_force_n,
         work_j=features.work_j(trace) if trace and is_pull else None,
         initial_force_n=features.initial_force_n(trace) if trace and is_pull else None,
-        lab=grasp.lab,
-        bench=grasp.bench,
-        world_hash=grasp.world_hash,
         request_id=grasp.request_id or None,
-        software=grasp.software,
         **setup,
     )
     return [row] if trace is None else [row, TraceRow.of(grasp.grasp_id, trace)]

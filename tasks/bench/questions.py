@@ -62,7 +62,7 @@ def answer_question(
         text = values.get(field.name, "").strip()
         if not text:
             raise UsageError(f"{field.label} is not filled in; nothing was changed.")
-        read[field.name] = _read_number(field.label, text) if field.kind == "number" else text
+        read[field.name] = read_number(field.label, text) if field.kind == "number" else text
     answer = BenchAnswer(choice=choice, values=read, operator=operator)
     message = f"{operator} answered: {choice} ({question.sentence})"
     said = answer.model_dump(mode="json")
@@ -125,8 +125,13 @@ def _read(lake: Lake, campaign_id: str) -> tuple[dict[str, BenchQuestion], dict[
     return asked, answers, heard
 
 
-def _read_number(label: str, text: str) -> float:
+def read_number(label: str, text: str) -> float:
+    """A number as a person writes it, with a point or a comma.
+
+    Raises:
+        UsageError: it is none.
+    """
     try:
-        return float(text.replace(",", "."))
+        return float(text.strip().replace(",", "."))
     except ValueError as error:
-        raise UsageError(f"{label}: `{text}` is not a number; nothing was changed.") from error
+        raise UsageError(f"{label}: `{text}` is not a number; write it like 2.61. Nothing was changed.") from error

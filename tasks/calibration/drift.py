@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow
@@ -24,6 +24,16 @@ class PastCalibration(NamedTuple):
     made_at: datetime
     intervals: Mapping[str, tuple[float, float, float]]  # 5 % quantile, median, 95 % quantile
 
+    @staticmethod
+    def of(row: Mapping[str, Any]) -> "PastCalibration":
+        """What a row of `calibrations` says."""
+        intervals = {}
+        for name in THETA:
+            stem, unit = name.removesuffix("_mpa"), "_mpa" if name.endswith("_mpa") else ""
+            q05, median, q95 = (float(row[f"{stem}_{column}{unit}"]) for column in ("q05", "median", "q95"))
+            intervals[name] = q05, median, q95
+        return PastCalibration(row["calibration_id"], row["created_at"], intervals)
+
 
 def read_theta_history(lake: Lake, base_version_id: str, campaign_id: str | None, data: str) -> list[PastCalibration]:
     """The calibrations of a simulator with this kind of data of these measurements that gave a version, oldest first.
@@ -32,11 +42,7 @@ def read_theta_history(lake: Lake, base_version_id: str, campaign_id: str | None
     with other effects: nothing has drifted between them.
     """
     where = {"base_version_id": base_version_id, "campaign_id": campaign_id, "data": data, "status": "ok"}
-    rows = [row for row in lake.rows(CalibrationRow, **where) if row["sampler"] != WITH_EFFECTS]
-    return [
-        PastCalibration(row["calibration_id"], row["created_at"], {name: _interval(row, name) for name in THETA})
-        for row in rows
-    ]
+    return [PastCalibration.of(row) for row in lake.rows(CalibrationRow, **where) if row["sampler"] != WITH_EFFECTS]
 
 
 def find_drift(history: Sequence[PastCalibration], summary: Mapping[str, ParameterSummary]) -> tuple[str, ...]:
@@ -54,9 +60,3 @@ def find_drift(history: Sequence[PastCalibration], summary: Mapping[str, Paramet
                 "material or a change of the bench."
             )
     return tuple(sentences)
-
-
-def _interval(row: Mapping[str, float], name: str) -> tuple[float, float, float]:
-    stem, unit = name.removesuffix("_mpa"), "_mpa" if name.endswith("_mpa") else ""
-    q05, median, q95 = (float(row[f"{stem}_{column}{unit}"]) for column in ("q05", "median", "q95"))
-    return q05, median, q95

@@ -134,10 +134,7 @@ class StoredCalibration:
     @property
     def past(self) -> list[PastCalibration]:
         """This calibration and those before it, of the same simulator and campaign, oldest first."""
-        return [
-            PastCalibration(row["calibration_id"], row["created_at"], {name: _interval(row, name) for name in THETA})
-            for row in self.queries["history"].rows
-        ]
+        return [PastCalibration.of(row) for row in self.queries["history"].rows]
 
     @cached_property
     def checks(self) -> CalibrationChecks | None:
@@ -215,12 +212,6 @@ def _ordered(parameters: set[str]) -> tuple[str, ...]:
     n_inputs = len(PARAMETERS) + (3 if "lengthscale_h.young_modulus_mpa" in parameters else 2)
     known = Parameters(n_inputs, "rho" in parameters, settings.priors).names
     return (*(name for name in known if name in parameters), *sorted(parameters.difference(known)))
-
-
-def _interval(row: dict[str, float], name: str) -> tuple[float, float, float]:
-    stem, unit = name.removesuffix("_mpa"), "_mpa" if name.endswith("_mpa") else ""
-    q05, median, q95 = (float(row[f"{stem}_{column}{unit}"]) for column in ("q05", "median", "q95"))
-    return q05, median, q95
 
 
 def write_archive(path: Path, result: CalibrationResult, calibration_id: str, data: CalibrationProblem | None) -> Path:

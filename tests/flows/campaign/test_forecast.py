@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from fast.flows.campaign.forecast import Forecast, forecast
+from fast.flows.campaign.pace import Forecast, forecast
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.settings import NightSettings

@@ -9,9 +9,15 @@ import pytest
 
 from fast.flows.campaign.status import read_status
 from fast.flows.scientist import campaign_runs as campaigns
-from fast.flows.scientist.campaign_runs import PlannedCampaign, StrategyRun, run_campaigns, toml_of
+from fast.flows.scientist.campaign_runs import (
+    REFERENCE,
+    STRATEGIES,
+    PlannedCampaign,
+    StrategyRun,
+    run_campaigns,
+    toml_of,
+)
 from fast.flows.scientist.campaign_table import campaign_rows, campaigns_figure, paired_campaign_rows
-from fast.flows.scientist.strategies import REFERENCE, STRATEGIES
 from fast.hardware.virtual.world.file import Scatter, World
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import DesignRow, FitRow, GraspRow, ProposalRow, SimulationRow

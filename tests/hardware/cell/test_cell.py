@@ -283,7 +283,7 @@ def test_drivers_reach_a_virtual_bench_by_its_addresses():
             transmitter_serial_port=at.transmitter_serial_port, modbus_time_out_s=5.0,
         )  # fmt: skip
         with open_real_bench(settings, TOOLS, clock) as bench:
-            assert bench.endpoints.serial_port == at.serial_port
+            assert bench.settings.serial_port == at.serial_port
             bench.pneumatics.open_supply()
             assert bench.changer.pick(0).tool_id == "a/B01T0"
             bench.cell.park()

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from fast.flows.report.style import figure_style
-from fast.flows.scientist.strategies import REFERENCE
+from fast.flows.scientist.campaign_runs import REFERENCE
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.landscapes.run import RunSchedule
 from tests.studies.landscapes.strategies import LANDSCAPE_STRATEGIES, NOT_DRAWN

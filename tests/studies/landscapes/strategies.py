@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from fast.flows.scientist.strategies import REFERENCE, STRATEGIES, Strategy
+from fast.flows.scientist.campaign_runs import REFERENCE, STRATEGIES, Strategy
 from tests.studies.landscapes.bank import BELIEVED, EFFECT, THETA
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fast.flows.scientist.strategies import REFERENCE
+from fast.flows.scientist.campaign_runs import REFERENCE
 from fast.models.design.space import random_unit
 from fast.models.errors import UsageError
 from tests.studies.benchmarks.base import Options

@@ -7,7 +7,7 @@ from fast.lake.provenance import Provenance, current_provenance
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GapFindingRow
 from fast.lake.tables.row import Row
-from fast.models.gap.findings import Candidate, Decision, Findings, NextExperiment, RoundFindings, WhereFinding
+from fast.models.gap.findings import Decision, Findings, NextExperiment, RoundFindings
 from fast.models.ids import content_id
 from fast.models.records import EffectValue, Record
 from fast.models.simulation.effects.catalogue import CATALOGUE
@@ -149,36 +149,28 @@ def write_run(lake: Lake, run: GapRun, message: str, provenance: Provenance) -> 
 def make_round_rows(run: GapRun, number: int) -> list[GapFindingRow]:
     """Lines of one round, which counts from 0 here and from 1 in the table."""
     found = run.findings.rounds[number]
-    rows = [_where_row(run, number, place, where) for place, where in enumerate(found.where)]
+    rows = [
+        GapFindingRow(
+            **_columns(run, number, "where", place),
+            **where.model_dump(include={"sentence", "phase", "stratum", "p_value", "q_value"}),
+            size_n=where.effect_size_n,
+            ci90_lower_n=where.ci90[0],
+            ci90_upper_n=where.ci90[1],
+        )
+        for place, where in enumerate(found.where)
+    ]
     ranked = sorted(found.candidates, key=lambda candidate: -candidate.probability)
-    rows += [_candidate_row(run, number, place, candidate) for place, candidate in enumerate(ranked)]
+    rows += [
+        GapFindingRow(
+            **_columns(run, number, "candidate", place),
+            **candidate.model_dump(include={"effect", "probability", "visible_fraction"}),
+            evidence_nats=candidate.nats,
+            parameters=tuple(candidate.parameters),
+            parameter_values=tuple(candidate.parameters.values()),
+        )
+        for place, candidate in enumerate(ranked)
+    ]
     return rows + _named_rows(run, number, found)
-
-
-def _where_row(run: GapRun, number: int, place: int, where: WhereFinding) -> GapFindingRow:
-    return GapFindingRow(
-        **_columns(run, number, "where", place),
-        sentence=where.sentence,
-        phase=where.phase,
-        stratum=where.stratum,
-        size_n=where.effect_size_n,
-        ci90_lower_n=where.ci90[0],
-        ci90_upper_n=where.ci90[1],
-        p_value=where.p_value,
-        q_value=where.q_value,
-    )
-
-
-def _candidate_row(run: GapRun, number: int, place: int, candidate: Candidate) -> GapFindingRow:
-    return GapFindingRow(
-        **_columns(run, number, "candidate", place),
-        effect=candidate.effect,
-        probability=candidate.probability,
-        visible_fraction=candidate.visible_fraction,
-        evidence_nats=candidate.nats,
-        parameters=tuple(candidate.parameters),
-        parameter_values=tuple(candidate.parameters.values()),
-    )
 
 
 def _named_rows(run: GapRun, number: int, found: RoundFindings) -> list[GapFindingRow]:
@@ -193,10 +185,7 @@ def _named_rows(run: GapRun, number: int, found: RoundFindings) -> list[GapFindi
             effect=effect,
             answer=named.kind,
             probability=named.probability,
-            rmse_before_n=gap.rmse_before_n,
-            rmse_after_n=gap.rmse_after_n,
-            rmse_floor_n=gap.rmse_floor_n,
-            closed_fraction=gap.closed_fraction,
+            **gap.model_dump(exclude={"ci95"}),
             closed_ci95_lower=gap.ci95[0] if gap.ci95 else None,
             closed_ci95_upper=gap.ci95[1] if gap.ci95 else None,
             version_id=found.version,

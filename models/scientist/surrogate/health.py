@@ -5,7 +5,7 @@ from scipy.special import bdtr
 
 from fast.models.records import Record
 from fast.models.scientist.surrogate.fit import fit_surrogate, refit_without
-from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM
+from fast.models.scientist.surrogate.observations import MIN_OBSERVATIONS, REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import LeaveOneOut, Surrogate, observation_variance
 
 Z_90 = 1.6448536269514722  # half width of the central 90 % of a standard normal
@@ -74,12 +74,12 @@ def is_overconfident(coverage_90: float, n: int) -> bool:
 
 def health_of(surrogate: Surrogate) -> SurrogateHealth:
     """The health card; costs a fit to the measurements alone, and those of `predict_left_out`."""
-    loo, p = surrogate.leave_one_out(), surrogate.parameters
+    loo, p, data = surrogate.leave_one_out(), surrogate.parameters, surrogate.data
     real, sim = _fidelity(surrogate, predict_left_out(surrogate), REAL), _fidelity(surrogate, loo, SIM)
     shared = p.rho**2 * p.sd_h**2
     return SurrogateHealth(
-        n_real=surrogate.data.n_real,
-        n_sim=surrogate.data.n_sim,
+        n_real=data.n_real,
+        n_sim=data.n_sim,
         rho=p.rho,
         shared_variance=shared / (shared + p.sd_e**2),
         loo_rmse_n=real[0],
@@ -88,10 +88,10 @@ def health_of(surrogate: Surrogate) -> SurrogateHealth:
         sim_loo_rmse_n=sim[0],
         sim_loo_coverage_90=sim[1],
         sim_loo_q2=sim[2],
-        measured_only_loo_rmse_n=_measured_only_rmse_n(surrogate),
+        measured_only_loo_rmse_n=_rmse_alone_n(data, data.n_sim, data.take(data.s != SIM)),
         n_outliers=int(np.count_nonzero(_outliers(surrogate, loo))),
-        n_prior=surrogate.data.n_prior,
-        without_prior_loo_rmse_n=_without_prior_rmse_n(surrogate),
+        n_prior=data.n_prior,
+        without_prior_loo_rmse_n=_rmse_alone_n(data, data.n_prior, data.of_this_campaign()),
     )
 
 
@@ -117,21 +117,11 @@ def _outliers(surrogate: Surrogate, loo: LeaveOneOut) -> np.ndarray:
     return np.asarray(far & (surrogate.data.s == REAL))
 
 
-def _measured_only_rmse_n(surrogate: Surrogate) -> float | None:
-    """Leave-one-out error without the simulations; None where there are none, or too few measurements."""
-    data = surrogate.data
-    if data.n_sim == 0 or data.n_real < MIN_OBSERVATIONS:
+def _rmse_alone_n(data: ObservationSet, n_others: int, kept: ObservationSet) -> float | None:
+    """Leave-one-out error of a fit to those observations that are kept; None without others, or of too few tools."""
+    if n_others == 0 or data.n_real < MIN_OBSERVATIONS:
         return None
-    alone = fit_surrogate(data.take(data.s != SIM))
-    return _fidelity(alone, predict_left_out(alone), REAL)[0]
-
-
-def _without_prior_rmse_n(surrogate: Surrogate) -> float | None:
-    """Leave-one-out error of a surrogate without prior campaigns; None without any, or with too few measurements."""
-    data = surrogate.data
-    if data.n_prior == 0 or data.n_real < MIN_OBSERVATIONS:
-        return None
-    alone = fit_surrogate(data.of_this_campaign())
+    alone = fit_surrogate(kept)
     return _fidelity(alone, predict_left_out(alone), REAL)[0]
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,6 +19,8 @@ from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import FastError
 from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.state import derive_state
+from tests.studies.platform.environment_list import COMPUTER_OF_OTHERS, CONTAINER, Environment
+from tests.studies.platform.environments import prepare, start_in
 
 ROOT = Path(__file__).parents[3]
 CONFIG = """
@@ -47,11 +50,16 @@ N_SIMULATED_DESIGNS = 2 + 1 + N_TOOLS
 SMALLEST = CONFIG.replace("repeats = 2", "repeats = 4").replace("poll_s = 0.5", "poll_s = 0.2")
 
 
+def read_files() -> dict[str, str]:
+    """What a campaign is started from, by name."""
+    world, recipe = ((ROOT / path).read_text() for path in ("worlds/quick.toml", "recipes/fdm-tpu.toml"))
+    return {"tiny.toml": CONFIG, "world.toml": world.replace("5.0", "8.0"), "printed.toml": recipe}
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "tiny.toml").write_text(CONFIG)
-    shutil.copy(ROOT / "recipes" / "fdm-tpu.toml", tmp_path / "printed.toml")
-    (tmp_path / "world.toml").write_text((ROOT / "worlds" / "quick.toml").read_text().replace("5.0", "8.0"))
+    for name, text in read_files().items():
+        (tmp_path / name).write_text(text)
     return tmp_path
 
 
@@ -107,6 +115,10 @@ def two_grasps(lake: Lake) -> bool:
     return len(lake.ids(GraspRow)) >= 2
 
 
+def start_elsewhere(environment: Environment, folder: Path) -> "subprocess.Popen[bytes]":
+    return start_in(environment, folder, ("campaign", "run", "tiny.toml", "--lake", "lake", "--auto-print"))
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
@@ -114,17 +126,22 @@ def two_grasps(lake: Lake) -> bool:
     [(two_grasps,), pytest.param((two_simulations, two_grasps), marks=pytest.mark.study)],
     ids=["once", "twice"],
 )
-def test_killed_and_continued_gives_every_grasp_once(folder, moments):
+def test_killed_and_continued_on_machines_that_are_not_ours_gives_every_grasp_once(tmp_path, moments):
+    """Killed behind settings of another Prefect and a proxy, continued where nothing can be written but the lake."""
+    folder = tmp_path / COMPUTER_OF_OTHERS.folder
+    prepare(COMPUTER_OF_OTHERS, folder, read_files())
     for moment in moments:
-        killed = start(folder, "--auto-print")
+        killed = start_elsewhere(COMPUTER_OF_OTHERS, folder)
         wait_for(folder, moment)
-        end(killed)
+        assert COMPUTER_OF_OTHERS.says in end(killed)
 
     measured_before = {r["grasp_id"]: r["created_at"] for r in Lake.open(folder / "lake").rows(GraspRow)}
     assert 0 < len(measured_before) < N_TOOLS * N_OBJECTS * N_REPEATS
-    continued = start(folder, "--auto-print")
-    output, _ = continued.communicate(timeout=300)
+    continued = start_elsewhere(CONTAINER, folder)
+    output = continued.communicate(timeout=300)[0].decode(errors="replace")
     assert continued.returncode == 0, output
+    assert CONTAINER.says in " ".join(output.split())
+    assert "Traceback" not in output
     assert_complete(folder)
     after = {r["grasp_id"]: r["created_at"] for r in Lake.open(folder / "lake").rows(GraspRow)}
     assert measured_before.items() <= after.items()  # nothing was measured again
@@ -237,9 +254,11 @@ def is_simulated(lake: Lake, n_designs: int) -> bool:
     return len(designs) == n_designs and done == n_designs * N_OBJECTS
 
 
-def end(campaign: "subprocess.Popen[str]") -> None:
+def end(campaign: "subprocess.Popen[Any]") -> str:
+    """Kill it; returns what it had said."""
     campaign.kill()
-    campaign.communicate()
+    output = campaign.communicate()[0]
+    return output if isinstance(output, str) else output.decode(errors="replace")
 
 
 def fast(folder: Path, *arguments: str) -> None:

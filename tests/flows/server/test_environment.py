@@ -87,7 +87,8 @@ def _find_no_home():
     raise RuntimeError("Could not determine home directory.")
 
 
-@pytest.mark.slow
+# A campaign that is killed on the one and continued on the other runs each time (`test_campaign`).
+@pytest.mark.study
 @pytest.mark.parametrize("environment", [COMPUTER_OF_OTHERS, CONTAINER], ids=lambda environment: environment.name)
 def test_a_campaign_runs_on_a_machine_that_is_not_ours(environment, tmp_path):
     assert judge(environment, tmp_path).problem == ""

@@ -153,8 +153,16 @@ def _find_problems(environment: Environment, run: Run, lines: Sequence[str]) -> 
 def run_in(environment: Environment, folder: Path) -> Said:
     """A campaign in an environment, in a folder of its own."""
     place = _place(environment, folder)
+    prepare(environment, place, {"tiny.toml": _CONFIG, "world.toml": _WORLD})
+    words = ("campaign", "run", "tiny.toml", "--lake", "lake", "--auto-print")
+    with _checkout(environment, folder) as checkout:
+        return _listen(start_in(environment, place, words, checkout))
+
+
+def prepare(environment: Environment, place: Path, files: Mapping[str, str]) -> None:
+    """Make the folder of a run, with these files and those of the environment."""
     place.mkdir(parents=True)
-    for name, text in {"tiny.toml": _CONFIG, "world.toml": _WORLD, **environment.files}.items():
+    for name, text in {**files, **environment.files}.items():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_text(text, encoding="utf-8")
     for name in environment.closed:
@@ -162,17 +170,20 @@ def run_in(environment: Environment, folder: Path) -> Said:
     if environment.owner is not None:
         for path in (place, *place.rglob("*")):
             os.chown(path, environment.owner, environment.owner)
-    with _checkout(environment, folder) as checkout:
-        # What this process has set for itself is no setting of a user's.
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "NUMBA_", "MPL"))}
-        wanted: dict[str, str | None] = {**kept, "PYTHONPATH": str(checkout), **environment.variables}
-        variables = {name: value.replace("{folder}", str(place)) for name, value in wanted.items() if value is not None}
-        words = ("campaign", "run", "tiny.toml", "--lake", "lake", "--auto-print")
-        process = subprocess.Popen(
-            [*environment.command, sys.executable, str(_FAST), *words],
-            cwd=place, env=variables, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        )  # fmt: skip
-        return _listen(process)
+
+
+def start_in(
+    environment: Environment, place: Path, words: Sequence[str], checkout: Path = CHECKOUT
+) -> subprocess.Popen[bytes]:
+    """`fast` with these words in an environment, in the folder of a run."""
+    # What this process has set for itself is no setting of a user's.
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "NUMBA_", "MPL"))}
+    wanted: dict[str, str | None] = {**kept, "PYTHONPATH": str(checkout), **environment.variables}
+    variables = {name: value.replace("{folder}", str(place)) for name, value in wanted.items() if value is not None}
+    return subprocess.Popen(
+        [*environment.command, sys.executable, str(_FAST), *words],
+        cwd=place, env=variables, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
 
 
 def _listen(process: subprocess.Popen[bytes]) -> Said:

@@ -62,7 +62,7 @@ def test_a_stopped_campaign_continues_at_the_missing_grasp(tmp_path: Path) -> No
     assert 0 < len(kept) < N_GRASPS
     words = ["campaign", "run", folder / "tiny.toml", "--lake", folder / "lake", "--auto-print"]
     done = subprocess.run(
-        [sys.executable, "-m", "fast.flows.cli.main", *words],
+        [sys.executable, "-m", "tests.flows.undrawn_fast", *words],
         cwd=ROOT,
         env={name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")},
         capture_output=True,

@@ -40,7 +40,7 @@ print_poll_s = 0.2
 def run(folder: Path, *words: object) -> "subprocess.Popen[str]":
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT_")}
     return subprocess.Popen(
-        [sys.executable, "-m", "fast.flows.cli.main", *map(str, words), "--lake", str(folder / "lake")],
+        [sys.executable, "-m", "tests.flows.undrawn_fast", *map(str, words), "--lake", str(folder / "lake")],
         cwd=ROOT,
         env=environment,
         stdout=subprocess.PIPE,

@@ -218,7 +218,9 @@ signal.signal(signal.SIGTERM, hear)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whatever the tests run under
 end_with_terminal()
 print("ready", flush=True)
-while not os.path.exists(sys.argv[1]):
+for _ in range(3000):  # half a minute, in which it hears the terminal close
+    if os.path.exists(sys.argv[1]):
+        break
     time.sleep(0.01)
 os.kill(os.getpid(), signal.SIGHUP)
 """
@@ -233,7 +235,10 @@ def test_a_terminal_that_closes_ends_a_command_once_as_sigterm_does(tmp_path):
         os.close(theirs)
         assert os.read(ours, 100).startswith(b"ready")
         os.close(ours)
-        assert child.wait(60) == 0
+        try:
+            assert child.wait(60) == 0
+        finally:
+            child.kill()
     assert heard.read_text() == "heard "
 
 

@@ -18,6 +18,7 @@ from fast.lake.tables.campaign import CampaignRow, EventRow, GraspRow, TraceRow
 from fast.models.errors import UsageError
 from fast.tasks.campaign.night_story import Night
 from tests.flows.synthetic_lake import Campaign, build
+from tests.flows.undrawn import leave_unsimulated
 
 SECTIONS = (
     "best",
@@ -179,7 +180,8 @@ def test_empty_campaign(tmp_path):
     assert "Nothing failed." in seen
 
 
-def test_campaign_without_simulations_and_with_one_batch(tmp_path):
+def test_campaign_without_simulations_and_with_one_batch(tmp_path, monkeypatch):
+    leave_unsimulated(monkeypatch)
     lake = make_lake(tmp_path / "lake", n_batches=2, n_measured_batches=1, with_simulations=False, n_repeats=1)
     index = write_report(lake, "demo", tmp_path / "out")
     seen = text_of(index)

@@ -1,4 +1,4 @@
-"""The emulated board, and the firmware on it: every case of `wire_faults`, and the whole bench in some of them.
+"""The emulated board, and the firmware on it: every case of `wire_faults`; the whole bench is in `test_firmware_bench`.
 
 Skipped without libsimavr, a C compiler or an image of grbl-Mega; docs/how-to/check-the-drivers.md says how to get them.
 """
@@ -9,15 +9,12 @@ from tests.hardware.grbl import firmware_board
 from tests.hardware.grbl.firmware_board import FirmwareRig, build, find_reason_to_skip
 from tests.hardware.grbl.test_wire_faults import check
 from tests.hardware.grbl.wire_faults import CASES, run_case
-from tests.hardware.safety.test_wire_faults_of_the_bench import check_bench
-from tests.hardware.safety.wire_bench import BENCH_CASES, open_firmware_rig, run_bench_case
 
 REASON = find_reason_to_skip()
 needs_firmware = pytest.mark.skipif(bool(REASON), reason=REASON)
 # Every sixth case each time, the others with the studies: each takes seconds of the board's own time.
 EVERY_TIME = CASES[::6]
 CASES_BY_COST = [pytest.param(case, marks=() if case in EVERY_TIME else pytest.mark.study) for case in CASES]
-SOME = [case for case in BENCH_CASES if case.name == "`ALARM:1` that nobody said"]
 
 
 @pytest.mark.skipif("libsimavr" in REASON, reason=REASON)
@@ -52,17 +49,3 @@ def test_homing_ends_in_the_corner_by_counted_steps(rig):
 @pytest.mark.parametrize("case", CASES_BY_COST, ids=lambda case: f"{case.during}: {case.name}")
 def test_a_position_is_true_or_unknown_and_nothing_moves_on(rig, case):
     check(case, run_case(rig, case))
-
-
-@pytest.fixture(scope="module")
-def bench_rig():
-    with open_firmware_rig() as rig:
-        yield rig
-
-
-@needs_firmware
-@pytest.mark.slow
-@pytest.mark.timeout(400)
-@pytest.mark.parametrize("case", SOME, ids=lambda case: f"{case.during}: {case.name}")
-def test_the_bench_is_held_and_a_person_can_work_on(bench_rig, case):
-    check_bench(case, run_bench_case(bench_rig, case))

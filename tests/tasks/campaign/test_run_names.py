@@ -42,8 +42,13 @@ def test_the_name_says_which_object_of_how_many(named, monkeypatch):
 
 
 def test_a_server_that_does_not_answer_changes_nothing_else(monkeypatch):
+    asked = []
+
     def broken(sync_client):
+        asked.append(sync_client)
         raise ConnectionError("refused")
 
     monkeypatch.setattr(prefect_tasks, "get_client", broken)
-    PlaceInName("B07 gantry, tool 4", RUN, ObjectPlan(ids=(3,), repeats=1), set()).count(grasp(3, 0))
+    place = PlaceInName("B07 gantry, tool 4", RUN, ObjectPlan(ids=(3, 9), repeats=1), {(3, 0)})
+    place.count(grasp(9, 0))
+    assert (asked, place.name) == ([True], "B07 gantry, tool 4, object 2 of 2")

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from fast.lake.store import Lake
+from fast.tasks.bench import told_questions
 from tests.docs.pages import DOCS, blocks_of
 from tests.flows.cli.cli_lakes import Fast
 from tests.flows.undrawn import leave_undrawn
@@ -18,6 +19,12 @@ PULL, UTM = [block.text for block in blocks_of(BENCH, "toml")]
 (MINE,) = [block.text for block in blocks_of(DESIGNS, "toml")]
 (TABLE,) = [block.text for block in blocks_of(DESIGNS, "csv")]
 (NOTEBOOK,) = [block.text for block in blocks_of(BENCH, "python")]
+
+
+@pytest.fixture
+def no_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is told is compared with its repeats alone: the tests of `tests/tasks/bench` simulate it, too."""
+    monkeypatch.setattr(told_questions, "_simulate", lambda *_: None)
 
 
 @pytest.fixture
@@ -85,7 +92,9 @@ def test_a_campaign_is_asked_told_and_finished_as_the_page_says(fast: Fast, monk
     assert lake.query("SELECT count(*) FROM traces").column(0)[0].as_py() == 16
 
 
-def test_the_notebook_of_the_page_runs_a_campaign(fast: Fast, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_notebook_of_the_page_runs_a_campaign(
+    fast: Fast, no_physics: None, capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("python.toml").write_text(PULL.replace('name = "pull"', 'name = "python"', 1))
     names: dict[str, Any] = {}
     exec(compile(NOTEBOOK, "notebook", "exec"), names)
@@ -120,7 +129,7 @@ def test_a_full_folder_is_refused_before_anything_is_proposed(fast: Fast) -> Non
     assert "not empty; nothing was written" in fast.refused("ask", "pull.toml", "--out", "B01")
 
 
-def test_another_labs_campaign_is_continued_as_the_page_says(fast: Fast) -> None:
+def test_another_labs_campaign_is_continued_as_the_page_says(fast: Fast, no_physics: None) -> None:
     ask, tell = commands_of(BENCH)[:2]
     fast(*ask)
     measure(Path("B01/results.csv"))

@@ -16,7 +16,6 @@ from fast.tasks.campaign.setup import read_bench, read_real_bench
 from tests.docs.pages import DOCS, blocks_of
 from tests.docs.test_own_bench_pages import commands_of
 from tests.flows.cli.cli_lakes import Fast
-from tests.flows.undrawn import end_undrawn
 
 ROOT = Path(__file__).parents[2]
 PAGE = DOCS / "how-to" / "drive-an-arm.md"
@@ -29,7 +28,6 @@ HOST = f"127.0.{os.getpid() % 200 + 20}.9"  # an address of this test, so that p
 def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The page's virtual arm, in the folder where the page's commands run."""
     monkeypatch.chdir(tmp_path)
-    end_undrawn(monkeypatch)
     (tmp_path / "worlds").mkdir()
     shutil.copy(ROOT / "worlds" / "quick.toml", tmp_path / "worlds")
     # A third as long.

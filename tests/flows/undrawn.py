@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fast.flows.campaign import results
 from fast.flows.campaign.results import write_files
 from fast.flows.report.folder import Folder
 from fast.lake.store import Lake
@@ -34,11 +33,3 @@ def write_files_undrawn(lake: Lake, campaign_id: str, output: Path) -> tuple[obj
     with pytest.MonkeyPatch.context() as patch:
         leave_undrawn(patch)
         return write_files(lake, campaign_id, output)
-
-
-def end_undrawn(patch: pytest.MonkeyPatch) -> None:
-    """Have campaigns of this process end with a report without drawings, which a process of its own writes."""
-    from fast.flows.campaign import process
-
-    for place in (results, process):
-        patch.setattr(place, "write_files", write_files_undrawn)

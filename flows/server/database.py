@@ -7,6 +7,7 @@ the first server of the machine leaves it before anyone asks it anything: tables
 import os
 import shutil
 import sqlite3
+from collections.abc import MutableMapping
 from contextlib import closing
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +16,17 @@ from fast.flows.server.environment import DATABASE_VARIABLE
 from fast.models.solver_code import cache_folder
 
 NAME = "prefect.db"
+_SETTINGS = ("PREFECT_SERVER_DATABASE_", "PREFECT_API_DATABASE_")
+
+
+def name_database(environment: MutableMapping[str, str]) -> None:
+    """Name the database in the settings of a server, unless a person has named one.
+
+    It is named as seen from the folder that the server works in (`ChildProcess`), which lies beside it: Prefect's
+    default has the whole path, of which a `?` would be the end.
+    """
+    if not any(name.startswith(_SETTINGS) for name in environment):
+        environment["PREFECT_SERVER_DATABASE_CONNECTION_URL"] = f"sqlite+aiosqlite:///../{NAME}"
 
 
 def take_empty_database(home: Path) -> bool:

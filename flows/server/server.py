@@ -16,7 +16,7 @@ from typing import Any
 
 from fast.flows.server.access import Api, own_login
 from fast.flows.server.child_process import ChildProcess
-from fast.flows.server.database import keep_empty_database, take_empty_database
+from fast.flows.server.database import keep_empty_database, name_database, take_empty_database
 from fast.flows.server.environment import enter_environment, list_ignored, make_environment, named_server
 from fast.flows.server.loopback import LOOPBACK, join_numbers, open_listeners
 from fast.flows.server.run_process import is_process_alive
@@ -226,6 +226,7 @@ def start_server(lake_root: Path, port: int, host: str = LOOPBACK) -> ChildProce
     port = int(listeners[0].getsockname()[1])
     api = Api(f"http://{LOOPBACK}:{port}/api", login)
     environment = make_environment(api, home)
+    name_database(environment)
     environment["FAST_SERVER_LOGIN"] = login
     environment["PREFECT_SERVER_CORS_ALLOWED_ORIGINS"] = api.page  # not the default, which is everybody
     for name, value in {**TIDY, **ROUNDS}.items():

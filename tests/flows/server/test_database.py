@@ -8,7 +8,8 @@ import pytest
 
 from fast.flows.server import database
 from fast.flows.server.database import NAME, keep_empty_database, take_empty_database
-from fast.flows.server.environment import DATABASE_VARIABLE
+from fast.flows.server.environment import DATABASE_VARIABLE, SERVER_VARIABLE
+from fast.flows.server.server import server, state_folder
 
 
 @pytest.fixture
@@ -51,3 +52,15 @@ def test_no_database_is_replaced(kept: Path, tmp_path: Path, monkeypatch: pytest
     other = home_of(tmp_path / "other")
     assert not take_empty_database(other)
     assert not (other / NAME).exists()
+
+
+def test_the_database_lies_in_its_lake_whatever_signs_the_path_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of `lab?/lake`, it lay in a file `lab`, and was that of all lakes of such names."""
+    for variable in (DATABASE_VARIABLE, SERVER_VARIABLE):
+        monkeypatch.delenv(variable, raising=False)
+    root = tmp_path / "lab? #1 50%" / "lake"
+    with server(root):
+        assert "flow_run" in tables_of(state_folder(root))
+    assert [path.name for path in tmp_path.iterdir()] == ["lab? #1 50%"]

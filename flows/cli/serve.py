@@ -41,7 +41,7 @@ def serve(
     gets in, neither pages of other sites nor other users of the computer. A server that FAST_PREFECT_API_URL names is
     used instead of one of its own. FAST_PASSWORD is a password in place of the key in the address (user `fast`).
     """
-    from fast.flows.server.access import address_for_person
+    from fast.flows.server.access import addresses_for_person
     from fast.flows.server.environment import named_server
     from fast.flows.server.lab import LabPlan, open_lab, refuse_second
     from fast.flows.server.server import tell_ignored
@@ -62,15 +62,15 @@ def serve(
         _check_server_wanted(host, page_port, "--page-port")
     with open_lab(found, LabPlan(port, host, runs, page_port)) as lab:
         asked = watch_signals()  # a server that is still starting is ended by the default
-        page, flows = address_for_person(lab.page), address_for_person(lab.api)
+        pages, flows = (addresses_for_person(api, host) for api in (lab.page, lab.api))
         say_text: Callable[[str], None] = tell if json else say
-        say_text(f"the lab's page of {found.address}: {page}")
-        say_text(f"flows, in Prefect: {flows}")
+        say_text(f"the lab's page of {found.address}: {' or '.join(pages)}")
+        say_text(f"flows, in Prefect: {' or '.join(flows)}")
         deployments = lab.deploy()
         if json:
             data = {
-                "page": page,
-                "url": flows,
+                "page": pages[0],
+                "url": flows[0],
                 "api_url": lab.api.url,
                 "lake": found.address,
                 "deployments": deployments,

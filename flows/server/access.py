@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
+from fast.flows.server.loopback import LOOPBACK, list_addresses
 from fast.lake.storage.files import writing_failed
 from fast.models.errors import FastError
 
@@ -77,6 +78,12 @@ def address_for_person(api: Api) -> str:
     if not api.login or os.environ.get(PASSWORD_VARIABLE):
         return api.page
     return f"{api.page}/?key={api.login.partition(':')[2]}"
+
+
+def addresses_for_person(api: Api, host: str) -> list[str]:
+    """The same for each address at which a server that listens on `host` is opened from where a person may be."""
+    ours, loopback = address_for_person(api), f"//{LOOPBACK}:"
+    return [ours.replace(loopback, f"//{one}:", 1) for one in list_addresses(host)] if loopback in ours else [ours]
 
 
 def session_of(login: str) -> str:

@@ -29,6 +29,16 @@ def open_listeners(host: str, port: int, backlog: int) -> list[socket.socket]:
     return listeners
 
 
+def list_addresses(host: str) -> list[str]:
+    """Addresses at which a person opens what listens on `host`: for 0.0.0.0 those that this machine has in networks."""
+    if host != _EVERYWHERE:
+        return [host]
+    import psutil  # a hundredth of a second that other commands do not need
+
+    known = [one.address for card in psutil.net_if_addrs().values() for one in card if one.family == socket.AF_INET]
+    return [address for address in known if not address.startswith("127.")] or [LOOPBACK]
+
+
 def join_numbers(listeners: Iterable[socket.socket]) -> str:
     """The numbers of listening sockets as an argument of the process that gets them; see `split_numbers`."""
     return ",".join(str(listener.fileno()) for listener in listeners)

@@ -3,10 +3,22 @@
 import asyncio
 import base64
 import os
+import socket
+from types import SimpleNamespace
 
+import psutil
 import pytest
 
-from fast.flows.server.access import Api, Role, address_for_person, key_path, own_login, role_login, session_of
+from fast.flows.server.access import (
+    Api,
+    Role,
+    address_for_person,
+    addresses_for_person,
+    key_path,
+    own_login,
+    role_login,
+    session_of,
+)
 from fast.flows.server.gate import ROLE, add_gate
 from fast.models.errors import FastError
 
@@ -131,6 +143,25 @@ def test_the_key_is_made_once_for_its_owner_alone_and_is_not_printed_by_accident
     monkeypatch.setenv("FAST_PASSWORD", "sesame")
     assert own_login(tmp_path) == "fast:sesame"
     assert address_for_person(Api(api.url, "fast:sesame")) == "http://127.0.0.1:4200"
+
+
+def test_a_person_is_told_the_addresses_that_can_be_opened_from_elsewhere(monkeypatch):
+    """`fast serve --host 0.0.0.0` named 127.0.0.1, which is the phone itself on a phone."""
+    monkeypatch.setenv("FAST_PASSWORD", "sesame")
+    ours, other = Api("http://127.0.0.1:4210/api", LOGIN), Api("http://flows.lab:4200/api")
+    assert addresses_for_person(ours, "127.0.0.1") == ["http://127.0.0.1:4210"]
+    assert addresses_for_person(ours, "192.168.7.2") == ["http://192.168.7.2:4210"]
+    assert addresses_for_person(other, "192.168.7.2") == ["http://flows.lab:4200"]
+    cards = {"lo": ["127.0.0.1"], "eth0": ["192.168.7.2"], "wlan0": ["10.0.0.2"]}
+    seen = {
+        name: [SimpleNamespace(family=socket.AF_INET, address=one) for one in held]
+        + [SimpleNamespace(family=socket.AF_INET6, address="fe80::1")]
+        for name, held in cards.items()
+    }
+    monkeypatch.setattr(psutil, "net_if_addrs", lambda: seen)
+    assert addresses_for_person(ours, "0.0.0.0") == ["http://192.168.7.2:4210", "http://10.0.0.2:4210"]
+    monkeypatch.setattr(psutil, "net_if_addrs", lambda: {"lo": seen["lo"]})
+    assert addresses_for_person(ours, "0.0.0.0") == ["http://127.0.0.1:4210"]
 
 
 def test_an_empty_key_is_said(tmp_path, monkeypatch):

@@ -127,7 +127,7 @@ def run(words: list[str] | None, command_line: App = app) -> int:
     except ModuleNotFoundError as error:
         return _missing(error)
     except KeyboardInterrupt:
-        return _fail("interrupted; what was finished is in the lake.", 130)
+        return _fail("interrupted; what was finished is in the lake: give the same command to go on.", 130)
     except BrokenPipeError:
         drop(sys.stdout)
         return 1
@@ -168,7 +168,9 @@ def _usage_sentence(error: CycloptsError, program: str) -> str:
     command = " ".join([program, *(error.command_chain or [])])
     sentence = " ".join(str(error).split())
     if isinstance(error, MissingArgumentError) and error.argument is not None and not error.argument.tokens:
-        sentence = f"`{command}` needs {error.argument.name}: {error.argument.parameter.help}"
+        name = error.argument.name  # a word by its place is written without its name, as the usage line has it
+        wanted = name if error.argument.index is None else name.lstrip("-").upper()
+        sentence = f"`{command}` needs {wanted}: {error.argument.parameter.help}"
     sentence = sentence.replace("into int", "into a whole number").replace("into float", "into a number")
     return f"{sentence} See `{command} --help`."
 

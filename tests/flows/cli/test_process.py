@@ -195,7 +195,7 @@ def test_ctrl_c_is_one_sentence():
            "from fast.flows.cli.main import main\nmain()"  # fmt: skip
     done = python(code, "simulate", "--object", "2")
     assert done.returncode == 130
-    assert done.stderr == "fast: interrupted; what was finished is in the lake.\n"
+    assert done.stderr == "fast: interrupted; what was finished is in the lake: give the same command to go on.\n"
 
 
 def test_sigterm_ends_a_search_as_ctrl_c_does(tmp_path):
@@ -203,7 +203,10 @@ def test_sigterm_ends_a_search_as_ctrl_c_does(tmp_path):
            "s.run_gap = lambda *a: os.kill(os.getpid(), signal.SIGTERM)\n" \
            "from fast.flows.cli.main import main\nmain()"  # fmt: skip
     done = python(code, "gap", "--example", "--out", tmp_path / "example")
-    assert (done.returncode, done.stderr) == (130, "fast: interrupted; what was finished is in the lake.\n")
+    assert (done.returncode, done.stderr) == (
+        130,
+        "fast: interrupted; what was finished is in the lake: give the same command to go on.\n",
+    )
 
 
 CLOSED = """

@@ -125,7 +125,7 @@ def test_a_changed_config_under_the_same_name_is_refused_with_what_changed(fast,
     [
         (["nonsense"], 'Unknown command "nonsense".'),
         (["campaign", "runn"], 'Did you mean "run"?'),
-        (["campaign", "run"], "`fast campaign run` needs --config: TOML file"),
+        (["campaign", "run"], "`fast campaign run` needs CONFIG: TOML file"),
         (["campaign", "status", "--lak", "x"], "Unknown option: --lak. Did you mean --lake? See `fast campaign"),
         (["simulate", "--object", "x"], "no object is called `x`; known: block, cone"),
         (["sql", "SELECT 1", "--format", "xml"], 'Choose from: "table", "csv", "json", "parquet".'),

@@ -74,7 +74,12 @@ def spell_count(n: int, noun: str) -> str:
 def spell_number(value: float, digits: int = 2) -> str:
     """A number of so many digits, large ones without an exponent (127.4 -> `130`, 0.0312 -> `0.031`)."""
     rounded = float(f"{value:.{digits}g}")
-    return f"{rounded:.0f}" if abs(rounded) >= 10.0**digits else f"{rounded:z.{digits}g}"
+    return typeset(rounded, ".0f" if abs(rounded) >= 10.0**digits else f"z.{digits}g")
+
+
+def typeset(value: float, form: str) -> str:
+    """A number by a format, for people: with the minus sign as figures have it. What programs read keeps `-`."""
+    return format(value, form).replace("-", "\u2212")
 
 
 def force_n_from_kg(mass_kg: float) -> float:

@@ -11,6 +11,8 @@ from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from fast.models.units import typeset
+
 DASH = "–"
 
 
@@ -25,7 +27,7 @@ def render(template: str, **values: object) -> str:
 
 @cache
 def find_environment() -> Environment:
-    """The environment, made once a process: filters `number`, `count`, `moment`, and the stylesheet as a global."""
+    """The environment, made once a process: filters for numbers and times, the stylesheet as a global."""
     made = Environment(
         loader=PackageLoader("fast", ""),
         autoescape=True,
@@ -35,7 +37,7 @@ def find_environment() -> Environment:
         lstrip_blocks=True,
         auto_reload=False,
     )
-    made.filters.update(number=number, count=count, moment=moment)
+    made.filters.update(number=number, count=count, moment=moment, typeset=typeset)
     made.globals["stylesheet"] = files("fast.flows.report").joinpath("page.css").read_text(encoding="utf-8")
     return made
 
@@ -44,7 +46,7 @@ def number(value: float | None, digits: int = 1, unit: str = "", dash: str = DAS
     """Number with fixed digits, thousands apart, and its unit; where there is none, `dash`."""
     if value is None or value != value:
         return dash
-    return f"{value:z,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212") + (f"\u00a0{unit}" if unit else "")
+    return typeset(value, f"z,.{digits}f").replace(",", "\u202f") + (f"\u00a0{unit}" if unit else "")
 
 
 def count(n: int, noun: str) -> str:

@@ -28,7 +28,7 @@ from fast.models.gap.simulated import Beside, stand_beside
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.version import SimulatorVersion
-from fast.models.units import STANDARD_GRAVITY_M_PER_S2, spell_count, spell_name, spell_number, unit_of
+from fast.models.units import STANDARD_GRAVITY_M_PER_S2, spell_count, spell_name, spell_number, typeset, unit_of
 from fast.tasks.calibration.mean_data import TooLittleDataError, find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
 from fast.tasks.gap.ask import ask
@@ -40,6 +40,7 @@ from fast.tasks.gap.panel import LEAST_DESIGNS, LEAST_OBJECTS, select_panel
 from fast.tasks.gap.simulated import read_simulated
 from fast.tasks.gap.split import MIN_DESIGNS, MIN_OBJECTS
 from fast.tasks.gap.trace_rows import designs_of, measured_grasps
+from fast.tasks.objects import own_objects
 from fast.tasks.simulation.plan import SimulationPlan
 
 _MOST_ROWS = 8
@@ -113,8 +114,9 @@ class Weighed:
         is_in_kg = bool((np.abs(off) < (_UNIT_TOLERANCE, _FORCE_TOLERANCE)).all())
         return (
             f"Your simulator is {spell_number(100.0 * beside.apart)} % of the force from ours at its likeliest "
-            f"constants; the measured grasps move it by {modulus:+.2g} MPa, {friction:+.2g} of friction and "
-            f"{ratio:+.2g} of Poisson's ratio."
+            f"constants; the measured grasps move it by {typeset(modulus, '+.2g')} MPa, "
+            f"{typeset(friction, '+.2g')} of friction and "
+            f"{typeset(ratio, '+.2g')} of Poisson's ratio."
             + (" The factor is about 9.81: check that its forces are in N, not in kg." if is_in_kg else "")
         )
 
@@ -164,7 +166,10 @@ def _read(lake: Lake, order: GapOrder, simulated: Path | None) -> tuple[Measured
     """What was measured, and another simulator's step means of it, if there is one."""
     measured = read_grasps(lake, order.campaign_id, order.panel)
     _check_size(measured)
-    return measured, None if simulated is None else read_simulated(simulated, measured.grasps)
+    if simulated is None:
+        return measured, None
+    own_objects(lake.address)  # the file may have their names
+    return measured, read_simulated(simulated, measured.grasps)
 
 
 def _weigh(

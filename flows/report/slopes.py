@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from fast.flows.report.style import FIRST, MUTED, SIMULATED, WIDTH_IN, new_figure
 from fast.models.records import GraspSimulation, Slope, Slopes
-from fast.models.units import spell_name, unit_of
+from fast.models.units import spell_name, typeset, unit_of
 
 _NAMES = {"young_modulus_mpa": "Young's modulus", "nu": "Poisson's ratio", "poisson_ratio": "Poisson's ratio"}
 
@@ -33,7 +33,7 @@ def draw_peak_changes(result: GraspSimulation, title: str) -> Figure:
         color = SIMULATED if change_n >= 0.0 else FIRST
         axes.barh(place, change_n, color="none" if slope.step else color, edgecolor=color, height=0.62)
         axes.annotate(
-            f"{change_n:+.2f}",
+            typeset(change_n, "+.2f"),
             (change_n, place),
             xytext=(4 if change_n >= 0.0 else -4, 0),
             textcoords="offset points",

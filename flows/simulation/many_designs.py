@@ -11,6 +11,7 @@ import numpy as np
 
 from fast.flows.progress import Bar, ProgressReporter, RateEstimate
 from fast.models.errors import UsageError
+from fast.models.failure_words import spell_reason
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup, Placement
 from fast.models.show import html_table, load_pandas
@@ -117,7 +118,7 @@ def simulate_designs(
         if is_given_up:
             raise CancelledError  # ends the thread, which has other objects to come
         done += 1
-        found = attempt.reason if attempt.result is None else f"{attempt.result.peak_force_n:.1f} N"
+        found = spell_reason(attempt.reason) if attempt.result is None else f"{attempt.result.peak_force_n:.1f} N"
         bar = Bar("simulated", done, total, rate.seconds_left(total - done))
         reporter.report(f"{own.name} on {obj.name} ({obj.object_id}): {found}", [bar])
 

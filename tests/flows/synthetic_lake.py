@@ -231,7 +231,7 @@ def _simulations(campaign: Campaign, design: Design, versions: tuple[SimulatorVe
                     object_id=object_id,
                     version_id=version.version_id,
                     status="failed" if has_failed else "ok",
-                    reason="not_converged" if has_failed else "",
+                    reason="no_convergence" if has_failed else "",
                     n_dof=1800,
                     n_newton=210,
                     cpu_s=1.4 + 0.1 * object_id,

@@ -9,7 +9,7 @@ from fast.models.units import spell_chance, spell_minutes, spell_number, spell_s
     ("value", "digits", "text"),
     [
         (127.4, 2, "130"), (99.6, 2, "100"), (1234.0, 3, "1230"), (9.96, 2, "10"), (0.0312, 2, "0.031"),
-        (-250.0, 2, "-250"), (0.0, 2, "0"), (-0.0, 2, "0"), (12.34, 3, "12.3"),
+        (-250.0, 2, "\u2212250"), (0.0, 2, "0"), (-0.0, 2, "0"), (12.34, 3, "12.3"),
     ],
 )  # fmt: skip
 def test_a_large_number_has_no_exponent(value: float, digits: int, text: str) -> None:

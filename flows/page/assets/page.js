@@ -5,6 +5,9 @@
   const token = meta("fast-token"), campaign = meta("fast-campaign");
   const $ = (selector, root = document) => root.querySelector(selector);
 
+  // A number as reports write it: no minus before a zero, and the sign that is as wide as the plus.
+  const tenths = (value) => (Math.round(10 * value) / 10 + 0).toFixed(1).replace("-", "\u2212");
+
   // What was done, or why not.
   let quiet;
   function say(words, isWrong = false) {
@@ -105,7 +108,7 @@
       live.lift.push(Math.max(part.lift[i], last));
       live.force.push(part.force[i]);
     }
-    if (part.force.length && $("#live-force")) $("#live-force").textContent = `${(Math.round(10 * part.force[part.force.length - 1]) / 10 + 0).toFixed(1)} N`;
+    if (part.force.length && $("#live-force")) $("#live-force").textContent = `${tenths(part.force[part.force.length - 1])} N`;
     if (place && !isDue) { isDue = true; requestAnimationFrame(() => { isDue = false; draw(place); }); }
   }
   let simulatedOf = "";
@@ -268,8 +271,8 @@
       $("#bench-said").textContent = now.said;
       $("#bench-said").hidden = !now.said;
       if (!$("#bench-steps")) return;
-      $("#bench-place").textContent = isThere ? `x ${now.x_mm.toFixed(1)}, y ${now.y_mm.toFixed(1)}, z ${now.z_mm.toFixed(1)} mm` : "not connected yet";
-      $("#bench-force").textContent = isThere ? `${(Math.round(10 * now.force_n) / 10 + 0).toFixed(1)} N` : "";
+      $("#bench-place").textContent = isThere ? `x ${tenths(now.x_mm)}, y ${tenths(now.y_mm)}, z ${tenths(now.z_mm)} mm` : "not connected yet";
+      $("#bench-force").textContent = isThere ? `${tenths(now.force_n)} N` : "";
       $("#bench-grip").textContent = isThere ? `${now.is_gripping ? "closed" : "open"}${now.pressure_psi === null ? "" : `, ${now.pressure_psi.toFixed(0)} psi`}; ${now.has_tool ? "a tool" : "no tool"} on the head` : "";
       for (const button of card.querySelectorAll("#bench-steps button")) button.disabled = !isThere;
       $("#bench-fault").textContent = now.fault ?? "";

@@ -12,6 +12,7 @@ from fast.models.calibration.inference.parameter import estimate_density, estima
 from fast.models.calibration.inference.result import CalibrationResult
 from fast.models.calibration.inference.summary import correlate_ranks
 from fast.models.calibration.means.problem import THETA
+from fast.models.units import typeset
 from fast.tasks.calibration.drift import PastCalibration
 
 LABELS = {"young_modulus_mpa": "Young's modulus (MPa)", "friction": "friction", "poisson_ratio": "Poisson's ratio"}
@@ -89,7 +90,7 @@ def _joint(axes: Axes, result: CalibrationResult, x_name: str, y_name: str) -> N
 def _correlation(axes: Axes, result: CalibrationResult, x_name: str, y_name: str) -> None:
     names, correlations = correlate_ranks(result)
     value = correlations[names.index(x_name), names.index(y_name)]
-    axes.text(0.5, 0.5, f"{value:+.2f}".replace("-", "\u2212"), transform=axes.transAxes, ha="center", va="center",
+    axes.text(0.5, 0.5, typeset(value, "+.2f"), transform=axes.transAxes, ha="center", va="center",
               fontsize=9 + 6 * abs(value), color=MUTED)  # fmt: skip
     axes.text(0.5, 0.24, "rank correlation", transform=axes.transAxes, ha="center", fontsize=7.5, color=MUTED)
     axes.set_axis_off()

@@ -10,6 +10,7 @@ from fast.flows.report.folder import Folder
 from fast.flows.report.lineage import lineage_text
 from fast.lake.query.lineage import find_lineage
 from fast.lake.tables.requests import PLACEMENT
+from fast.models.failure_words import spell_reason
 from fast.tasks.templates import moment, number
 
 PAPER = {"grasp_s": "15", "grasps_per_hour": "240, the most", "measured": "8,532", "simulated": "50,608"}  # Results
@@ -65,7 +66,8 @@ def prepare_cost(content: Content, folder: Folder) -> dict[str, Any]:
             {**row, "label": f"B{row['batch']:02d}", "first_grasp": moment(row["first_grasp_at"])}
             for row in content.batches.rows
         ],
-        "failures": failures,
+        "failures": [{**row, "reason": spell_reason(row["reason"])} for row in failures.rows],
+        "failures_asked": failures,
         "pace": pace,
         "is_lockstep": is_lockstep,
         "throughput": _list_throughput(row, None if is_lockstep else pause, trace_s),

@@ -18,7 +18,7 @@ from fast.models.design.fin_ray import APEX_EXTRA_MM, BASE_HEIGHT_MM, FinRay
 from fast.models.design.finger import finger_bodies
 from fast.models.design.space import BEST_PUBLISHED, DesignSpace
 from fast.models.records import Design
-from fast.models.units import spell_list, spell_name
+from fast.models.units import spell_list, spell_name, typeset
 from fast.tasks.templates import number
 
 PICTURE_PX = 1100
@@ -183,7 +183,8 @@ def _wall_labels(axes: Axes, design: FinRay) -> None:
             f"T$_b$ {design.back_thickness_mm:.2f}")  # fmt: skip
     _leader(axes, (design.front_thickness_mm / 2, wall_z), (right, wall_z), f"T$_f$ {design.front_thickness_mm:.2f}")
     _leader(axes, (inner, rib_z), (right, max(rib_z, wall_z + 10)),
-            f"T$_r$ {design.rib_thickness_mm:.2f}\nN {design.rib_count}\nα {design.rib_angle_deg:.1f}°")  # fmt: skip
+            f"T$_r$ {design.rib_thickness_mm:.2f}\nN {design.rib_count}\n"
+            f"α {typeset(design.rib_angle_deg, '.1f')}°")  # fmt: skip
 
 
 def _back_x(design: FinRay, z_mm: float) -> float:

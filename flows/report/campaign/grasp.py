@@ -17,6 +17,7 @@ from fast.flows.report.style import COMPLIANT, FAINT, INK, MUTED, OBJECT, RIGID,
 from fast.models.objects.distance import distance
 from fast.models.objects.primitives import bounds
 from fast.models.records import GraspSimulation
+from fast.models.units import typeset
 
 FORCE_COLOURS = "plasma_r"
 ARROW_MM = 22.0  # length of the largest arrow
@@ -160,7 +161,7 @@ def _caption(number: int, instant: Instant) -> str:
     snapshot = instant.right
     where = f"lift {snapshot.lift_mm:.1f} mm" if snapshot.phase == "lift" else f"closing, {snapshot.time_s:.2f} s"
     force = round(instant.force_n, 2) + 0.0  # no minus before a zero
-    return f"{number}  {instant.name}\n{where}\n{force:.2f} N on the load cell"
+    return f"{number}  {instant.name}\n{where}\n{typeset(force, '.2f')} N on the load cell"
 
 
 def _limits(frames: Sequence[Frame], solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ from fast.flows.report.folder import Folder
 from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, new_axes
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow
+from fast.models.units import typeset
 from fast.tasks.templates import count, number
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def prepare_headline(content: Content) -> dict[str, Any]:
         "quality": value,
         "spread": spread,
         "reference_n": reference_n,
-        "gain": f"{100 * gain:+.0f} %" if gain is not None and round(100 * gain) else "",
+        "gain": f"{typeset(100 * gain, '+.0f')} %" if gain is not None and round(100 * gain) else "",
         "times": _describe_times(content),
         "verdict": _verdict(content, best, reference_n, gain),
         "caution": _caution(content),

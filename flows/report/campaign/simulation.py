@@ -23,6 +23,7 @@ from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.scatter import find_scatter
 from fast.models.simulation.slopes.parameters import ALL
 from fast.models.simulation.version import SimulatorVersion
+from fast.models.units import typeset
 
 DENSE_PAIRS = 400
 
@@ -133,7 +134,7 @@ def draw_agreement(pairs: Sequence[Mapping[str, Any]], what: str) -> Figure:
 
 def _statistics(stated: Agreement) -> str:
     correlations = f", r = {stated.pearson:.2f}, rank {stated.spearman:.2f}" if np.isfinite(stated.pearson) else ""
-    return f"n = {stated.n}{correlations}\nRMSE {stated.rmse_n:.2f} N, mean error {stated.bias_n:+.2f} N"
+    return f"n = {stated.n}{correlations}\nRMSE {stated.rmse_n:.2f} N, mean error {typeset(stated.bias_n, '+.2f')} N"
 
 
 def describe_version(row: Mapping[str, Any]) -> str:

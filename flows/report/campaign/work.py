@@ -12,6 +12,7 @@ from fast.flows.report.campaign.content import Content
 from fast.flows.report.folder import Folder
 from fast.flows.report.style import BEST, FIRST, MUTED, WIDTH_IN, new_axes
 from fast.models.traces.quality import Interval, difference_of_tools, mean_of_tools
+from fast.models.units import typeset
 from fast.tasks.templates import DASH
 
 N_EXTREMES = 6
@@ -105,7 +106,7 @@ def _work_row(axes: Axes, values: np.ndarray, height: float, colour: str, marker
 
 
 def _signed(value: float) -> str:
-    return f"{value:+.3f}".replace("-", "\u2212")
+    return typeset(value, "+.3f")
 
 
 def _between(change: Interval) -> str:

@@ -20,7 +20,7 @@ from fast.models.gap.evaluation.held_out import (
 from fast.models.gap.findings import Confound, Gap
 from fast.models.objects.catalogue import get_object
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.units import spell_share
+from fast.models.units import spell_share, typeset
 
 BEFORE, AFTER = "theta recalibrated", "after the search"
 WORSE, WORSE_N = 1.05, 0.01  # an effect that makes a class of objects worse by more than both is reported
@@ -113,10 +113,10 @@ class Change:
     @property
     def sentence(self) -> str:
         """Both errors, and how sure their difference is."""
-        low, high = self.ci90_n
+        change, low, high = (typeset(n, "+.2g") for n in (self.after_n - self.before_n, *self.ci90_n))
         return (
             f"the held-out error goes from {self.before_n:.3g} to {self.after_n:.3g} N, a change of "
-            f"{self.after_n - self.before_n:+.2g} N [{low:+.2g}, {high:+.2g}]"
+            f"{change} N [{low}, {high}]"
         )
 
 

@@ -53,9 +53,9 @@ def report(lake, tmp_path_factory):
     return write_report(lake, "demo", tmp_path_factory.mktemp("report") / "out")
 
 
-def text_of(index: Path) -> str:
+def text_of(index: Path, hidden: str = "style|details") -> str:
     """What a reader sees, without tags and folded parts."""
-    html = re.sub(r"<(style|details).*?</\1>", " ", index.read_text(encoding="utf-8"), flags=re.S)
+    html = re.sub(rf"<({hidden}).*?</\1>", " ", index.read_text(encoding="utf-8"), flags=re.S)
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", html)))
 
 
@@ -106,6 +106,23 @@ def test_headline_numbers_follow_from_the_grasps(report, lake):
     assert f"mean of the first batch ({first:.1f} N)".replace(" N", "\xa0N") in report.read_text(encoding="utf-8")
     assert f"{100 * (quality[best] / first - 1):+.0f} %" in seen
     assert f"{len(grasps)} measured grasps that count, 2 more failed" in seen
+
+
+def test_failures_are_told_in_words_and_kept_as_codes(report):
+    assert "the solver found no balance of forces" in text_of(report)
+    assert "no_convergence" not in text_of(report)
+    assert "no_convergence" in (report.parent / "data" / "failures.csv").read_text()
+
+
+def test_a_minus_is_one_sign_in_pages_and_figures_and_ascii_in_data(report):
+    """Tables had U+2212, and figures a hyphen, which is narrower than the plus."""
+    drawings = "".join(path.read_text(encoding="utf-8") for path in sorted((report.parent / "figures").rglob("*.svg")))
+    drawn = " ".join(re.findall(r"<text[^>]*>([^<]*)</text>", drawings))
+    for text in (text_of(report, "style|details|pre"), drawn):
+        assert re.findall(r"[^\n]{0,20}(?<![\w./-])-\d\S*", text) == []
+    assert "\u22122.35 N" in drawn
+    data = "".join(path.read_text(encoding="utf-8") for path in (report.parent / "data").glob("*.csv"))
+    assert "\u2212" not in data
 
 
 def test_interval_is_the_pooled_t_interval_of_the_repeats(lake):
@@ -168,7 +185,7 @@ def test_campaign_without_measurements(tmp_path):
     lake = make_lake(tmp_path / "lake", n_batches=1, n_measured_batches=0)
     index = write_report(lake, "demo", tmp_path / "out")
     seen = text_of(index)
-    assert "No tool of this campaign has been measured on any object yet" in seen
+    assert seen.count("No tool of this campaign has been measured on any object yet") == 1
     assert "No tool has been printed and mounted yet." in seen
     assert re.search(r"5[0-9] simulated grasps", seen)
 

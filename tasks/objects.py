@@ -26,6 +26,12 @@ MESH_FORMATS = (".stl", ".obj", ".3mf", ".ply")
 _SOLID_FORMATS = (".step", ".stp", ".iges", ".igs")  # of CAD programs, which export meshes as well
 SUFFIXES = (*MESH_FORMATS, ".toml")
 _MOST_BYTES = 50_000_000
+_MOST_CROSSED = 100_000  # triangles: three seconds
+_CROSSED_SHARE = 1e-4  # of a volume; rounding makes 1e-8
+_CROSSING = (
+    "faces of one body cross, and the simulator takes those inside of it for surface, so forces may be off; make it "
+    "one solid in the program that made it"
+)
 _SHARP_DEG = 50.0  # a chamfer of 45 deg is 3 % off at most
 _ROUNDED_EDGES = (
     "it came to this lake when meshes had their sharp edges rounded, so simulated forces may be up to 30 % off, mostly "
@@ -136,7 +142,22 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
     if len(mesh.faces) == 0:
         raise ConfigError(f"mesh `{path}` has no triangles that can be read as {kind.upper()}; export it again.")
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    if _crosses_itself(mesh):
+        logger.warning("mesh `%s`: %s.", path, _CROSSING)
     return mesh
+
+
+def _crosses_itself(mesh: trimesh.Trimesh) -> bool:
+    """Whether a body's own faces cross: with itself it then makes another volume. Large meshes are not looked at."""
+    if len(mesh.faces) > _MOST_CROSSED:
+        return False
+    with np.errstate(invalid="ignore", divide="ignore"):  # what has no volume has no centre
+        bodies = [body for body in mesh.split(only_watertight=True) if body.is_volume]
+    for body in bodies:
+        again = trimesh.boolean.union([body, body], engine="manifold")
+        if abs(again.volume - body.volume) > _CROSSED_SHARE * body.volume:
+            return True
+    return False
 
 
 def _name_of(path: Path) -> str:

@@ -52,6 +52,32 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def bow_tie() -> trimesh.Trimesh:
+    """A closed tube along an eight: one body, which goes through itself."""
+    at = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    along = np.stack([20.0 * np.cos(at), 24.0 * np.cos(2.0 * at), 0.0 * at], axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    side = np.cross(along / np.linalg.norm(along, axis=1)[:, None], up)
+    turn = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)[:, None, None]
+    centre = np.stack([20.0 * np.sin(at), 12.0 * np.sin(2.0 * at), 0.0 * at], axis=1)
+    rings = centre + 5.0 * (np.cos(turn) * side + np.sin(turn) * up)  # 12 x 48 x 3
+    number = np.arange(12 * 48).reshape(12, 48)
+    right, behind = np.roll(number, -1, axis=0), np.roll(number, -1, axis=1)
+    both = np.roll(right, -1, axis=1)
+    faces = np.concatenate([np.stack([number, behind, right], -1), np.stack([right, behind, both], -1)])
+    mesh = trimesh.Trimesh(rings.reshape(-1, 3), faces.reshape(-1, 3))
+    mesh.fix_normals()
+    return mesh
+
+
+def test_a_body_whose_faces_cross_is_warned_of(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    read_object(folder / "ball.stl")
+    assert caplog.text == ""
+    bow_tie().export(folder / "eight.stl")
+    read_object(folder / "eight.stl")
+    assert "eight.stl`: faces of one body cross, and the simulator takes those inside of it for surface" in caplog.text
+
+
 def test_a_config_names_objects_by_file_and_gives_them_free_places(folder: Path) -> None:
     plan = load_config(folder / "own.toml").objects
     ball, dumbbell = plan.own_ids

@@ -259,11 +259,14 @@ class Simulator:
         n_all = sum(plan.n_grasps for plan in plans)
         n_left = n_missing(self.lake, plans)
         self.asked[what].update(list_plan_ids(plans))
-        self.reporter.progress(f"{what}: {n_all - n_left} of {n_all} simulations are in the lake")
+        said = f"{what}: {n_all - n_left} of {n_all} simulations are in the lake"
         if not n_left:
+            self.reporter.progress(said)
             return
-        cost_s = GraspCosts.read(self.lake).of
-        simulate_missing(self.lake, plans, self.order.settings.workers, self.reporter, is_over, cost_s)
+        costs, n_workers = GraspCosts.read(self.lake), self.order.settings.workers
+        cpu_s = estimate_cost(self.lake, plans, costs).cpu_s
+        self.reporter.announce(f"{said}, {n_left} are made now; {describe_cpu(cpu_s, n_workers)}")
+        simulate_missing(self.lake, plans, n_workers, self.reporter, is_over, costs.of)
         self.spent_s += time.monotonic() - began
         n_left = n_missing(self.lake, plans)
         if n_left:

@@ -10,6 +10,7 @@ from fast.models.errors import UsageError
 from fast.models.gap.grasps import Grasps
 from fast.models.records import Trace
 from fast.models.traces.step_features import DIP_MM, N_STEPS, STEP_MM
+from fast.tasks.bench.told_files import read_object
 from fast.tasks.campaign.csv_file import CsvRow, read_rows
 from fast.tasks.gap.data import has_other_sign, is_cut
 
@@ -27,11 +28,20 @@ _Name = TypeVar("_Name")
 def read_simulated(path: Path, grasps: Grasps) -> np.ndarray:
     """Step means (n x 120, N) of measured grasps as a file has their tools and objects; behind its end a force is 0.
 
+    Objects are numbers, or names that this process knows (`tasks.objects.own_objects` for own ones).
+
     Raises:
         UsageError: the file cannot be read, a value is no force, a tool on an object is missing, a curve ends while
             the fingers hold the object or has a hole there, or forces are of another unit or sign than those measured.
     """
-    curves = read_curves(path, COLUMNS, lambda row: (row["tool_id"], row.integer("object_id")))
+    objects: dict[str, int] = {}  # by what the file calls them
+
+    def name(row: CsvRow) -> tuple[str, int]:
+        if (text := row["object_id"]) not in objects:
+            objects[text] = read_object(row, "object_id")
+        return row["tool_id"], objects[text]
+
+    curves = read_curves(path, COLUMNS, name)
     points = {key: curve for key, curve in curves.items() if len(curve) >= _FEWEST_POINTS}
     wanted = [
         (grasps.tools[tool], grasps.objects[obj])

@@ -21,10 +21,12 @@ from fast.lake.tables.row import Row
 from fast.models.errors import UsageError
 from fast.models.gap.evidence.candidates import weigh_candidates, weigh_quantities
 from fast.models.gap.evidence.likelihood import Problem, fit_evidence
+from fast.models.objects.catalogue import get_object
 from fast.models.records import EffectValue, Trace
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.calibration.mean_data import TooLittleDataError
 from fast.tasks.gap.data import read_grasps
+from fast.tasks.gap.moved import QUESTION
 from fast.tasks.gap.panel import PanelSize
 from fast.tasks.gap.simulated import read_simulated
 from fast.tasks.simulation.plan import SimulationPlan
@@ -119,7 +121,9 @@ def test_a_page_that_is_not_written_is_not_promised(tmp_path: Path, capsys: pyte
     assert "so small a panel gets no page, its answer is printed; leave out --out" in refused
 
 
-def write_simulated(path: Path, lake: Lake, version: SimulatorVersion, n_objects: int) -> Path:
+def write_simulated(
+    path: Path, lake: Lake, version: SimulatorVersion, n_objects: int, with_names: bool = False
+) -> Path:
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("tool_id", "object_id", "lift_mm", "force_n"))
@@ -127,7 +131,7 @@ def write_simulated(path: Path, lake: Lake, version: SimulatorVersion, n_objects
         for object_id in OBJECTS[:n_objects]:
             trace = simulated_trace(DESIGNS[0], version, SETUP, object_id)
             for lift_mm, force_n in zip(trace.lift_mm.tolist(), trace.force_n.tolist(), strict=True):
-                writer.writerow((tool, object_id, lift_mm, force_n))
+                writer.writerow((tool, get_object(object_id).name if with_names else object_id, lift_mm, force_n))
     return path
 
 
@@ -148,6 +152,26 @@ def test_a_simulator_of_the_labs_own_stands_beside_ours(tmp_path: Path) -> None:
     assert soft.factor == pytest.approx(1.5, abs=0.5)  # forces of the same size, another friction: no unit
     assert [said in replace(found, beside=one).sentence for one in (found.beside, soft, in_kg)] == [False, False, True]
     assert np.isfinite(found.grasps.steps_n).all()
+
+
+def test_an_object_of_a_file_may_be_called_by_its_name(tmp_path: Path) -> None:
+    lake = small_lake(tmp_path / "lake", 2)
+    grasps = read_grasps(lake, "demo").grasps
+    by_number = read_simulated(write_simulated(tmp_path / "own.csv", lake, BASE, 2), grasps)
+    file = write_simulated(tmp_path / "names.csv", lake, BASE, 2, with_names=True)
+    assert np.array_equal(read_simulated(file, grasps), by_number)
+    file.write_text(file.read_text().replace(get_object(OBJECTS[0]).name, "quube"))
+    with pytest.raises(UsageError, match="object_id is `quube`, it must be a number or a name; did you mean"):
+        read_simulated(file, grasps)
+
+
+def test_what_is_simulated_for_a_question_is_told_before_it_begins(tmp_path: Path) -> None:
+    """Some 240 grasps began without a word of how long they take."""
+    told: list[str] = []
+    lake = small_lake(tmp_path / "lake", 2, [LAG])
+    weigh_panel(lake, ORDER, ProgressReporter(lambda _: None, told.append))
+    (said,) = (line for line in told if line.startswith(QUESTION))
+    assert re.match(QUESTION + r": \d+ of \d+ simulations are in the lake, \d+ are made now; ", said)
 
 
 def test_curves_that_are_missing_or_no_forces_are_named(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ class Forecast:
             return f"A person is needed for B{self.batch:02d}; when is not known yet."
         if self.in_s == 0:
             return f"A person is needed now: print and mount B{self.batch:02d}."
-        at = now + timedelta(seconds=self.in_s)
+        at = (now + timedelta(seconds=self.in_s)).astimezone()  # the clocks may change
         day = "" if at.date() == now.date() else f" on {at:%A, %d %B}"
         return f"Next time a person is needed: {at:%H:%M %Z}{day}, for B{self.batch:02d}."
 

@@ -343,7 +343,7 @@ def _mean_gap_s(times: Sequence[float]) -> float | None:
 
 def _say_need(seen: Forecast, now: datetime) -> str:
     if seen.batch is not None and seen.in_s:
-        at = now + timedelta(seconds=seen.in_s)
+        at = (now + timedelta(seconds=seen.in_s)).astimezone()  # the clocks may change
         day = "" if at.date() == now.date() else f" on {at:%A, %d %B}"
         return f"You are needed in {describe_duration(seen.in_s)} ({at:%H:%M %Z}{day}): print B{seen.batch:02d}"
     return seen.in_words(now).rstrip(".")

@@ -1,10 +1,12 @@
 """When a person is needed next, on a campaign whose lake is written by hand."""
 
+import time
 from datetime import UTC, datetime
 
 import pytest
 
 from fast.flows.campaign.pace import Forecast, forecast
+from fast.flows.page.now import _say_need
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.settings import NightSettings
@@ -18,6 +20,16 @@ NOW = datetime(2026, 11, 21, 4, 0, tzinfo=UTC)
 @pytest.fixture
 def campaign(tmp_path):
     return small_campaign(tmp_path)
+
+
+@pytest.fixture
+def zone(request, monkeypatch):
+    """The zone of this computer: UTC, or what a test names."""
+    monkeypatch.setenv("TZ", getattr(request, "param", "UTC"))
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
 
 
 def look(campaign, s_per_grasp=15.0, s_per_simulation=100.0):
@@ -58,5 +70,14 @@ def test_when_a_night_ends_is_not_known(campaign):
         (Forecast(None, None), "No person is needed any more."),
     ],
 )
-def test_a_forecast_is_a_sentence(seen, words):
+def test_a_forecast_is_a_sentence(seen, words, zone):
     assert seen.in_words(NOW) == words
+
+
+@pytest.mark.parametrize("zone", ["Europe/Berlin"], indirect=True)
+def test_the_hour_that_comes_twice_is_told_by_its_zone(zone):
+    """At 03:00 of 25 October 2026 clocks go back to 02:00; in an hour it is as late as now."""
+    now = datetime(2026, 10, 25, 0, 50, tzinfo=UTC).astimezone()
+    assert f"{now:%H:%M %Z}" == "02:50 CEST"
+    assert Forecast(2, 3600.0).in_words(now) == "Next time a person is needed: 02:50 CET, for B02."
+    assert _say_need(Forecast(2, 3600.0), now) == "You are needed in 60 min (02:50 CET): print B02"

@@ -73,6 +73,22 @@ def test_of_many_chosen_tools_six_are_laid_over_each_other_and_that_is_said(tmp_
     assert f"<h1>{', '.join(tools[:6])}</h1>" in text
 
 
+def test_the_picture_of_a_simulated_grasp_is_not_shrunk_to_a_phone():
+    """Its letters were 4 pixels high at 390."""
+    found = {
+        "title": "B01T0 on cube (2)",
+        "picture": "data:,",
+        "peak_force_n": 9.0,
+        "peak_sd_n": None,
+        "measured_n": [],
+    }
+    text = render("flows/page/simulated.html.j2", found=found | {"traces": [], "version_id": "V1"})
+    assert re.search(r'<div class="scroll" tabindex="0"[^>]*><img class="picture" src="data:,"', text)
+    assert ".scroll > .picture { width: 1080px; max-width: none; }" in (
+        ROOT / "flows" / "page" / "assets" / "page.css"
+    ).read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("path", ["/", "/todo", "/results", "/gap", "/start"])
 def test_a_campaign_that_the_lake_lacks_is_not_shown_as_another(lake, path):
     answer = Browser(lake).client.get(path, params={"campaign": "no<such"}, headers={"Accept": "text/html"})

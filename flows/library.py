@@ -1,6 +1,7 @@
 """FAST from Python: one grasp, a campaign on a bench of one's own, the search for a gap. `import fast` offers them."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.util import find_spec
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -9,6 +10,7 @@ from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     import torch
+    from rich.console import Console
 
     from fast.flows.campaign.ask_tell import AskedBatch
     from fast.flows.simulation.many_designs import SimulatedGrasps
@@ -101,7 +103,6 @@ def simulate_many(
     """
     from multiprocessing import current_process
 
-    from rich.console import Console
     from rich.progress import Progress
 
     from fast.flows.progress import ProgressReporter
@@ -120,11 +121,18 @@ def simulate_many(
         raise UsageError(f"{len(own)} designs and {len(met)} objects are given; give at least one of each.")
     if not isinstance(workers, Integral) or not 1 <= workers <= 256:
         raise UsageError(f"workers is {workers!r}, it must be a whole number from 1 to 256; change it.")
-    with Progress(console=Console(stderr=True), transient=True, disable=not show_progress) as display:
+    with Progress(console=_make_console(), transient=True, disable=not show_progress) as display:
         bar = display.add_task("simulated", total=len(own) * len(met))
         reporter = ProgressReporter(print, print, lambda what, bars: display.update(bar, completed=bars[0].done))
         given = (*_read_given(version, setup), Placement())
         return SimulatedGrasps(tuple(simulate_designs(own, met, *given, workers, reporter)))
+
+
+def _make_console() -> "Console":
+    """Where a bar is drawn; in a notebook without ipywidgets nowhere: Rich would show a warning instead."""
+    from rich.console import Console
+
+    return Console(stderr=True, force_jupyter=None if find_spec("ipywidgets") else False)
 
 
 def _find_object(given: Any, lake: Path | str) -> "RigidObject":

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from rich.progress import Progress
 
 import fast
+from fast.flows import library
 from fast.flows.campaign.ask_tell import AskedBatch
 from fast.flows.progress import ProgressReporter
 from fast.flows.simulation import many_designs
@@ -207,3 +209,12 @@ def test_an_interrupt_waits_for_the_grasps_under_way_alone(monkeypatch: pytest.M
     with pytest.raises(KeyboardInterrupt):
         many_designs.simulate_designs(own, OBJECTS, *given)
     assert len(simulated) < len(OBJECTS)
+
+
+def test_a_notebook_without_widgets_shows_no_warning(monkeypatch):
+    """Rich showed `install "ipywidgets" for Jupyter support` above the result."""
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    monkeypatch.setattr(library, "find_spec", lambda name: None)
+    with Progress(console=library._make_console(), transient=True) as display:  # a warning is an error here
+        display.add_task("simulated", total=1)
+    assert not display.console.is_jupyter

@@ -12,17 +12,22 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from functools import partial
 from queue import Empty
-from typing import Any
+from typing import Any, cast
+from uuid import UUID
 
-from prefect import flow, tags
+from prefect import flow, get_client, tags
+from prefect.artifacts import create_progress_artifact
+from prefect.client.schemas.actions import ArtifactUpdate
 from prefect.futures import PrefectFuture
 from prefect.runtime import flow_run
+from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from fast.flows.campaign.events import announce_measured
 from fast.flows.campaign.gap_step import close_gap
 from fast.flows.campaign.loops import BenchLoop, CampaignRun, SimulationLoop
 from fast.flows.campaign.night import begin_night
+from fast.flows.campaign.progress import count_work
 from fast.flows.memory import give_memory_back
 from fast.flows.server.run_process import RunningProcess
 from fast.lake.maintenance import compact_all
@@ -39,6 +44,7 @@ from fast.tasks.simulation.pool import Worker
 logger = logging.getLogger(__name__)
 
 POLL_S = 2.0  # how often requests of people are looked up while nothing else happens
+BAR_S = 60.0  # between updates of the bar in Prefect: each is a request, and an event that the server keeps for days
 
 
 def run_flow(
@@ -73,7 +79,40 @@ def run_flow(
         return campaign_flow(campaign.campaign_id, campaign.config.config_hash, campaign.lake.address)
 
 
+class ProgressBar:
+    """How far a campaign is, in the tab *Artifacts* of its run in Prefect. Made inside the flow."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        self._campaign, self._next_s = campaign, 0.0
+        key = campaign.campaign_id.replace(".", "-")  # Prefect takes letters, digits and dashes
+        words = "Grasps done, measured and simulated; the lab's page says more."
+        # Called from a synchronous flow it returns the id, not a coroutine.
+        self._artifact = cast(UUID, create_progress_artifact(0.0, f"{key}-progress", words))
+
+    def update(self, *, now: bool = False) -> None:
+        """Show how far it is, `now` or if it is time. At once or not at all: the campaign waits for it."""
+        began_s = time.monotonic()
+        if not now and began_s < self._next_s:
+            return
+        self._next_s = began_s + BAR_S
+        try:
+            done = 100.0 * count_work(self._campaign, self._campaign.state()).fraction
+            with temporary_settings({PREFECT_CLIENT_MAX_RETRIES: 0}), get_client(sync_client=True) as client:
+                client.update_artifact(self._artifact, ArtifactUpdate(data=round(done, 1)))
+        except Exception as error:  # whatever a server that restarts makes of it: the campaign goes on without its bar
+            logger.warning("Prefect was not told how far the campaign is: %s", error)
+
+
 def _run_stages(run: CampaignRun, finish: Callable[[], None]) -> bool:
+    bar = ProgressBar(run.campaign)
+    run.on_wait = bar.update
+    try:
+        return _go_through_stages(run, finish)
+    finally:
+        bar.update(now=True)
+
+
+def _go_through_stages(run: CampaignRun, finish: Callable[[], None]) -> bool:
     campaign = run.campaign
     for stage in range(campaign.config.schedule.n_stages):
         if has_stopped(campaign, stage):
@@ -150,6 +189,7 @@ def _drive(run: CampaignRun, bench: BenchLoop, simulations: SimulationLoop) -> F
 def _next_event(run: CampaignRun) -> PrefectFuture[Any]:
     """The next future that is finished; requests of people are heard meanwhile."""
     while True:
+        run.on_wait()
         verb = run.requested_verb()
         if verb is not None:
             run.ask(verb)

@@ -65,6 +65,8 @@ class CampaignRun:
     """Set once nothing more is to be started."""
     asked: Verb | None = None
     """What a person wants."""
+    on_wait: Callable[[], None] = lambda: None
+    """Called again and again while the campaign waits for its tasks."""
     _bench: GraspBench | None = None
     """While it is open."""
     _requests: Requests | None = None

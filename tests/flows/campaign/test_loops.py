@@ -125,3 +125,32 @@ def test_the_bench_measures_before_it_prints(
     state: Any = SimpleNamespace(is_confirmed=lambda batch: batch == 2)
     assert loops.BenchLoop(run, [1, 2]).advance(state)
     assert started == [expected]
+
+
+def test_prefect_is_told_each_minute_how_far_a_campaign_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a server that does not answer stops nothing."""
+    now_s, told, done = [100.0], [], [0.25]
+
+    class Client:
+        def __enter__(self) -> "Client":
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def update_artifact(self, artifact: str, update: Any) -> None:
+            told.append((artifact, update.data))
+            if done[0] > 1.0:
+                raise ConnectionError("down")
+
+    monkeypatch.setattr(campaign_flow, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(campaign_flow, "create_progress_artifact", lambda value, key, words: f"bar of {key}")
+    monkeypatch.setattr(campaign_flow, "count_work", lambda campaign, state: SimpleNamespace(fraction=done[0]))
+    monkeypatch.setattr(campaign_flow, "get_client", lambda sync_client: Client())
+    bar = campaign_flow.ProgressBar(SimpleNamespace(campaign_id="quick.2", state=lambda: None))
+    for now_s[0] in np.arange(100.0, 161.0, 2.0):
+        bar.update()
+    assert told == [("bar of quick-2-progress", 25.0)] * 2
+    done[0] = 2.0
+    bar.update(now=True)
+    assert told[2:] == [("bar of quick-2-progress", 200.0)]

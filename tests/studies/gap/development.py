@@ -15,6 +15,7 @@ from fast.flows.challenge.hidden.panels import Panels
 from fast.flows.challenge.hidden.worlds import Group, WorldKey, Worlds
 from fast.models.design.space import numbered_design
 from fast.models.gap.bank.bank import Bank
+from fast.models.gap.evidence import REHEARSED
 from fast.models.gap.grasps import Cells
 from fast.models.records import GraspSetup, Record
 from fast.models.simulation.version import SimulatorVersion
@@ -28,7 +29,6 @@ from tests.studies.gap.truth import Panel, read_panels, results_folder
 if TYPE_CHECKING:
     from fast.models.gap.evidence.rehearsal import Rehearsal
 
-N_REHEARSED = 160
 N_WORLDS: dict[Group, int] = {"null": 40, "nasty null": 12, "single": 48, "alias": 6, "unlisted": 12, "pair": 20}
 PUBLIC_SEED = 8
 Stage = Literal["development", "independent"]
@@ -116,7 +116,7 @@ def rehearse_worlds(worlds: Worlds, options: Options) -> "Rehearsal":
     from fast.models.gap.evidence.rehearsal import rehearse_panel
 
     data = worlds.problem(worlds.draw("null", 0))
-    return rehearse_panel(data, (), options.n or N_REHEARSED, options.workers or 1, options.tell)
+    return rehearse_panel(data, (), options.n or REHEARSED, options.workers or 1, options.tell)
 
 
 def interleave(wanted: Mapping[Group, int], n_worlds: int | None) -> Iterator[tuple[Group, int, bool]]:

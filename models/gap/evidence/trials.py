@@ -61,8 +61,9 @@ LEAST = Signs(nats=45.0, omnibus=4.5, full_nats=90.0, spread_nats=25.0)
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """An effect in the simulator. nats: its evidence over nothing; spread_nats: that without the cell it helps most.
+    """An effect in the simulator.
 
+    nats: its evidence over the fit without it; spread_nats: the same without the cell that it helps most.
     left: what there is most evidence for besides, only what is no effect of its family; empty until it is looked for.
     second: the effect that it leaves most for, in the simulator beside it; None if there is none.
     """
@@ -74,6 +75,13 @@ class Trial:
     fit: EvidenceFit
     left: tuple[Candidate, ...] = ()
     second: "Trial | None" = None
+
+    @staticmethod
+    def of(fit: EvidenceFit, candidate: Candidate, family: str) -> "Trial":
+        """A candidate in the simulator of a fit, over which its evidence is."""
+        with_it = add_effect(fit, candidate.value) if candidate.value is not None else fit
+        nats, most = with_it.nats - fit.nats, (with_it.cell_nats - fit.cell_nats).max()
+        return Trial(candidate.name, family, nats, nats - max(float(most), 0.0), with_it)
 
     @property
     def value(self) -> EffectValue:
@@ -119,11 +127,7 @@ class Trials:
     @staticmethod
     def of(fit: EvidenceFit, weighed: Sequence[Candidate], families: Mapping[str, str]) -> "Trials":
         """The effects with most evidence on trial. families: of every effect that may be named."""
-        found = []
-        for one in _choose(weighed, families):
-            with_it = add_effect(fit, one.value) if one.value is not None else fit
-            nats, most = with_it.nats - fit.nats, (with_it.cell_nats - fit.cell_nats).max()
-            found.append(Trial(one.name, families[one.name], nats, nats - max(float(most), 0.0), with_it))
+        found = [Trial.of(fit, one, families[one.name]) for one in _choose(weighed, families)]
         found.sort(key=lambda trial: -trial.nats)
         tried, refused = (tuple(one for one in found if one.is_refused == is_refused) for is_refused in (False, True))
         return Trials(fit, tuple(weighed), tried, refused=refused)
@@ -147,13 +151,11 @@ class Trials:
     def _try_beside(self, best: Trial, families: Mapping[str, str]) -> Trial | None:
         """The effect that the best leaves most for, beside it; None if that explains nothing, or is refused."""
         one = next((one for one in best.left if one.value is not None), None)
-        if one is None or one.value is None or one.nats < NEEDED_NATS:
+        if one is None or one.nats < NEEDED_NATS:
             return None
-        both = add_effect(best.fit, one.value)
-        nats = both.nats - best.fit.nats
-        second = Trial(one.name, families[one.name], nats, nats, both)
+        second = Trial.of(best.fit, one, families[one.name])
         known = best.family, second.family
-        return None if second.is_refused else replace(second, left=self._list_left(both, families, known))
+        return None if second.is_refused else replace(second, left=self._list_left(second.fit, families, known))
 
     def _list_left(self, fit: EvidenceFit, families: Mapping[str, str], known: Sequence[str]) -> tuple[Candidate, ...]:
         """What there is evidence for besides the families `known`, whose effects the fit has; the most first."""

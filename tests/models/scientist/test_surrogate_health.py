@@ -7,7 +7,13 @@ import pytest
 from fast.models.design.space import random_unit
 from fast.models.scientist.insights.health import surrogate_cards
 from fast.models.scientist.surrogate.fit import fit_surrogate
-from fast.models.scientist.surrogate.health import SurrogateHealth, health_of, is_overconfident, predict_left_out
+from fast.models.scientist.surrogate.health import (
+    MANY,
+    SurrogateHealth,
+    health_of,
+    is_overconfident,
+    predict_left_out,
+)
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.posterior import Surrogate
 
@@ -78,6 +84,19 @@ def test_a_left_out_design_is_as_hard_to_predict_as_a_new_one():
     error, error_with_all, error_of_new = (np.sqrt(np.mean(np.square(one))) for one in (left_out, with_all, new))
     assert error == pytest.approx(error_of_new, rel=0.2)
     assert error_with_all < 0.75 * error_of_new
+
+
+def test_many_designs_are_left_out_without_a_fit_for_each_group():
+    data = observed(MANY + 10, 40, is_related=True)
+    surrogate = fit_surrogate(data)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fast.models.scientist.surrogate.health.refit_without", None)
+        left_out = predict_left_out(surrogate)
+    is_real, x = surrogate.data.s == REAL, random_unit(100, np.random.default_rng(1))
+    error = np.sqrt(np.mean((surrogate.data.y - left_out.mean)[is_real] ** 2))
+    of_new = np.sqrt(np.mean((force(x) - surrogate.predict(x, REAL)[0]) ** 2) + 0.1**2)
+    assert error == pytest.approx(of_new, rel=0.15)
+    assert np.isnan(left_out.mean[~is_real]).all()
 
 
 @pytest.mark.parametrize(

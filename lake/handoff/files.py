@@ -101,6 +101,8 @@ class HandoffGrasp:
     """Why it failed."""
     peak_force_n: float | None = None
     """Of a grasp without samples."""
+    tare_force_n: float | None = None
+    """Gross force of the free gripper that was taken as zero; None: nobody said."""
     software: str = ""
     """Program that recorded it; empty: nobody said."""
 
@@ -271,6 +273,7 @@ END_CELLS: dict[str, Callable[[str], Any]] = {
     "status": one_of("ok", "failed"),
     "reason": str,
     "peak_force_n": optional(peak_force),
+    "tare_force_n": optional(finite_number),
     "software": str,
 }
 SETTING_CELLS = {

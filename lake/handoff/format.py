@@ -13,7 +13,9 @@ SETTING_COLUMNS = (*GraspSetup.model_fields, *PLACEMENT)
 HOW_COLUMNS = (*SETTING_COLUMNS, "request_id")
 TELLING_COLUMNS = ("closed_gap_mm", "tip_below_mm")  # settings that change a force most: an export always says them
 # Where a grasp was made and how it ended. A grasp without samples has a peak, or is a failure with its reason.
-END_COLUMNS = ("lab", "bench", "world_hash", "attempt", "status", "reason", "peak_force_n", "software")
+END_COLUMNS = (
+    "lab", "bench", "world_hash", "attempt", "status", "reason", "peak_force_n", "tare_force_n", "software",
+)  # fmt: skip
 # What a person measured of tools and of the lots of material that they are printed of.
 TOOL_COLUMNS = (
     "tool_id", "design_id", "status", "reason", "operator", "material_lot", "measured_front_thickness_mm",

@@ -43,7 +43,7 @@ from fast.models.records import GraspSetup, Trace
 
 _CAMPAIGN_ID = re.compile(r"[^\W_][\w .+-]{0,99}")
 _AS_TOLD = ("grasp_id", "tool_id", "design_id", "object_id", "repeat", "order", "attempt", "status", "reason",
-            "started_at", "lab", "bench", "world_hash", "software")  # fmt: skip
+            "started_at", "lab", "bench", "world_hash", "tare_force_n", "software")  # fmt: skip
 _TRACES_AT_ONCE = 512  # traces of the lake held in memory while they are compared
 
 

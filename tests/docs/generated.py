@@ -32,7 +32,7 @@ from fast.models.simulation.effects.catalogue import catalogue_entries, catalogu
 from fast.tasks.campaign.config import CampaignConfig
 from tests.docs.pages import DOCS
 
-REFERENCE = DOCS / "reference"
+LAYERS = ("flows", "tasks", "lake", "hardware", "models")
 _PART = re.compile(r"(<!-- generated: ([\w -]+) -->\n)(.*?)(<!-- end -->)", flags=re.S)
 ELSEWHERE = {Recipe: "a [recipe](#recipe)", FinRay: "a [design](#design-file)", EffectValue: "an [effect](#effects)"}
 _SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
@@ -55,7 +55,7 @@ def write_page(text: str) -> str:
 
 def generated_pages() -> list[Path]:
     """The pages that have a generated part."""
-    return [page for page in sorted(REFERENCE.glob("*.md")) if _PART.search(page.read_text(encoding="utf-8"))]
+    return [page for page in sorted(DOCS.rglob("*.md")) if _PART.search(page.read_text(encoding="utf-8"))]
 
 
 def describe_fields(model: type[BaseModel]) -> dict[str, str]:
@@ -251,6 +251,15 @@ def write_searches() -> str:
     return _table("code, one form of, its law runs along, and is of, what a person or the bench can do", rows)
 
 
+def write_folders() -> str:
+    """The chapters of each layer, with the first line of what their `__init__.py` says."""
+    lines = ["| folder | what is in it |", "| --- | --- |"]
+    for path in (path for layer in LAYERS for path in sorted((DOCS.parent / layer).glob("*/__init__.py"))):
+        says = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        lines.append(f"| `{path.parent.relative_to(DOCS.parent)}` | {says.splitlines()[0]} |")
+    return "\n".join(lines)
+
+
 WRITERS: dict[str, Callable[[], str]] = {
     "commands": write_commands,
     "campaign config": lambda: write_keys(CampaignConfig),
@@ -263,6 +272,7 @@ WRITERS: dict[str, Callable[[], str]] = {
     "views": write_views,
     "macros": write_macros,
     "effects": write_effects,
+    "folders": write_folders,
     "laws of effects": write_laws,
     "searches for effects": write_searches,
 }

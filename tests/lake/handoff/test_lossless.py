@@ -17,7 +17,7 @@ from fast.models.records import GraspSetup, Placement
 from tests.lake.handoff.handoff_folder import PROVENANCE, good_folder, read_csv, write_csv
 
 SETUP = GraspSetup(closed_gap_mm=30.0, tip_below_mm=0.0, dwell_s=2.0)
-HOW = setup_columns(SETUP, Placement(offset_x_mm=1.5))
+HOW = setup_columns(SETUP, Placement(offset_x_mm=1.5, offset_y_mm=-0.5, yaw_deg=3.0))
 
 
 @pytest.fixture
@@ -31,8 +31,8 @@ def full(lake: Lake, small_rows, make_grasp) -> Lake:
     told, _ = make_grasp(object_id=4, bench="pull-tester", peak_force_n=12.25, work_j=None)
     failed, _ = make_grasp(object_id=5, status="failed", reason="no air", peak_force_n=None, work_j=None)
     rows = [
-        *make_grasp(world_hash="ab12cd", **HOW),
-        *make_grasp(object_id=5, attempt=1, **HOW),
+        *make_grasp(world_hash="ab12cd", lab="turin", request_id="r-1", tare_force_n=1.75, **HOW),
+        *make_grasp(object_id=5, repeat=1, attempt=1, **HOW),
         told.model_copy(update={"initial_force_n": None}),
         failed.model_copy(update={"initial_force_n": None}),
         tool,
@@ -47,10 +47,13 @@ def test_what_was_measured_comes_back_as_it_was(full: Lake, tmp_path: Path) -> N
     other = Lake.open(tmp_path / "other", create=True)
     import_handoff(other, tmp_path / "out", PROVENANCE, Origin(source="them"))
     # `setup_id` says how a grasp was made; its JSON may write 16 as 16.0. `software` is empty in the lake that made it.
-    kept = set(GraspRow.model_fields) - {"campaign_id", "details_json", "tare_force_n", "setup_json", "software"}
+    kept = set(GraspRow.model_fields) - {"campaign_id", "details_json", "setup_json", "software", "fidelity"}
     before, after = (
         {row.grasp_id: row.model_dump(include=kept) for row in lake.records(GraspRow)} for lake in (full, other)
     )
+    usual = GraspRow.model_construct().model_dump() | {"repeat": 0, "status": "ok", "bench": "virtual"}
+    empty = {name for name in kept if all(row[name] == usual.get(name) for row in before.values())}
+    assert empty == set(), "a column that no grasp of this lake has: give it one, so that its loss is seen"
     changed = {i: {n: (v, after[i][n]) for n, v in row.items() if after[i][n] != v} for i, row in before.items()}
     assert {i: names for i, names in changed.items() if names} == {}
     assert set(after) == set(before)

@@ -30,7 +30,7 @@ class WorldAnswer(Record):
     """
 
     world: str
-    missing: bool
+    missing: bool = Field(strict=True)
     probability: float = Field(ge=0, le=1)
     effect: str = ""
     cpu_s: float | None = Field(default=None, ge=0)

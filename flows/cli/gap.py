@@ -1,6 +1,7 @@
 """`fast gap`: where the simulator is wrong, what is missing, and what adding it changes."""
 
 import shlex
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,7 @@ from fast.models.units import spell_share
 if TYPE_CHECKING:
     from fast.flows.gap.search import GapOrder, GapOutcome
     from fast.lake.store import Lake
+    from fast.models.gap.evidence.visible import VisibleSize
     from fast.models.gap.findings import Findings
 
 app = make_app(name="gap", help="Find where simulation and measurement disagree, name what is missing, add it.")
@@ -24,8 +26,11 @@ _AT_LEAST_ONE = Number(gte=1)
 _MOST_CANDIDATES = 6
 _EVIDENCE = (
     "evidence: natural logarithm of how much more probable the grasps are with it than without (3: 20 to 1), once an "
-    "effect is fitted in full. Beyond 90, or 25 without the cell that it helps most, it is an alarm; so are 45 before "
-    "the full fit, and cells that are too far off as a whole. Another simulator of the same physics rarely shows more."
+    "effect is fitted in full."
+)
+_VISIBLE = (
+    "visible: how much of what an effect changes is left when material and friction are fitted again; the rest looks "
+    "like other material."
 )
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "
@@ -57,10 +62,10 @@ def gap(
     ] = None,
     workers: Annotated[int, Parameter(help="Worker processes; changes no result.", validator=_AT_LEAST_ONE)] = 2,
     tools: Annotated[
-        int | None, Parameter(help="Search with so many designs, spread over those measured; default: all.")
+        int | None, Parameter(help="Search with at most so many designs, spread over those measured; default: all.")
     ] = None,
     objects: Annotated[
-        int | None, Parameter(help="Search with so many objects, spread over their classes; default: all.")
+        int | None, Parameter(help="Search with at most so many objects, spread over their classes; default: all.")
     ] = None,
     rehearse: Annotated[
         int, Parameter(help="Made-up worlds that say what could still hide.", validator=Number(gte=8, lte=10_000))
@@ -134,6 +139,7 @@ def _weigh(
             "leave out --out (`--json > FILE` keeps the answer)."
         )
     from fast.flows.gap.weigh import describe_cost, weigh_panel
+    from fast.flows.report.gap.answer import describe_lines
 
     with open_reporter() as reporter:
         told = (describe_cost if is_dry else weigh_panel)(lake, order, reporter, simulated)
@@ -141,7 +147,8 @@ def _weigh(
         show({"cost": told}, told, as_json)
         return
     rows, warnings = told.list_rows(), told.warnings
-    text = [told.sentence, "", table_text(rows), "", _EVIDENCE, *(f"warning: {one}" for one in warnings)]
+    evidence = f"{_EVIDENCE} {describe_lines(asdict(told.naming.decider.rehearsal.lines))}"
+    text = [told.sentence, "", table_text(rows), "", evidence, *(f"warning: {one}" for one in warnings)]
     show({"summary": told.sentence, "weighed": rows, "warnings": warnings}, "\n".join(text), as_json)
 
 
@@ -169,6 +176,7 @@ def plan_(
     taken for. One tool, and one object, less are compared with it.
     """
     from fast.flows.gap.plan import choose_size, look_ahead
+    from fast.flows.report.gap.answer import list_families
     from fast.tasks.campaign.config import load_config
 
     choose_size(load_config(config), tools, objects)  # what is wrong is named before a lake is made
@@ -176,22 +184,25 @@ def plan_(
     with open_reporter() as reporter:
         outlook = look_ahead(found, config, tools, objects, rehearse, workers, reporter)
     families = [
-        {
-            "hidden": one.family,
-            "noticed": f"{one.n_alarms} of {one.n}",
-            "smallest": "-" if one.seen_size is None else spell_share(one.seen_size, 1),
-            "right name": one.n_right,
-            "unknown": one.n_unknown,
-            "taken for": "; ".join(one.taken_for),
-        }
-        for one in outlook.rehearsal.tell_families()
+        {name.replace("_", " "): words for name, words in row.items()}
+        for row in list_families(outlook.rehearsal.tell_families())
     ]
     sizes = [
-        {"effect": one.effect, "seen from": one.words, "an object less": less.words, "a tool less": fewer.words}
+        {
+            "effect": one.effect,
+            "seen from": one.words,
+            "of the force": _spell_size(one),
+            "an object less": _spell_size(less),
+            "a tool less": _spell_size(fewer),
+        }
         for one, less, fewer in zip(outlook.visible, outlook.fewer_objects, outlook.fewer_tools, strict=True)
     ]
     lines = [outlook.sentence, "", table_text(families), "", table_text(sizes)]
     show({"summary": outlook.sentence, "families": families, "sizes": sizes}, "\n".join(lines), json)
+
+
+def _spell_size(size: "VisibleSize") -> str:
+    return "never" if size.share is None else spell_share(size.share, 1)
 
 
 @app.command(name="next")
@@ -244,7 +255,7 @@ def next_(
 
 @app.command
 def answer(
-    kind: Annotated[str, Parameter(help="What was measured, as the question calls it: walls, dead_weight ...")],
+    kind: Annotated[str, Parameter(help="What was measured, as questions call it: walls, dead_weight ...")],
     value: Annotated[float | None, Parameter(help="The number.", allow_leading_hyphen=True)] = None,
     *,
     operator: Annotated[str, Parameter(help="Who measured it.")],
@@ -254,48 +265,56 @@ def answer(
     lake: LakePath = DEFAULT_LAKE,
     json: AsJson = False,
 ) -> None:
-    """Answer what a search asked a person, where no grasp of the bench tells; the next search takes it."""
+    """Keep what a person measured, asked for by a search or not; the next search takes it."""
     from fast.flows.campaign.forms import close_forms
     from fast.flows.campaign.operator_prompts import make_reading_form
     from fast.models.gap.ask.answers import Reading
     from fast.models.validation import load_record
     from fast.tasks.gap.findings import find_newest_run
-    from fast.tasks.gap.readings import take_back_reading, write_reading
+    from fast.tasks.gap.readings import NO_SEARCH, take_back_reading, write_reading
 
     if undo == (value is not None):
         raise UsageError("give a number, or --undo and no number; nothing was changed.")
     found = open_lake(lake)
     campaign_id = resolve_campaign(found, campaign) if campaign is not None else None
     run = find_newest_run(found, campaign_id)
-    asked = run.findings.next_experiment if run is not None else None
-    if run is None or asked is None or asked.person is None:
-        raise UsageError(f"{_explain_no_question(found)}; nothing was changed.")
-    if asked.person.kind != kind:
-        raise UsageError(f"search {run.gap_id} asks for `{asked.person.kind}`, not `{kind}`; nothing was changed.")
-    data = {"search": run.gap_id, "kind": kind, "value": value}
+    asked = run.findings.next_experiment.person if run is not None and run.findings.next_experiment else None
+    is_asked = asked is not None and asked.kind == kind
+    if not is_asked:
+        _check_unasked(found, kind)
+    search_id = NO_SEARCH if run is None else run.gap_id
+    data = {"search": search_id, "kind": kind, "value": value}
     if value is None:
-        take_back_reading(found, campaign_id, run.gap_id, kind, operator)
+        take_back_reading(found, campaign_id, search_id, kind, operator)
         show(data, f"{kind} is taken back; `fast gap answer {kind} VALUE` answers it again.", json)
         return
     reading = load_record(Reading, {"kind": kind, "value": value}, "the answer")
-    write_reading(found, campaign_id, run.gap_id, reading, operator, is_sure=sure)
-    form = make_reading_form(found, campaign_id or "", run.gap_id, asked.person)
-    close_forms(found, form, f"said by {operator} on the command line")
-    show(data, f"{kind} {value:g} is kept; `fast gap` goes on with it.", json)
+    write_reading(found, campaign_id, search_id, reading, operator, is_sure=sure)
+    if asked is not None and is_asked:
+        form = make_reading_form(found, campaign_id or "", search_id, asked)
+        close_forms(found, form, f"said by {operator} on the command line")
+    unasked = "" if is_asked else " No search asked for it."
+    show(data, f"{kind} {value:g} is kept; `fast gap` goes on with it.{unasked}", json)
 
 
-def _explain_no_question(lake: "Lake") -> str:
-    """Why a search, of the lake or of a campaign as a person named it, asks nothing of a person."""
+def _check_unasked(lake: "Lake", kind: str) -> None:
+    """Check that a number for which the search at hand did not ask can be kept.
+
+    Raises:
+        UsageError: nobody can measure it, or a search of another campaign, or of the lake, asks for it.
+    """
+    from fast.models.gap.ask.person import list_measurements
     from fast.tasks.gap.findings import find_last_run
 
+    kinds = [one.kind for _, one in list_measurements()]
+    if kind not in kinds:
+        raise UsageError(f"`{kind}` says nothing of any effect, it must be one of {', '.join(kinds)}; change it.")
     run = find_last_run(lake)
-    if run is None:
-        return "no search of this lake has ended; `fast gap` says what a person should measure"
-    asked = run.findings.next_experiment
-    if asked is None or asked.person is None:
-        return "the newest search asks nothing of a person"
+    asked = run.findings.next_experiment if run is not None else None
+    if run is None or asked is None or asked.person is None or asked.person.kind != kind:
+        return
     words = f"add --campaign {run.campaign_id}" if run.campaign_id else "leave out --campaign"
-    return f"it is search {run.gap_id} that asks for `{asked.person.kind}`: {words}"
+    raise UsageError(f"it is search {run.gap_id} that asks for `{kind}`: {words}; nothing was changed.")
 
 
 def _data(outcome: "GapOutcome") -> dict[str, Any]:
@@ -304,7 +323,12 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from fast.flows.report.gap.answer import describe_in_use, describe_notes, describe_probability
+    from fast.flows.report.gap.answer import (
+        describe_in_use,
+        describe_lines,
+        describe_notes,
+        describe_probability,
+    )
 
     findings = outcome.run.findings
     lines = [f"{outcome.sentence}.", *filter(None, [describe_in_use(findings)]), ""]
@@ -325,7 +349,8 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
             for row in sorted(tried, key=lambda row: -(row.nats or 0.0))[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
-    lines += [_EVIDENCE, ""]
+    known = [describe_lines(findings.panel.lines)] if findings.panel is not None else []
+    lines += [" ".join([_EVIDENCE, *known]), _VISIBLE, ""]
     lines.append(f"held out: {_held_out(findings)}")
     lines += [f"asked: {one.outcome}" for one in findings.asked]
     if findings.next_experiment is not None:

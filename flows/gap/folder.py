@@ -49,7 +49,6 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
 
 def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
     from fast.flows.report.gap.answer import GapPage
-    from fast.models.gap.evidence.visible import find_visible_sizes
     from fast.models.gap.where.cells import find_unsure_cells
 
     rounds, evaluation = outcome.rounds, outcome.evaluation
@@ -57,19 +56,15 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
     command = "" if asked is None else describe_command(asked, outcome.run.campaign_id, lake.address)
     if not rounds or evaluation is None:
         return GapPage(outcome.run.findings, assumed=_assumed(outcome), command=command)
-    last = rounds[-1].proposed  # the wide bank has every effect
-    surrogate, rehearsal = last.fit.features.surrogate, rounds[0].search.rehearsal
-    names = [one.name for one in last.trials.weighed if one.kind == "effect"]
+    surrogate = rounds[-1].proposed.fit.features.surrogate
     return GapPage(
         findings=outcome.run.findings,
         where=tuple(one.where for one in rounds),
         residuals=rounds[0].residuals,
         evaluation=evaluation,
         theta=_theta_rows(rounds[0].before, rounds[-1].after, _is_real(lake, outcome.run.campaign_id)),
-        rehearsed=tuple(rehearsal.tell_families()),
         assumed=_assumed(outcome),
         unsure=find_unsure_cells(surrogate.bank, surrogate.grasps.tools),
-        visible=find_visible_sizes(last.trials.fit, sorted(names), rehearsal.lines),
         command=command,
     )
 

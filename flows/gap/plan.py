@@ -18,6 +18,7 @@ from fast.models.gap.grasps import Grasps, of_one_setup
 from fast.models.records import Design, GraspContext
 from fast.models.traces.step_features import N_STEPS
 from fast.models.traces.step_noise import SensorNoise
+from fast.models.units import spell_count
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import CampaignConfig, load_config
 from fast.tasks.gap.bank import plan_bank, read_bank
@@ -109,9 +110,10 @@ def choose_size(config: CampaignConfig, n_tools: int | None, n_objects: int | No
         ("objects", n_objects, LEAST_OBJECTS, most_objects),
     ):
         if not least <= n <= most:
+            asked = spell_count(n, what.removesuffix("s"))
             raise UsageError(
-                f"a panel of {n} {what} cannot be rehearsed: the campaign begins with {most}, {least} are the least; "
-                f"give --{what} between these."
+                f"a panel of {asked} cannot be rehearsed: the campaign begins with {most}, {least} are the least; give "
+                f"--{what} between these."
             )
     return n_tools, n_objects
 

@@ -329,7 +329,11 @@ def _sum_up(
     seed: int, start: Start, rounds: "Sequence[Round]", following: "Next", verdict: Verdict, evaluation: "Evaluation"
 ) -> Findings:
     """The answer of all rounds, but for what it took and its warnings."""
+    from fast.models.gap.evidence.visible import find_visible_sizes, tell_panel
+
     told = (*(one.asked for one in rounds), following.refined)
+    trials, rehearsal = rounds[-1].proposed.trials, rounds[0].search.rehearsal  # the wide bank has every effect
+    names = sorted(one.name for one in trials.weighed if one.kind == "effect")
     return Findings(
         alarm=any(one.findings.named.kind != "none" for one in rounds),
         rounds=tuple(one.findings for one in rounds),
@@ -342,6 +346,7 @@ def _sum_up(
         verdict=verdict,
         ranking=following.ranking,
         in_use=tuple(value.effect for value in start.effects),
+        panel=tell_panel(rehearsal, find_visible_sizes(trials.fit, names, rehearsal.lines)),
     )
 
 

@@ -65,7 +65,7 @@ class Weighed:
     @property
     def alike(self) -> tuple[Trial, ...]:
         """Effects on trial that have as much evidence as the best, within odds of 20 to 1; none without an alarm."""
-        tried = self.naming.trials.tried
+        tried = self.naming.trials.tried if self.naming.alarm.is_raised else ()
         return tuple(one for one in tried if one.nats > tried[0].nats - ENOUGH_NATS)
 
     @property
@@ -80,8 +80,10 @@ class Weighed:
             titles = "; ".join(CATALOGUE[one.effect].title for one in self.alike)
             words = "Of the catalogue, these explain equally little" if named.kind == "unknown" else _ALIKE
             said.append(f"{words}: {titles}.")
-        if named.kind != "none":
-            said.append(self.asked.sentence if self.asked is not None else "No grasp of this bench would tell more.")
+        if self.asked is not None:
+            said.append(self.asked.sentence)
+        elif named.kind != "none":
+            said.append("No grasp of this bench would tell more.")
         if self.beside is not None:
             said.append(self._tell_beside(self.beside))
         return " ".join(said)

@@ -285,6 +285,42 @@ class RankedDesigns(Record):
     sentence: str
 
 
+class FamilyTold(Record):
+    """What became of n rehearsed worlds that hide one family, or (without a name) a cause of no catalogue."""
+
+    family: str
+    """As the catalogue has it; empty: none there."""
+    n: int
+    """Worlds that hide it, and nothing else."""
+    n_alarms: int
+    """Those in which anything was noticed."""
+    n_right: int
+    """Alarms that got this family as their name; of no catalogue, *unknown*."""
+    n_unknown: int
+    """Alarms that were called unknown."""
+    taken_for: tuple[str, ...]
+    """Families of the other names, the most frequent first."""
+    seen_size: float | None
+    """Size from which on nine in ten are noticed, of the force; None: too few worlds, or not even of the largest."""
+
+
+class SizeTold(Record):
+    """The smallest size of an effect that a panel would have shown in nine of ten cases."""
+
+    effect: str
+    words: str
+    share: float | None
+    """What it changes, of the force; None: no plausible size is seen."""
+
+
+class PanelTold(Record):
+    """What a panel can tell, by made-up worlds of it. lines: signs beyond them are an alarm, by name."""
+
+    lines: dict[str, float]
+    families: tuple[FamilyTold, ...]
+    sizes: tuple[SizeTold, ...]
+
+
 class Findings(Record):
     """`findings.json`. `aliases`: confounds. `power`: of searches before 0.3, a sentence.
 
@@ -306,6 +342,8 @@ class Findings(Record):
     verdict: Verdict | None = None
     ranking: RankedDesigns | None = None
     in_use: tuple[str, ...] = ()
+    panel: PanelTold | None = None
+    """What the panel can tell; None in answers of older code."""
 
     @property
     def is_suspicion(self) -> bool:

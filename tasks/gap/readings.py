@@ -23,6 +23,7 @@ from fast.tasks.campaign.campaign import stored_provenance
 from fast.tasks.campaign.state import THICKNESSES, load_designs
 
 KIND = "gap_reading"
+NO_SEARCH = "none"  # of a reading of before the first search
 BAR, WALLS = "tensile_bar", "walls"
 _LEAST_WALLS = 6  # measured ones that say what a reading of them should be
 _READING_SD_MM = 0.05  # of the mean over three fingers about that over all

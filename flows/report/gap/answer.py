@@ -1,12 +1,11 @@
 """What the page of a gap search is made of, and its answer in words."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fast.models.gap.evaluation.evaluate import FEWEST_HELD_OUT, Evaluation
-from fast.models.gap.evidence.rehearsal import FamilyTold
-from fast.models.gap.evidence.visible import VisibleSize
-from fast.models.gap.findings import UNKNOWN, Decision, Findings, Gap, RoundFindings
+from fast.models.gap.findings import UNKNOWN, Decision, FamilyTold, Findings, Gap, RoundFindings, SizeTold
 from fast.models.gap.where.cells import UnsureCell
 from fast.models.gap.where.locate import Where
 from fast.models.gap.where.residuals import Residuals
@@ -37,8 +36,7 @@ class GapPage:
     """A finished search; all but the answer is optional.
 
     `where`: of each round; `residuals`: of the first; `assumed`: sentences. `unsure`: cells in which meshes or heights
-    differ; `visible`: sizes of effects that would have been seen; `rehearsed`: what made-up worlds were told to be.
-    `command`: by which a person answers the open question.
+    differ. `command`: by which a person answers the open question.
     """
 
     findings: Findings
@@ -46,10 +44,8 @@ class GapPage:
     residuals: Residuals | None = None
     evaluation: Evaluation | None = None
     theta: tuple[ThetaRow, ...] = ()
-    rehearsed: tuple[FamilyTold, ...] = ()
     assumed: tuple[str, ...] = ()
     unsure: tuple[UnsureCell, ...] = ()
-    visible: tuple[VisibleSize, ...] = ()
     command: str = ""
 
 
@@ -166,6 +162,34 @@ def describe_smallness(gap: Gap) -> str:
     return (
         f"The whole gap, {gap.rmse_before_n:.2f} N, is not larger than what repeats scatter or another mesh or contact "
         f"changes, {gap.rmse_floor_n:.2f} N: another honest solver would disagree as much."
+    )
+
+
+def list_families(families: Sequence[FamilyTold]) -> list[dict[str, str]]:
+    """What became of made-up worlds, a row for each family that they hide."""
+    return [
+        {
+            "family": one.family or "a cause of no catalogue",
+            "noticed": f"{one.n_alarms} of {one.n}",
+            "seen_from": "-" if one.seen_size is None else spell_share(one.seen_size, 1),
+            "right": f"{one.n_right} of {one.n_alarms}" if one.n_alarms else "-",
+            "unknown": f"{one.n_unknown} of {one.n_alarms}" if one.n_alarms and one.family else "-",
+            "taken_for": "; ".join(one.taken_for) or "-",
+        }
+        for one in families
+    ]
+
+
+def describe_size(one: SizeTold) -> str:
+    """The smallest size of an effect that would have been seen, in its own unit and of the force."""
+    return one.words if one.share is None else f"{spell_share(one.share, 1)} of the force ({one.words})"
+
+
+def describe_lines(lines: Mapping[str, float]) -> str:
+    """What counts as a sign of a gap, in a sentence. lines: of `PanelTold`."""
+    return (
+        f"An effect counts as a sign beyond {lines['full_nats']:.0f}, or {lines['spread_nats']:.0f} without the tool "
+        f"on the object that it helps most; a pattern without a name beyond {lines['nats']:.0f}."
     )
 
 

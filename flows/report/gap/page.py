@@ -18,10 +18,13 @@ from fast.flows.report.gap.answer import (
     describe_closed,
     describe_decision,
     describe_effect,
+    describe_lines,
     describe_notes,
     describe_probability,
+    describe_size,
     describe_smallness,
     describe_sureness,
+    list_families,
     shorten_answer,
     shorten_tool,
 )
@@ -38,7 +41,6 @@ from fast.flows.report.gap.figures import (
 )
 from fast.flows.report.gap.question import prepare_next
 from fast.models.gap.evaluation.evaluate import Evaluation
-from fast.models.gap.evidence.rehearsal import FamilyTold
 from fast.models.gap.findings import Findings, RoundFindings
 from fast.models.gap.where.cells import find_heaviest_cells
 from fast.models.gap.where.locate import describe_silence
@@ -79,7 +81,7 @@ def write_gap_report(content: GapPage, out: Path, name: str, of: str = "") -> Pa
 
 
 def _prepare_page(content: GapPage, folder: Folder) -> dict[str, Any]:
-    findings, evaluation = content.findings, content.evaluation
+    findings, evaluation, panel = content.findings, content.evaluation, content.findings.panel
     return {
         "findings": findings,
         "describe_effect": describe_effect,
@@ -90,8 +92,11 @@ def _prepare_page(content: GapPage, folder: Folder) -> dict[str, Any]:
         "closed": describe_closed(findings.gap),
         "smallness": describe_smallness(findings.gap),
         "rounds": [_prepare_round(findings, place, folder) for place in range(len(findings.rounds))],
-        "rehearsed": [_tell_family(one) for one in content.rehearsed],
-        "visible": [{"name": describe_effect(one.effect), "words": one.words} for one in content.visible],
+        "rehearsed": list_families(panel.families) if panel is not None else [],
+        "visible": [{"name": describe_effect(one.effect), "words": describe_size(one)} for one in panel.sizes]
+        if panel is not None
+        else [],
+        "lines": describe_lines(panel.lines) if panel is not None else "",
         "has_candidates": _save_candidates(findings.rounds, folder),
         "where": _prepare_where(content, folder),
         "show": _prepare_show(evaluation, folder) if evaluation is not None else None,
@@ -130,17 +135,6 @@ def _prepare_round(findings: Findings, place: int, folder: Folder) -> dict[str, 
         "rest": folder.draw(f"gap_rest_{n}", draw_rest(named.rest)) if named.rest is not None else None,
         "bars": folder.draw(f"gap_names_{n}", draw_names(found.candidates, named)) if is_weighed else None,
     }  # fmt: skip
-
-
-def _tell_family(one: FamilyTold) -> dict[str, str]:
-    return {
-        "family": one.family,
-        "noticed": f"{one.n_alarms} of {one.n}",
-        "smallest": "never" if one.seen_size is None else spell_share(one.seen_size, 1),
-        "right": f"{one.n_right} of {one.n_alarms}",
-        "unknown": f"{one.n_unknown} of {one.n_alarms}",
-        "taken_for": "; ".join(one.taken_for) or "nothing",
-    }
 
 
 def _save_candidates(rounds: Sequence[RoundFindings], folder: Folder) -> bool:

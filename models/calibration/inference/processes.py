@@ -66,7 +66,7 @@ def spread(
                 report.one_more()
     except BrokenProcessPool as error:
         raise FastError(
-            f"a process that worked on {what} died, perhaps for lack of memory; calibrate again with fewer workers."
+            f"a process that worked on {what} died, perhaps for lack of memory; run it again with fewer workers."
         ) from error
     finally:  # whatever ended it early: what is at work has nobody left to work for
         for process in list((pool._processes or {}).values()) if left else []:  # noqa: SLF001 - no public way before Python 3.14

@@ -1,7 +1,8 @@
 """Rehearsal: made-up worlds of the panel at hand, answered as the real one is; lines and probabilities come from them.
 
-Nothing about them ships: what is an alarm, how probable a name is, and what may be taken for what else are outcomes of
-the lab's own tools, objects, repeats and noise.
+How probable a name is, and what may be taken for what else, are outcomes of the lab's own tools, objects, repeats and
+noise; so are lines beyond which signs are an alarm, where they are not below those that another solver's grasps ask for
+(`LEAST`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +18,7 @@ from fast.models.gap.evidence.likelihood import Problem, fit_evidence
 from fast.models.gap.evidence.odds import Odds
 from fast.models.gap.evidence.trials import LEAST, N_DESCRIBED, Signs, Trials
 from fast.models.gap.evidence.worlds import DRIFTS, LARGEST, NOTHING, SMALLEST, Group, World, make_world
+from fast.models.gap.findings import FamilyTold
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.units import spell_number, spell_share
@@ -26,6 +28,7 @@ SEEN = 0.9
 LEAST_BEHIND = 0.1  # effects by another law than the catalogue's had up to 13 % less evidence than a kin of theirs
 EVEN = 0.5  # a name is said if it is more probable than not
 FEWEST_HIDDEN = 10  # worlds that hide something, of which it is said what is seen
+FEWEST_OF_FAMILY = 4  # worlds that hide one family, the same
 LARGE = 0.05  # of the force
 _N_SIZES = 100
 
@@ -60,22 +63,6 @@ class Rehearsed:
     named: Named | None = None
     left_out: Named | None = None
     second: str = ""
-
-
-@dataclass(frozen=True)
-class FamilyTold:
-    """What became of n rehearsed worlds that hide a family: alarms, and the names that these got.
-
-    taken_for: other families, the most frequent first. seen_size: of the smallest that was an alarm, of the force.
-    """
-
-    family: str
-    n: int
-    n_alarms: int
-    n_right: int
-    n_unknown: int
-    taken_for: tuple[str, ...]
-    seen_size: float | None
 
 
 @dataclass(frozen=True)
@@ -133,11 +120,13 @@ class Rehearsal:
         same = [one for one in self.worlds if self.is_alarm(one.signs) == is_alarm]
         return (sum(one.group != NOTHING for one in same) + 0.5) / (len(same) + 1.0)
 
-    def tell_families(self) -> list["FamilyTold"]:
-        """Of each family that was hidden, how often it raised an alarm and got which name, by the words of families."""
-        found = []
-        for family in sorted({one.family for one in self.worlds if one.family and not one.second}):
-            own = [one for one in self.worlds if one.family == family and not one.second]
+    def tell_families(self) -> list[FamilyTold]:
+        """Of each family that was hidden, how often it raised an alarm and got which name; of no family, at the end."""
+        hidden = [one for one in self.worlds if one.group != NOTHING and not one.second]
+        families, found = sorted({one.family for one in hidden}, key=lambda family: (not family, family)), []
+        sizes = self._find_seen_sizes(hidden, families)
+        for family in families:
+            own = [one for one in hidden if one.family == family]
             alarms = [one for one in own if self.is_alarm(one.signs)]
             names = [self._tell_name(one) for one in alarms]
             others = [name for name in names if name not in (family, "")]
@@ -149,10 +138,22 @@ class Rehearsal:
                     n_right=names.count(family),
                     n_unknown=names.count(""),
                     taken_for=tuple(dict.fromkeys(sorted(others, key=lambda name: -others.count(name)))),
-                    seen_size=min((one.size for one in alarms), default=None),
+                    seen_size=sizes[family] if len(own) >= FEWEST_OF_FAMILY else None,
                 )
             )
         return found
+
+    def _find_seen_sizes(self, hidden: Sequence[Rehearsed], families: Sequence[str]) -> dict[str, float | None]:
+        """Size from which on nine in ten of a family raise an alarm, by family; None: not even of the largest.
+
+        Odds grow alike with the size in all families, from a constant of each: few worlds of one borrow of the others.
+        """
+        if len(hidden) < FEWEST_HIDDEN:
+            return dict.fromkeys(families)
+        own = dict(zip(families, np.eye(len(families)), strict=True))
+        rows = np.array([[*_scale_sizes(np.array([one.size]))[0], *own[one.family]] for one in hidden])
+        odds = Odds.learn(rows, [self.is_alarm(one.signs) for one in hidden])
+        return {family: _find_size(odds, own[family]) for family in families}
 
     def _tell_name(self, one: Rehearsed) -> str:
         """The family that an alarm is given; empty for *unknown*."""
@@ -170,11 +171,7 @@ class Rehearsal:
             return None
         alarms = [self.is_alarm(one.signs) for one in hidden]
         odds = Odds.learn(_scale_sizes(np.array([one.size for one in hidden])), alarms)
-        sizes = np.geomspace(LARGEST, SMALLEST, _N_SIZES)
-        seen = np.cumsum([odds.judge(row) for row in _scale_sizes(sizes)]) / np.arange(1, _N_SIZES + 1)
-        passed = np.flatnonzero(seen < SEEN)
-        n = int(passed[0]) if len(passed) else _N_SIZES
-        return float(sizes[n - 1]) if n else None
+        return _find_size(odds)
 
     def tell_seen_size(self, force_n: float | None = None) -> str:
         """From what size on causes are seen, or that large ones are not, in words. force_n: of the grasps, if known."""
@@ -194,6 +191,15 @@ class Rehearsal:
             f"Much could still hide: even of causes of {spell_share(LARGE)} of the force or more, {n_seen} of "
             f"{len(large)} are seen in {made}."
         )
+
+
+def _find_size(odds: Odds, features: np.ndarray = np.zeros(0)) -> float | None:  # noqa: B008 - never changed
+    """Size from which on nine in ten are seen; None: not even of the largest. features: of odds, besides the size."""
+    sizes = np.geomspace(LARGEST, SMALLEST, _N_SIZES)
+    seen = np.cumsum([odds.judge(np.append(row, features)) for row in _scale_sizes(sizes)]) / np.arange(1, _N_SIZES + 1)
+    passed = np.flatnonzero(seen < SEEN)
+    n = int(passed[0]) if len(passed) else _N_SIZES
+    return float(sizes[n - 1]) if n else None
 
 
 def _scale_sizes(sizes: np.ndarray) -> np.ndarray:

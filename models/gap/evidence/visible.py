@@ -1,17 +1,20 @@
 """How large an effect must be to be seen on a panel: what could still hide where nothing is named."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from fast.models.gap.evidence.candidates import predict_changes
 from fast.models.gap.evidence.laws import list_secants, scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit
+from fast.models.gap.evidence.reading import compute_rms
+from fast.models.gap.evidence.rehearsal import Rehearsal
 from fast.models.gap.evidence.trials import Signs
+from fast.models.gap.findings import PanelTold, SizeTold
 from fast.models.records import EffectValue
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.units import spell_name, unit_of
+from fast.models.units import spell_name, spell_number, unit_of
 
 _Z90 = 1.28  # standard deviations of evidence: nine in ten are above
 _FURTHEST = 3.0  # times a secant: an effect is not in proportion any more
@@ -19,10 +22,14 @@ _FURTHEST = 3.0  # times a secant: an effect is not in proportion any more
 
 @dataclass(frozen=True)
 class VisibleSize:
-    """The smallest size of an effect that these data would have shown; None: none that is plausible."""
+    """The smallest size of an effect that these data would have shown; None: none that is plausible.
+
+    share: of the force, that it changes in the means of cells, with what theta may make of it.
+    """
 
     effect: str
     value: EffectValue | None
+    share: float | None = None
 
     @property
     def words(self) -> str:
@@ -32,7 +39,8 @@ class VisibleSize:
         known, shapes = self.value.parameters, _find_shapes(self.effect)
         specs = [p for p in CATALOGUE[self.effect].parameters if p.name in shapes or known[p.name] != p.neutral]
         return ", ".join(
-            f"{spell_name(name)} {known[name]:.2g} {unit_of(name) or ''}".strip() for name in (p.name for p in specs)
+            f"{spell_name(name)} {spell_number(known[name])} {unit_of(name) or ''}".strip()
+            for name in (p.name for p in specs)
         )
 
 
@@ -49,16 +57,30 @@ def find_visible_sizes(
     found = []
     for name in names:
         values = [value for value in list_secants(name) if name not in known or _is_alike(value, known[name])]
-        white = fit.whiten(*predict_changes(fit, values))
+        changes_n, contrasts_n = predict_changes(fit, values)
+        white = fit.whiten(changes_n, contrasts_n)
         products, _ = fit.multiply(white)
         spread = 1.0 - _find_largest_share(fit, white)
         nats = np.minimum(min(lines.nats, lines.full_nats), lines.spread_nats / np.maximum(spread, 1e-12))
         scales = (np.sqrt(2.0 * nats) + _Z90) / np.sqrt(np.maximum(np.diag(products), 1e-12))
         # The secant whose own size is nearest to what is wanted has to be stretched least.
         place = int(np.argmin(np.abs(np.log(scales))))
-        is_plausible = scales[place] <= _FURTHEST
-        found.append(VisibleSize(name, scale_value(values[place], float(scales[place])) if is_plausible else None))
+        scale = float(scales[place])
+        if scale > _FURTHEST:
+            found.append(VisibleSize(name, None))
+            continue
+        share = scale * compute_rms(changes_n[place]) / compute_rms(fit.force_n)
+        found.append(VisibleSize(name, scale_value(values[place], scale), share))
     return tuple(found)
+
+
+def tell_panel(rehearsal: Rehearsal, sizes: Sequence[VisibleSize]) -> PanelTold:
+    """What a panel can tell, as it is kept: lines, what became of made-up worlds, and sizes."""
+    return PanelTold(
+        lines=asdict(rehearsal.lines),
+        families=tuple(rehearsal.tell_families()),
+        sizes=tuple(SizeTold(effect=one.effect, words=one.words, share=one.share) for one in sizes),
+    )
 
 
 def _find_largest_share(fit: EvidenceFit, white: np.ndarray) -> np.ndarray:

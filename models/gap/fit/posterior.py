@@ -343,7 +343,7 @@ def _write_warnings(r_hat: dict[str, float], n_divergences: int, error_nats: flo
         found.append(f"{n_divergences} draws diverged; raise target_accept.")
     if error_nats > _SURFACE_LIMIT_NATS:
         found.append(
-            f"the surface under the joint posterior is off by {error_nats:.1f} nats, limit {_SURFACE_LIMIT_NATS:g}: "
-            "its intervals are rough."
+            f"intervals of material, friction and parameters are rough: the surface under their posterior is off by "
+            f"{error_nats:.1f} in its logarithm, limit {_SURFACE_LIMIT_NATS:g}."
         )
     return found

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fast.models.gap.evidence.candidates import Candidate
-from fast.models.gap.evidence.reading import compute_rms
+from fast.models.gap.evidence.reading import MIDDLES_MM, compute_rms
 from fast.models.gap.evidence.rehearsal import EVEN, Rehearsal
 from fast.models.gap.evidence.trials import Trials
 from fast.models.gap.findings import UNKNOWN, Decision
@@ -22,6 +22,8 @@ from fast.models.units import spell_number
 _LARGEST_SET = 3
 _ADVICE = {
     "": " Film a grasp of this tool on this object, and hold it beside the simulated one (`fast view`).",
+    "common": " All grasps share it: lift once without an object, what is there then is the bench's; look at hoses, "
+    "the load cell, and how high the tips stand.",
     "by object": " Measure this object and one that is as simulated: size, edges, surface, and how far it gives way.",
     "by tool": " Measure this tool and one that is as simulated: walls, ribs, and how it is mounted.",
 }  # where a person can look, by kind of pattern
@@ -67,7 +69,9 @@ class Decider:
     def answer_none(self, probability: float) -> Decision:
         """Nothing, with what could still hide, and what there is some evidence for."""
         hides = self.rehearsal.tell_seen_size(compute_rms(self.trials.fit.force_n))
-        near = f" It looks most like this: {CATALOGUE[self.trials.tried[0].effect].title}." if self.trials.tried else ""
+        near = ""
+        if self.trials.tried:
+            near = f" Anything smaller is most like this: {CATALOGUE[self.trials.tried[0].effect].title}."
         sentence = f"Nothing is left that is larger than what honest simulators differ by.{near} {hides}"
         return Decision(kind="none", probability=probability, sentence=sentence)
 
@@ -135,7 +139,7 @@ class Decider:
         return _tell_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.lines.nats else ""
 
     def _find_most(self, change_n: np.ndarray) -> str:
-        """Where it is largest: the object and the tool with the largest mean of its squares."""
+        """Where it is largest: the object, the tool and the lift with the largest mean of its squares (n x b)."""
         problem, squares = self.trials.fit.problem, (change_n**2).sum(axis=1)
         grasps = problem.surrogate.grasps
 
@@ -143,7 +147,9 @@ class Decider:
             return int(np.argmax([squares[group == one].mean() if (group == one).any() else 0.0 for one in range(n)]))
 
         obj, tool = most(problem.obj, len(grasps.objects)), most(problem.tool, len(grasps.tools))
-        return f"most on {name_object(grasps.objects[obj])} and tool {grasps.tools[tool]}"
+        lift_mm = MIDDLES_MM[int(np.argmax((change_n**2).mean(axis=0)))]
+        where = f"most on {name_object(grasps.objects[obj])} and tool {grasps.tools[tool]}"
+        return f"{where}, {spell_number(float(lift_mm))} mm into the lift"
 
     def _list_possible(self, chosen: Sequence[str], name: float) -> tuple[str, ...]:
         """What is said, and what nine in ten rehearsed alarms of its kind of truth do not exclude.

@@ -71,14 +71,15 @@ def locate(residuals: Residuals, seed: int = 0) -> Where:
 
 
 def describe_silence(tests: TestTree) -> str:
-    """What was looked at and not found, in a sentence: phases without a gap, and what no phase goes with."""
+    """What is no larger than chance makes it, in a sentence: gaps of phases, and what no phase goes with."""
     quiet = [WORDS[phase] for phase in tests.phases if not tests.rejected[phase]]
     asked = dict.fromkeys(h.factor for h in tests.factors)
     seen = {h.factor for phase in PHASES for h in tests.rejected[phase]}
     factors = [_FACTOR_WORDS.get(name, spell_name(name)) for name in asked if name not in seen and name != EVERYWHERE]
-    parts = [f"no gap in {', '.join(quiet)}"] if quiet else []
-    parts += [f"no change with {', '.join(factors)}"] if factors else []
-    return f"Looked at and not found: {'; '.join(parts)}." if parts else ""
+    parts = [f"a gap in {', '.join(quiet)}"] if quiet else []
+    parts += [f"a change with {', '.join(factors)}"] if factors else []
+    known = f"{'; '.join(parts)}. It may be there all the same."
+    return f"No larger than chance makes it with these tools and objects: {known}" if parts else ""
 
 
 def find_where(residuals: Residuals, tests: TestTree, seed: int = 0) -> tuple[WhereFinding, ...]:

@@ -114,6 +114,7 @@ def test_a_seed_makes_the_same_worlds_and_another_makes_others(made: Path, tmp_p
         (lambda a: a["answers"].append(a["answers"][0]), "w01 is answered more than once"),
         (lambda a: a["answers"][2].update(world="w77"), "w77 is not of this challenge; w03 is not answered"),
         (lambda a: a.update(challenge="C123"), "answers challenge `C123`, but .* made from another seed"),
+        (lambda a: a["answers"][0].update(missing="yes"), "`answers.0.missing` is 'yes', it must be true or false"),
         (lambda a: a["answers"][0].update(probability=1.4), "`answers.0.probability` is 1.4, it must be at most 1"),
         (lambda a: a["answers"][0].update(effect="stress_relax"), "w01, effect: .*did you mean `stress_relaxation`"),
         (

@@ -112,7 +112,7 @@ def test_a_panel_that_the_campaign_does_not_have_is_refused(config: Path, tmp_pa
     lake = Lake.open(tmp_path / "lake", create=True)
     with pytest.raises(UsageError, match="a panel of 5 tools cannot be rehearsed: the campaign begins with 4"):
         look_ahead(lake, config, 5, 3, 20, 1, SILENT)
-    with pytest.raises(UsageError, match="a panel of 1 objects cannot be rehearsed"):
+    with pytest.raises(UsageError, match="a panel of 1 object cannot be rehearsed"):
         look_ahead(lake, config, 3, 1, 20, 1, SILENT)
 
 
@@ -125,4 +125,4 @@ def test_the_command_prints_what_is_seen_and_taken_for_what(
     )
     told = json.loads(capsys.readouterr().out)
     assert told["summary"].startswith("3 tools on 3 objects")
-    assert {"effect", "seen from", "an object less", "a tool less"} == set(told["sizes"][0])
+    assert {"effect", "seen from", "of the force", "an object less", "a tool less"} == set(told["sizes"][0])

@@ -50,7 +50,7 @@ def chances(hypotheses: tuple[Hypothesis, ...]) -> dict[str, float]:
 
 def test_below_an_alarm_the_answer_is_none_and_what_it_looks_like_is_possible(suspected: NamingResult) -> None:
     assert suspected.named.kind == "none"
-    assert "It looks most like this: The closed finger relaxes" in suspected.named.sentence
+    assert "Anything smaller is most like this: The closed finger relaxes" in suspected.named.sentence
     assert all(row.probability == 0.0 for row in suspected.candidates if row.effect in NAMES)
     found = chances(list_hypotheses(suspected))
     assert found["none"] > 0.5

@@ -325,11 +325,14 @@ def test_names_are_learnt_from_what_was_right_and_what_was_not() -> None:
     assert rehearsal.name.judge(np.array(right.description)) > 0.9
     assert rehearsal.name.judge(np.array(wrong.description)) < 0.1
     assert rehearsal.behind == LEAST_BEHIND  # no more than that was seen
-    (told,) = rehearsal.tell_families()
+    told, elsewhere = rehearsal.tell_families()
     assert (told.family, told.n, told.n_alarms, told.n_right, told.n_unknown) == (lag, 13, 12, 12, 0)
-    assert told.seen_size == 0.05
+    assert told.seen_size is not None
+    assert 0.01 < told.seen_size < 0.05
+    assert (elsewhere.family, elsewhere.n, elsewhere.n_right, elsewhere.n_unknown) == ("", 3, 3, 3)
+    assert elsewhere.seen_size is None  # too few
     pair = Rehearsed("listed", Signs(300.0, 1.0), "load_cell_lag", lag, 0.05, right, second=weight)
-    assert Rehearsal.of([*worlds, pair]).tell_families() == [told]  # what became of single ones
+    assert Rehearsal.of([*worlds, pair]).tell_families() == [told, elsewhere]  # what became of single ones
     other = Rehearsal.of([replace(one, named=replace(wrong, is_right=True)) if one.family else one for one in worlds])
     assert other.tell_families()[0].taken_for in ((weight,), ())
 

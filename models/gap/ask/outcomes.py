@@ -29,8 +29,7 @@ def describe_pairs(hypotheses: Sequence[Hypothesis], forecast: Forecast, place: 
     feature = int(np.argmax(apart))
     found = []
     for number in named:
-        change = means[number, feature]
-        words = _say_change(FEATURES[feature], float(change), is_seen=abs(change) > _UNSEEN_SD * sd[feature])
+        words = _say_change(FEATURES[feature], float(means[number, feature]), float(sd[feature]))
         found.append(Outcome(effect=hypotheses[number].name, sentence=words))
     return tuple(found)
 
@@ -48,11 +47,15 @@ def describe_reading(
     )
 
 
-def _say_change(feature: str, change: float, *, is_seen: bool) -> str:
+def _say_change(feature: str, change: float, sd: float) -> str:
+    """What changes by how much; sd: of its mean over the asked grasps."""
     what, unit, more, less = _name_feature(feature)
-    if not is_seen:
-        return f"{what} stays"
-    return f"{what} {more if change > 0 else less} {spell_number(abs(change))} {unit}"
+    said = (
+        f"{more if change > 0 else less} {spell_number(abs(change))} {unit}"
+        if abs(change) > _UNSEEN_SD * sd
+        else "stays"
+    )
+    return f"{what} {said}, give or take {spell_number(sd, 1)} {unit}"
 
 
 def _name_feature(feature: str) -> tuple[str, str, str, str]:

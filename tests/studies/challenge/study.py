@@ -158,13 +158,17 @@ def draw_rows(figures: Rows, path: Path) -> None:
     entrants = list(dict.fromkeys(str(row["entrant"]) for row in figures))
     drawing = Figure(figsize=(8.0, 0.4 * len(entrants) + 1.2), layout="constrained")
     axes = drawing.subplots(1, len(shown), sharey=True)
-    titles = ("nothing is hidden", "a listed cause, 2 % or more", "another cause, 2 % or more")
+    titles = (
+        "nothing is hidden\n(left is good)",
+        "a listed cause, 2 % or more\n(right is good)",
+        "another cause, 2 % or more\n(right is good)",
+    )
     for ax, name, title in zip(axes, shown, titles, strict=True):
         for place, entrant in enumerate(entrants):
             row = next(one for one in figures if one["entrant"] == entrant and one["figure"] == name)
             if row["value"] is not None:
                 ax.plot([row["low95"], row["high95"]], [place, place], color="0.6", lw=3, solid_capstyle="butt")
-                ax.plot(row["value"], place, "o", color="tab:red" if name == shown[0] else "tab:blue")
+                ax.plot(row["value"], place, "o", color="tab:blue")
         ax.set(title=title, xlim=(-0.03, 1.03))
         ax.title.set_fontsize(9)
         ax.grid(axis="x", alpha=0.3)

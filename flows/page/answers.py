@@ -129,17 +129,26 @@ def undo_reading(lake: Lake, campaign_id: str, search_id: str, kind: str, operat
 
 @dataclass(frozen=True)
 class Dropped:
-    """A file of results as it would be taken. `fault`: why not; `format_text`: guessed, of a testing machine."""
+    """A file of results as it would be taken."""
 
     upload: str
+    """Where it is kept: a folder named after its content, and its name."""
     name: str
+    """Of the file as it was dropped, unusual characters as `_`."""
     sentence: str
+    """What would be written; empty where it cannot be read or taken."""
     fault: str
+    """Why it cannot be taken as it is; empty if it can."""
     is_strange: bool
+    """Whether it is taken once a person says that its strange numbers are right."""
     may_replace: bool
+    """Whether it is taken once a person says that it corrects what was told before."""
     format_text: str
+    """Format of a testing machine's file as it was guessed; empty for a table of peaks."""
     rows: tuple[dict[str, Any], ...]
+    """Pulls of a testing machine as they were read, by column; none of a table of peaks."""
     notes: tuple[str, ...]
+    """Sentences on what is taken otherwise than a person may expect."""
 
 
 def keep_upload(lake: Lake, name: str, content: bytes) -> str:

@@ -46,20 +46,20 @@ _REFUSALS: dict[int | str, dict[str, Any]] = {
 class CampaignState(BaseModel):
     """Where a campaign stands."""
 
-    campaign_id: str
+    campaign_id: str = Field(description="of the lake")
     state: str = Field(description="in a word: running, waiting, pausing, paused, stopped, complete ...")
     run: str = Field(description="names the run that goes on, or the last one; orders name it")
-    grasps_done: int
-    grasps_total: int
-    simulated_done: int
-    simulated_total: int
+    grasps_done: int = Field(description="measured")
+    grasps_total: int = Field(description="that the schedule measures, without what is rejected or left out")
+    simulated_done: int = Field(description="grasps that are simulated")
+    simulated_total: int = Field(description="grasps that the schedule simulates")
     person: str = Field(description="when a person is needed, and for what")
     left: str = Field(description="how long the rest takes")
-    best_tool_id: str | None
+    best_tool_id: str | None = Field(description="of the best measured finger; null before there is one")
     best_quality_n: float | None = Field(description="mean peak pull-off force, N")
-    simulator_version_id: str
+    simulator_version_id: str = Field(description="of the simulator in use")
     simulator_misses: str = Field(description="what the newest gap search found; empty: not searched")
-    fault: str
+    fault: str = Field(description="why the last run failed; empty if it did not")
 
 
 class AskedOfPerson(BaseModel):
@@ -123,15 +123,15 @@ class Proposed(BaseModel):
 class Finding(BaseModel):
     """What a gap search found."""
 
-    gap_id: str
-    campaign_id: str | None
-    answer: str
-    rmse_before_n: float
-    rmse_after_n: float
-    rmse_floor_n: float
+    gap_id: str = Field(description="of the search")
+    campaign_id: str | None = Field(description="null: all measurements of the lake")
+    answer: str = Field(description="a sentence or two")
+    rmse_before_n: float = Field(description="root mean square difference of held-out traces before, N")
+    rmse_after_n: float = Field(description="the same with what was added to the simulator, N")
+    rmse_floor_n: float = Field(description="scatter of repeats or what meshes change, whichever is larger, N")
     asks: str = Field(description="the next experiment; empty: nothing is asked")
-    simulator_version_id: str
-    page: str
+    simulator_version_id: str = Field(description="of the simulator that the search ended with")
+    page: str = Field(description="address of its report; empty where there is none")
 
 
 def add_interface(app: FastAPI, page: LabPage) -> None:

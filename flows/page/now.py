@@ -64,14 +64,23 @@ class Tile:
     """A grasp that has ended: its little picture, and what it says."""
 
     grasp_id: str
+    """Of the lake."""
     label: str
+    """The tool without its campaign, `B01T0`."""
     object_name: str
+    """Of the catalogue."""
     repeat: int
+    """Of this tool on this object."""
     sentence: str
+    """The verdict on its peak, or why it failed."""
     is_strange: bool
+    """Whether it is far from the simulator or from its repeats, or failed."""
     is_failed: bool
+    """Whether it gave no force."""
     peak_n: float | None
+    """Its peak pull-off force; None if it failed."""
     points: str
+    """Of an SVG line, force over lift in a box of 100 by 40; empty without samples."""
 
 
 @dataclass(frozen=True)
@@ -114,34 +123,54 @@ class Best:
 
 @dataclass(frozen=True)
 class Now:
-    """All that the tab shows of a campaign. `ticks`: shares of the bar at which a person is needed.
-
-    `parts`: of the plan, which may be left out now; `left_out`: words by which something is.
-    """
+    """All that the tab shows of a campaign."""
 
     campaign_id: str
+    """That is shown."""
     batches_done: int
+    """Batches that are confirmed and owe no grasp."""
     batches_total: int
+    """Of the whole schedule."""
     load: Workload
+    """Grasps, measured and simulated, that are done and that the schedule asks for."""
     is_complete: bool
+    """Whether nothing of it is owed."""
     need: str
+    """When a person is needed, and for what."""
     needs_now: bool
+    """Whether that is a batch to print now."""
     left: str
+    """How long the rest takes at the pace of the last grasps, prints left aside, in words."""
     s_per_grasp: float | None
+    """From grasp to grasp, mean of the last ones without breaks; None where none is known."""
     ticks: tuple[float, ...]
+    """Shares of the bar at which a batch begins, which a person prints, 0 to 1."""
     best: Best | None
+    """The best measured finger; None before there is one."""
     version: str
+    """Id of the simulator version in use."""
     effects: str
+    """That it has, by name, joined by commas."""
     misses: str
+    """What the newest gap search found; empty where there was none."""
     gap_id: str
+    """Id of that search, of the campaign or else of the lake; empty where there was none."""
     tiles: tuple[Tile, ...]
+    """The last grasps, at most `N_TILES`, the newest first."""
     places: tuple[Place, ...]
+    """The 36 of the bench's map."""
     slots: tuple[Slot, ...]
+    """The ten of the rack."""
     parts: tuple[Part, ...]
+    """Of the batch at the bench, which may be left out now."""
     left_out: tuple[LeftOut, ...]
+    """Words by which something of that batch is left out."""
     tool: str
+    """Id of the tool in view, which is that of the last grasp or the next to be measured; empty: none is printed."""
     is_folder: bool
+    """Whether the bench is the lab's own, of which grasps are told."""
     as_of: datetime
+    """When this was read."""
 
 
 class NowReader:

@@ -69,13 +69,21 @@ class ToolPage:
     """A tool: what it is, its grasps, and its traces on each object with the simulated ones."""
 
     tool_id: str
+    """`<campaign_id>/B01T0`."""
     campaign_id: str
+    """Of its last grasp."""
     path: str
+    """Its profile as an SVG path; empty where it cannot be drawn."""
     height_mm: float
+    """Of the finger; 0 where the lake does not have its design."""
     parameters: dict[str, float | int | str]
+    """Of its design, by name and unit; empty where the lake does not have it."""
     quality_n: float | None
+    """Mean over objects of the mean peak pull-off force; None without a valid grasp."""
     objects: tuple["ToolObject", ...]
+    """Those that it was measured on."""
     notes: tuple[dict[str, Any], ...]
+    """That people left on it, in order: message, operator, photo, and when."""
 
 
 @dataclass(frozen=True)

@@ -27,17 +27,26 @@ _ENDING = {
 
 @dataclass(frozen=True)
 class Strip:
-    """The control strip. `run`: the run that is seen; `explains`: what the word means now, and until when."""
+    """The control strip."""
 
     campaign_id: str
+    """That is steered."""
     word: str
+    """What the campaign does, or how its last run ended."""
     explains: str
+    """What the word means now, and until when; empty where it says enough."""
     run: str
+    """Names the run that is seen, which goes on or was the last; empty where none is known."""
     may_pause: bool
+    """Whether a run goes on that has had no order yet."""
     may_stop: bool
+    """Whether a run goes on that is not asked to stop already."""
     may_continue: bool
+    """Whether no run goes on and the campaign is not at its end."""
     fault: str = ""
+    """Why the last run failed, in the words of the terminal; empty if it did not."""
     ways: tuple[WayOnward, ...] = ()
+    """Onward after that fault; none without one."""
 
 
 @dataclass(frozen=True)

@@ -13,20 +13,24 @@ NONE, UNKNOWN = "none", "unknown"  # candidates that are no effect
 
 
 class WhereFinding(Record):
-    """A place where simulation and measurement disagree after theta was calibrated again.
-
-    `effect_size_n`: measured minus simulated, in N; `share`: the same of the measured force. `stratum`: which tools,
-    objects, repeats; `phase`: which part of the grasp.
-    """
+    """A place where simulation and measurement disagree after theta was calibrated again."""
 
     sentence: str
+    """What a person reads."""
     phase: str
+    """Part of the grasp: dip, rise, peak, slip or tail."""
     stratum: str
+    """Which tools, objects, repeats, in words."""
     effect_size_n: float
+    """Mean of measured minus simulated."""
     ci90: Interval
+    """90 % interval of that, N."""
     share: float | None = None
+    """The same of the measured force."""
     p_value: float | None = None
+    """Smallest of the tests that it stands on."""
     q_value: float | None = None
+    """Largest q of these tests, by Benjamini and Hochberg."""
 
 
 class Candidate(Record):
@@ -89,26 +93,31 @@ class Rest(Record):
 
 
 class Decision(Record):
-    """The answer of a round: one effect, a set that cannot be told apart, none, or not in the catalogue.
-
-    `probability`: that the answer is right, whatever its kind. `family`: what the named effects have in common.
-    `left_share`: of what the answer explains, what another effect or a model without a name would still explain.
-    `law`: of the first effect. `possible`: of a first alarm, the effects, or "unknown", that are not excluded: in
-    made-up worlds of each kind of truth, nine in ten alarms had it among these. `drift`: what repeats of the same
-    grasps differ by, in words, where they tell more than anything else.
-    """
+    """The answer of a round: one effect, a set that cannot be told apart, none, or not in the catalogue."""
 
     kind: Literal["effect", "set", "none", "unknown"]
+    """Which of these."""
     effects: tuple[str, ...] = ()
+    """Names, the likeliest first; none without a name."""
     family: str = ""
+    """What the named effects have in common."""
     probability: float
+    """That the answer is right, whatever its kind."""
     parameters: dict[str, ParameterEstimate] = {}
+    """Of the first effect, by name, in their units."""
     sentence: str = ""
+    """What a person reads."""
     left_share: float | None = None
+    """Of what the answer explains, what another effect or a model without a name would still explain."""
     law: LawCurve | None = None
+    """Of the first effect; None without one, or for one that is a plain number."""
     rest: Rest | None = None
+    """What is left where the answer is that it is not in the catalogue."""
     possible: tuple[str, ...] = ()
+    """Of a first alarm, the effects, or "unknown", that are not excluded: in made-up worlds of each kind of truth, nine
+    in ten alarms had it among these."""
     drift: str = ""
+    """What repeats of the same grasps differ by, in words, where they tell more than anything else."""
 
 
 class RoundFindings(Record):
@@ -222,27 +231,35 @@ class PersonQuestion(Record):
 
 
 class NextExperiment(Record):
-    """What to do so that what is still possible falls apart: grasps of the bench, or a measurement by a person.
-
-    possible: probability of each hypothesis, `none` and `unknown` among them. separates: those that would fall apart.
-    promised_grasps: how many grasps that takes, as many as usual among them; minutes: of the bench or the person.
-    parameter: `effect.name` whose interval shall get shorter, where a name is sure and nothing has to fall apart; ci90:
-    its interval when that was asked; sd_left: share of its width that is promised to stay.
-    """
+    """What to do so that what is still possible falls apart: grasps of the bench, or a measurement by a person."""
 
     grasps: tuple[AskedGrasps, ...] = ()
+    """To be made; none where a person is to measure."""
     possible: dict[str, float] = {}
+    """Probability of each hypothesis, `none` and `unknown` among them."""
     separates: tuple[str, ...]
+    """Hypotheses that would fall apart."""
     promised_grasps: int
+    """How many grasps that takes, as many as usual among them; 0 of a person."""
     promised: tuple[Promise, ...] = ()
+    """What it promises between two of the hypotheses."""
     minutes: float = 0.0
+    """Of the bench or the person."""
     sentence: str
+    """What a person reads."""
     outcomes: tuple[Outcome, ...] = ()
+    """What it would mean, by the hypothesis that is true."""
     predictions: tuple[Prediction, ...] = ()
+    """Forces of the first asked grasp, by hypothesis."""
     person: PersonQuestion | None = None
+    """What a person is asked to measure; None where grasps are asked for."""
     parameter: str = ""
+    """`effect.name`, or of theta, whose interval shall get shorter, where a name is sure and nothing has to fall apart;
+    empty otherwise."""
     ci90: Interval | None = None
+    """Interval of that parameter when it was asked."""
     sd_left: float | None = None
+    """Share of its width that is promised to stay."""
 
     @model_validator(mode="before")
     @classmethod
@@ -322,26 +339,34 @@ class PanelTold(Record):
 
 
 class Findings(Record):
-    """`findings.json`. `aliases`: confounds. `power`: of searches before 0.3, a sentence.
-
-    next_experiment: of the first round that leaves anything open, or for the ranking of designs. asked: what came of
-    earlier ones. verdict: whether the simulator in use is replaced; None in answers of older code. ranking: None where
-    the simulator has no effect. in_use: effects that the simulator had when the search began, of earlier searches.
-    """
+    """`findings.json`."""
 
     alarm: bool
+    """Whether any round named something that is missing."""
     rounds: tuple[RoundFindings, ...]
+    """In order."""
     gap: Gap
+    """On held-out grasps, before and after all rounds."""
     aliases: tuple[Confound, ...]
+    """Confounds: what these data cannot tell from theta or tools."""
     next_experiment: NextExperiment | None
+    """Of the first round that leaves anything open, or for the ranking of designs; None: nothing is asked."""
     seed: int
+    """Of all draws of the search."""
     budget: dict[str, float]
+    """What it took: numbers of simulations by kind, and minutes of analysis."""
     warnings: tuple[str, ...] = ()
+    """Sentences."""
     power: str = ""
+    """Of searches before 0.3, a sentence on what could still hide."""
     asked: tuple[Asked, ...] = ()
+    """What came of earlier experiments."""
     verdict: Verdict | None = None
+    """Whether the simulator in use is replaced; None in answers of older code."""
     ranking: RankedDesigns | None = None
+    """Whether the order of the best designs is settled; None where the simulator has no effect."""
     in_use: tuple[str, ...] = ()
+    """Effects that the simulator had when the search began, of earlier searches."""
     panel: PanelTold | None = None
     """What the panel can tell; None in answers of older code."""
 

@@ -48,28 +48,34 @@ class Cells:
 
 @dataclass(frozen=True, eq=False)
 class Grasps:
-    """n measured grasps of t tools on o objects, in the order in which they were made.
-
-    tools: names (t); designs: of each tool (t), the measured thicknesses where a person gave them; objects: ids (o).
-    tool, obj: n, numbers into these. contexts: n. steps_n: n x 120, mean forces over steps of 0.5 mm of lift
-    (`models.traces.step_features.step_means`), as measured. grasp_ids: n, of the lake.
-    setups: distinct ones, the base setup first; setup: n, numbers into them. placements: distinct ones as asked for,
-    the nominal one first; placement: n, numbers into them.
-    """
+    """n measured grasps of t tools on o objects, in the order in which they were made."""
 
     tools: tuple[str, ...]
+    """t, names."""
     designs: tuple[Design, ...]
+    """t, of the tools, with the measured thicknesses where a person gave them."""
     objects: tuple[int, ...]
+    """o, ids."""
     tool: np.ndarray
+    """n, numbers into `tools`."""
     obj: np.ndarray
+    """n, numbers into `objects`."""
     contexts: tuple[GraspContext, ...]
+    """n, what came before each."""
     steps_n: np.ndarray
+    """n x 120, mean forces over steps of 0.5 mm of lift (`models.traces.step_features.step_means`), as measured."""
     grasp_ids: tuple[str, ...]
+    """n, of the lake."""
     noise: SensorNoise
+    """Of the load cell."""
     setups: tuple[GraspSetup, ...]
+    """Distinct ones, the base setup first."""
     setup: np.ndarray
+    """n, numbers into `setups`."""
     placements: tuple[Placement, ...]
+    """Distinct ones as asked for, the nominal one first."""
     placement: np.ndarray
+    """n, numbers into `placements`."""
 
     @property
     def base_setup(self) -> GraspSetup:

@@ -25,18 +25,28 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class LiveGrasp:
-    """A grasp as far as the file has it. `place`: where to read on; `is_other`: not the grasp that was read before."""
+    """A grasp as far as the file has it."""
 
     place: str
+    """Where to read on: number of the file, and bytes."""
     tool_id: str
+    """That grasps; `<campaign_id>/B01T0`."""
     object_id: int
+    """That is grasped."""
     repeat: int
+    """Of the tool on the object."""
     started_at: str
+    """When it began, ISO 8601."""
     purpose: str
+    """Of a grasp that is no ordinary one, in a word; empty otherwise."""
     time_s: list[float]
+    """m new samples, from the start of closing."""
     lift_mm: list[float]
+    """m."""
     force_n: list[float]
+    """m, tared."""
     is_other: bool
+    """Whether it is not the grasp that was read before."""
 
 
 def live_path(lake: Lake, campaign_id: str) -> Path:

@@ -37,25 +37,30 @@ Simulate = Callable[[str, Sequence[SimulationPlan]], None]
 
 @dataclass(frozen=True, eq=False)
 class SearchInputs:
-    """What every round of a search works with.
-
-    gap_id: of the search. data: with the bank of `bank_plan`. base: the simulator of the bank, without effects.
-    simulate: makes what the lake lacks of plans, which the first argument names; it fails if it cannot make all.
-    rehearsal: made-up worlds of the wide bank, from which lines and probabilities come. answers: what came of earlier
-    questions.
-    """
+    """What every round of a search works with."""
 
     lake: Lake
+    """That has the grasps, and gets what is simulated."""
     gap_id: str
+    """Of the search."""
     data: GapData
+    """With the bank of `bank_plan`."""
     base: SimulatorVersion
+    """The simulator of the bank, without effects."""
     campaign_id: str | None
+    """None: all measurements of the lake."""
     settings: CalibrationSettings
+    """Of the calibrations."""
     simulate: Simulate
+    """Makes what the lake lacks of plans, which the first argument names; it fails if it cannot make all."""
     rehearsal: Rehearsal
+    """Made-up worlds of the wide bank, from which lines and probabilities come."""
     bank_plan: BankPlan = WIDE
+    """Which bank answers."""
     answers: Answers | None = None
+    """What came of earlier questions; None where nothing was asked."""
     progress: Progress | None = None
+    """Takes what is done now, a sentence; None where nobody looks on."""
 
 
 @dataclass(frozen=True, eq=False)

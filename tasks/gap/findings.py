@@ -23,21 +23,28 @@ _N_MADE = "SELECT count(*) AS n FROM asked_grasps WHERE search_id = $search AND 
 
 
 class GapRun(Record):
-    """A finished search: its answer, and the simulator versions before and after.
-
-    `calibration_ids`: of the simulator that each round ended with.
-    """
+    """A finished search: its answer, and the simulator versions before and after."""
 
     gap_id: str
+    """Of the search."""
     campaign_id: str | None
+    """None: all measurements of the lake."""
     seed: int
+    """Of its draws, the split among them."""
     split_id: str
+    """Of which grasps were held out."""
     n_grasps: int
+    """That were measured, held-out ones too."""
     base_version_id: str
+    """The campaign's own, as it began."""
     before_version_id: str
+    """Calibrated before the first round."""
     after_version_id: str
+    """With what was added, after the last round."""
     calibration_ids: tuple[str, ...]
+    """Of the simulator that each round ended with."""
     findings: Findings
+    """The answer."""
 
 
 def make_gap_id(

@@ -46,20 +46,27 @@ _N_DRAWS = 40
 class Round:
     """A finished round.
 
-    search: with the bank that answered. proposed: the names by the wide bank, naming: by that one. before, after: the
-    calibrated simulator, the same if the round changed nothing. Of a set that was not told apart, the simulator gets
-    the first, since its members correct alike.
+    Of a set that was not told apart, the simulator gets the first, since its members correct alike.
     """
 
     search: SearchInputs
+    """With the bank that answered."""
     findings: RoundFindings
+    """What it found, as it is written."""
     where: Where
+    """Where simulation and measurement disagree at that fit."""
     proposed: NamingResult
+    """The names by the wide bank."""
     naming: NamingResult
+    """The names by the bank that answered."""
     residuals: Residuals
+    """Of training grasps, at the fit of the bank that answered."""
     before: CalibratedSimulator
+    """The calibrated simulator before the round."""
     after: CalibratedSimulator
+    """The one after it; the same if the round changed nothing."""
     asked: Asked | None = None
+    """What came of earlier questions; None where nothing was answered."""
 
     @property
     def is_last(self) -> bool:

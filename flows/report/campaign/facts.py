@@ -18,29 +18,40 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Tool:
-    """A tool of the campaign and what was measured with it.
-
-    `quality_n` is the mean over objects of the mean over repeats of the peak pull-off force, None where
-    nothing was measured; `half_width_n` half of its 95 % interval from the scatter between repeats. `reference`: name
-    of the reference finger that it is, None for any other tool.
-    """
+    """A tool of the campaign and what was measured with it."""
 
     label: str
+    """`B01T0`."""
     batch: int
+    """From 1."""
     slot: int
+    """Of its batch, 0 to 9."""
     kind: str
+    """Of its batch: random, guided or imported; empty where the lake does not say."""
     tool_id: str
+    """`<campaign_id>/B01T0`."""
     design_id: str
+    """Of what it was printed from."""
     status: str
+    """printed or rejected."""
     reason: str
+    """Why it was rejected."""
     quality_n: float | None
+    """Mean over objects of the mean over repeats of the peak pull-off force; None where nothing was measured."""
     half_width_n: float | None
+    """Half of the 95 % interval of that, from the scatter between repeats; None where nothing was repeated."""
     work_j: float | None
+    """Work of the pull, averaged as the quality is; None where it is not known."""
     n_objects: int
+    """On which it has valid grasps."""
     n_grasps: int
+    """Valid ones."""
     n_failed: int
+    """Attempts that failed."""
     is_complete: bool
+    """Whether it was measured on as many objects as the best covered tool."""
     reference: str | None = None
+    """Name of the reference finger that it is; None for any other tool."""
 
 
 @dataclass(frozen=True)

@@ -33,20 +33,24 @@ class ThetaRow:
 
 @dataclass(frozen=True, eq=False)
 class GapPage:
-    """A finished search; all but the answer is optional.
-
-    `where`: of each round; `residuals`: of the first; `assumed`: sentences. `unsure`: cells in which meshes or heights
-    differ. `command`: by which a person answers the open question.
-    """
+    """A finished search; all but the answer is optional."""
 
     findings: Findings
+    """The answer."""
     where: tuple[Where, ...] = ()
+    """Where simulation and measurement disagree, of each round."""
     residuals: Residuals | None = None
+    """Of the first round, after theta was calibrated again."""
     evaluation: Evaluation | None = None
+    """On held-out grasps, before and after; None for a search whose rounds are not at hand."""
     theta: tuple[ThetaRow, ...] = ()
+    """Its constants before and after."""
     assumed: tuple[str, ...] = ()
+    """Sentences on the split and on the simulators."""
     unsure: tuple[UnsureCell, ...] = ()
+    """Cells in which meshes or heights differ."""
     command: str = ""
+    """By which a person answers the open question; empty without one."""
 
 
 def describe_effect(effect: str) -> str:

@@ -144,25 +144,31 @@ class Bank:
     """Simulations of t tools' designs on k targets, as step means (120); forces at `centre.young_modulus_mpa`.
 
     NaN where a simulation failed, or was not asked for: other targets than those of the base setup are simulated for
-    the tools that were measured on them. grid: g x 2, friction and Poisson ratio. grid_steps_n: t x k x g x 120;
-    grid_lead_n: t x k x g x 12, the same before the lift, see `sensor_effects.read_lead`, at the timing of the base
-    setup. centre_steps_n: t x k x 120. numerical_steps_n: t x k x v x 120, the centre in the variants of `NUMERICAL`.
-    placed_steps_n, wider_steps_n: t x k x 2 x 120, the centre with tips deeper by `DEEPER_MM`, and with jaws that stop
-    earlier by `WIDER_MM`. effects: runs of the effects of cost C and F, by name. failed_share: of all simulations that
-    were asked for.
+    the tools that were measured on them.
     """
 
     targets: tuple[Target, ...]
+    """k, what the tools close on."""
     centre: Theta
+    """Theta of everything but the grid."""
     grid: np.ndarray
+    """g x 2, friction and Poisson ratio."""
     grid_steps_n: np.ndarray
+    """t x k x g x 120, at the points of the grid."""
     grid_lead_n: np.ndarray
+    """t x k x g x 12, the same before the lift, see `sensor_effects.read_lead`, at the timing of the base setup."""
     centre_steps_n: np.ndarray
+    """t x k x 120, at the centre."""
     numerical_steps_n: np.ndarray
+    """t x k x v x 120, the centre in the variants of `NUMERICAL`."""
     placed_steps_n: np.ndarray
+    """t x k x 2 x 120, the centre with tips deeper by `DEEPER_MM`."""
     wider_steps_n: np.ndarray
+    """t x k x 2 x 120, the centre with jaws that stop earlier by `WIDER_MM`."""
     effects: Mapping[str, EffectRuns]
+    """Runs of the effects of cost C and F, by name."""
     failed_share: float = 0.0
+    """Of all simulations that were asked for."""
 
     def find_columns(self, grasps: Grasps) -> np.ndarray:
         """Number of each grasp's target in the bank, n; -1 where the bank does not have it."""

@@ -36,23 +36,27 @@ LEAST_MADE = 0.9  # of the cells: an amplitude of which less was simulated is le
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """Step means of n grasps; grasps of cells whose base could not be simulated are not usable (n).
-
-    column: n, target of each grasp in the bank. surfaces, rows_n: of the end of closing and step means (132, see
-    `sensor_effects`), rows_n of each grasp, at its own timing. effect_surfaces: by name. wider_n: t x k x 3 x 120, what
-    jaws that stop early by `_WIDER_MM` change. moved_n: n x 132, of grasps that are foretold: what a stroke
-    or a placement changes that the bank does not have, at its modulus.
-    """
+    """Step means of n grasps."""
 
     bank: Bank
+    """Of t tools on k targets."""
     grasps: Grasps
+    """That are predicted."""
     column: np.ndarray
+    """n, target of each grasp in the bank; -1 where the bank does not have it."""
     surfaces: ResponseSurfaces
+    """Of the end of closing and step means (132, see `sensor_effects`) over friction and Poisson ratio, per cell."""
     rows_n: np.ndarray
+    """n x terms x 132, coefficients of these for each grasp, at its own timing."""
     effect_surfaces: dict[str, EffectSurface]
+    """By name, of the effects that have runs in the bank."""
     wider_n: np.ndarray
+    """t x k x 3 x 120, what jaws that stop early by `_WIDER_MM` change."""
     is_usable: np.ndarray
+    """n, whether the base of the grasp's cell could be simulated."""
     moved_n: np.ndarray | None = None
+    """n x 132, of grasps that are foretold: what a stroke or a placement changes that the bank does not have, at its
+    modulus; None without any."""
 
     @staticmethod
     def of(bank: Bank, grasps: Grasps) -> "Surrogate":

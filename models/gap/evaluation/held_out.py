@@ -23,21 +23,26 @@ _LEAST_CELL_SD = 0.01  # of the logarithm of a cell's forces over the simulated 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """m grasps that touch a design or an object kept for the end.
-
-    tool, obj: m. measured_n: m x steps. is_new_tool, is_new_object: m. numerical_n: m, root mean square of what
-    numerical variants change in each. way: m, number of the setup and placement.
-    """
+    """m grasps that touch a design or an object kept for the end."""
 
     tools: tuple[str, ...]
+    """Names."""
     objects: tuple[int, ...]
+    """Ids."""
     tool: np.ndarray
+    """m, numbers into `tools`."""
     obj: np.ndarray
+    """m, numbers into `objects`."""
     measured_n: np.ndarray
+    """m x steps."""
     is_new_tool: np.ndarray
+    """m, whether no training grasp has its tool."""
     is_new_object: np.ndarray
+    """m, whether no training grasp has its object."""
     numerical_n: np.ndarray
+    """m, root mean square of what numerical variants change in each."""
     way: np.ndarray
+    """m, number of the setup and placement."""
 
     @staticmethod
     def of(data: GapData, theta: Theta, rows: np.ndarray | None = None) -> "HeldOut":
@@ -133,24 +138,32 @@ class Prediction:
 
 
 class Metrics(Record):
-    """How well held-out grasps were predicted; None where the data cannot say.
-
-    `peak_bias_*`: measured minus predicted. `rank_by_design`: of mean peaks over designs; `rank_by_object`: over
-    designs within an object, mean over objects. `work_error_j`: mean absolute error of the area under force over lift.
-    """
+    """How well held-out grasps were predicted; None where the data cannot say."""
 
     label: str
+    """Of the prediction."""
     block: str
+    """One of `BLOCKS`: which of the held-out grasps."""
     n_grasps: int
+    """Of the block."""
     rmse_n: float
+    """Root mean square error of step means."""
     peak_bias_n: float
+    """Mean of measured minus predicted peaks."""
     peak_bias_share: float
+    """The same as a share of the mean measured peak."""
     peak_mae_n: float
+    """Mean absolute error of peaks."""
     rank_by_design: float | None
+    """Spearman correlation of mean peaks over designs; None below three, or where all are alike."""
     rank_by_object: float | None
+    """The same over designs within an object, mean over objects."""
     work_error_j: float
+    """Mean absolute error of the area under force over lift."""
     coverage_90: float | None
+    """Share of steps inside 90 % intervals, where there is force; None for a prediction without intervals."""
     width_90_n: float | None
+    """Mean width of these intervals; None likewise."""
 
 
 def compute_metrics(held_out: HeldOut, prediction: Prediction, block: str = BLOCKS[0]) -> Metrics:

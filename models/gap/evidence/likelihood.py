@@ -114,32 +114,40 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class EvidenceFit:
-    """A problem at its fit; what is measured is one vector of d values: means of cells, contrasts, and then facts.
-
-    theta: 3; began: 3, about which it is held. moduli: t, ln of each print's modulus over Young's. scales: amplitudes
-    of the problem's effects over those they were given with. nats: log of the evidence, to be compared with that of
-    another fit of the same data; cell_nats: c, the cells' part of it. force_n: c x b, as predicted. weights: c, how
-    much each cell counts. columns: k x d, whitened, of what is free, with prior standard deviation 1. gap: d, what is
-    measured less what is predicted, whitened. rest_n: c x b, what is left of the means. misfit: c, chi squared per
-    value by the bank's own errors. mean_roots, contrast_roots: whiten means and contrasts.
-    """
+    """A problem at its fit; what is measured is one vector of d values: means of cells, contrasts, and then facts."""
 
     problem: Problem
+    """That is fitted."""
     scatter: Scatter
+    """Of cells and repeats as the data have it, and the size of the simulator's own errors."""
     theta: np.ndarray
+    """3, Young's modulus in MPa, friction, Poisson ratio."""
     began: np.ndarray
+    """3, theta about which it is held."""
     moduli: np.ndarray
+    """t, ln of each print's modulus over Young's."""
     scales: np.ndarray
+    """Amplitudes of the problem's effects over those they were given with."""
     nats: float
+    """Log of the evidence, to be compared with that of another fit of the same data."""
     cell_nats: np.ndarray
+    """c, the cells' part of it."""
     force_n: np.ndarray
+    """c x b, means of cells as predicted."""
     weights: np.ndarray
+    """c, how much each cell counts, 0 to 1."""
     columns: np.ndarray
+    """k x d, whitened, of what is free, with prior standard deviation 1."""
     gap: np.ndarray
+    """d, what is measured less what is predicted, whitened."""
     rest_n: np.ndarray
+    """c x b, what is left of the means."""
     misfit: np.ndarray
+    """c, chi squared per value by the bank's own errors."""
     mean_roots: np.ndarray
+    """c x b x b, whiten means."""
     contrast_roots: np.ndarray
+    """r x q x q, whiten contrasts of q values."""
 
     @property
     def effects(self) -> tuple[EffectValue, ...]:

@@ -48,21 +48,24 @@ class Named:
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """What the likelihood said of a world.
-
-    cause, family, size: of what is hidden, the family empty where the catalogue has none; second: the family of another
-    effect beside it. named: the name of an alarm; left_out: the one that it would have had the catalogue nothing of the
-    family that is hidden.
-    """
+    """What the likelihood said of a world."""
 
     group: Group
+    """Whether it hides nothing, an effect of the catalogue, or a cause that no catalogue has."""
     signs: Signs
+    """By which it is an alarm or not."""
     cause: str = ""
+    """Effect or kind of cause that is hidden; empty for nothing."""
     family: str = ""
+    """Of the cause; empty where the catalogue has none."""
     size: float = 0.0
+    """Of what is hidden, beyond what theta and prints make up for, as a share of the force."""
     named: Named | None = None
+    """The name that an alarm gets; None where no name was asked for."""
     left_out: Named | None = None
+    """The name that it would have had the catalogue nothing of the family that is hidden; None where not asked."""
     second: str = ""
+    """Family of another effect that is hidden beside it; mostly empty."""
 
 
 @dataclass(frozen=True)

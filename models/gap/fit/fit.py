@@ -67,26 +67,32 @@ def axes_of(effect: str) -> list[Axis]:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fit to m grasps with t tools and v numerical errors.
-
-    theta: 3. tool_log: t, logarithm of the tools' moduli over Young's modulus. numerical: v, of unit variance.
-    raw: m x f, the whitened residual; weight: m x 1, roots of its weights; residual: their product. columns: c x m x f,
-    weighted slopes by theta, tools, numerical errors and effects' parameters in this order; precision: c, of their
-    priors; pull: c, slopes of their penalties. loss: negative log density, but for a constant.
-    """
+    """A fit to m grasps with t tools and v numerical errors."""
 
     features: WhitenedFeatures
+    """What is fitted: f whitened features of each grasp."""
     theta: np.ndarray
+    """3, Young's modulus in MPa, friction, Poisson ratio."""
     tool_log: np.ndarray
+    """t, logarithm of the tools' moduli over Young's modulus."""
     numerical: np.ndarray
+    """v, of unit variance."""
     effects: tuple[EffectValue, ...]
+    """That are fitted, with their values."""
     modelled: np.ndarray
+    """m x 16, features at the fit, not whitened."""
     raw: np.ndarray
+    """m x f, the whitened residual."""
     weight: np.ndarray
+    """m x 1, roots of its weights."""
     columns: np.ndarray
+    """c x m x f, weighted slopes by theta, tools, numerical errors and effects' parameters in this order."""
     precision: np.ndarray
+    """c, of their priors."""
     pull: np.ndarray
+    """c, slopes of their penalties."""
     loss: float
+    """Negative log density, but for a constant."""
 
     @property
     def residual(self) -> np.ndarray:

@@ -40,23 +40,28 @@ MIN_OBJECTS = 4
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """n measured grasps of t tools on o objects with what the recalibrated simulator predicts for each.
-
-    tool, obj, repeat: n, numbers from 0. order: n, grasps of this tool before. measured_n, predicted_n:
-    n x steps. numerical_n: n x v x steps, what v numerical variants change at this theta; NaN where a simulation
-    failed.
-    """
+    """n measured grasps of t tools on o objects with what the recalibrated simulator predicts for each."""
 
     tools: tuple[str, ...]
+    """t, names."""
     designs: tuple[Design, ...]
+    """t, of the tools."""
     objects: tuple[int, ...]
+    """o, ids."""
     tool: np.ndarray
+    """n, numbers into `tools`."""
     obj: np.ndarray
+    """n, numbers into `objects`."""
     repeat: np.ndarray
+    """n, grasps of this tool on this object before."""
     order: np.ndarray
+    """n, grasps of this tool before."""
     measured_n: np.ndarray
+    """n x steps."""
     predicted_n: np.ndarray
+    """n x steps."""
     numerical_n: np.ndarray
+    """n x v x steps, what v numerical variants change at this theta; NaN where a simulation failed."""
 
     def __post_init__(self) -> None:
         """Check shapes and numbers.

@@ -59,41 +59,49 @@ class Curve(Record):
 
 
 class Effect(Record):
-    """What one parameter does.
-
-    levels: values of the parameter in its unit, places of a choice. main: averaged over the other parameters. best: the
-    same levels given to the best finger. worst_level, best_level: ends of the main effect, by place in `levels`. size:
-    outcome at the best level less that at the worst. first, total: Sobol' indices. n_tools_needed: measured tools after
-    which the size would be told from 0, None where it is, or where no number is enough.
-    """
+    """What one parameter does."""
 
     parameter: str
+    """Of the design space."""
     levels: tuple[float, ...]
+    """k values of the parameter in its unit, places of a choice."""
     main: Curve
+    """Outcome at the levels, averaged over the other parameters."""
     best: Curve
+    """The same levels given to the best finger."""
     worst_level: int
+    """Where the main effect is lowest, by place in `levels`."""
     best_level: int
+    """Where it is highest."""
     size: Interval
+    """Outcome at the best level less that at the worst."""
     first: Interval
+    """Sobol' index: share of the variance that it explains alone."""
     total: Interval
+    """Sobol' index: the same with all that it changes in others."""
     n_tools_needed: int | None = None
+    """Measured tools after which the size would be told from 0; None where it is, or where no number is enough."""
 
 
 class Pair(Record):
-    """Two parameters of which one changes what the other does.
-
-    at_worst, at_best: size of `first` where `second` has its worst and its best level. change: the difference. grid:
-    mean outcome, levels of `first` x levels of `second`.
-    """
+    """Two parameters of which one changes what the other does."""
 
     first: str
+    """Parameter whose size is looked at; the larger share of the variance."""
     second: str
+    """Parameter that it is looked at along."""
     at_worst: Interval
+    """Size of `first` where `second` has its worst level."""
     at_best: Interval
+    """The same where `second` has its best level."""
     change: Interval
+    """The difference, best less worst."""
     first_levels: tuple[float, ...] = ()
+    """k values of `first` in its unit; none of a pair that is not drawn."""
     second_levels: tuple[float, ...] = ()
+    """The same of `second`."""
     grid: tuple[tuple[float, ...], ...] = ()
+    """Mean outcome, levels of `first` x levels of `second`; none of a pair that is not drawn."""
 
 
 class Disagreement(Record):

@@ -20,27 +20,34 @@ FEWEST_TOOLS = 4  # below it a spread between tools says nothing
 
 
 class HealthFacts(Record):
-    """What the lake says of a campaign's health; None where it does not know.
-
-    repeats_share: median standard error of a tool's quality from its repeats, over the spread (SD) between tools.
-    drift: largest relative change of a tool that was measured again, and drift_tool which. object_share: part of the
-    variance of the outcome that the object `object_name` has, the largest of all; n_objects of them. off_mm: median
-    distance of measured walls from the drawing, over `n_walls_measured` tools. n_grasps, n_failed: attempts.
-    """
+    """What the lake says of a campaign's health; None where it does not know."""
 
     campaign_id: str
+    """Of the campaign."""
     surrogate: SurrogateHealth | None = None
+    """Its own errors; None before there is one."""
     n_tools: int = 0
+    """With a valid grasp."""
     repeats_share: float | None = None
+    """Median standard error of a tool's quality from its repeats, over the spread (SD) between tools."""
     drift: float | None = None
+    """Largest relative change of a tool that was measured again."""
     drift_tool: str | None = None
+    """Id of that tool."""
     object_share: float | None = None
+    """Part of the variance of the outcome that one object has, the largest of all."""
     object_name: str | None = None
+    """Of that object."""
     n_objects: int = 0
+    """Among which it is the largest."""
     off_mm: float | None = None
+    """Median distance of measured walls from the drawing."""
     n_walls_measured: int = 0
+    """Tools whose walls were measured."""
     n_grasps: int = 0
+    """Attempts, failed ones too."""
     n_failed: int = 0
+    """Of them."""
 
 
 def health_cards(facts: HealthFacts) -> tuple[Card, ...]:

@@ -34,23 +34,25 @@ class ContactPoints(NamedTuple):
     """Points (n) in patches (q) on faces (f) with k nodes each; points of a patch, patches of a face are in a row.
 
     The middle point of a patch is its first.
-
-    `faces` (f, k) nodes; `first_patch` (f + 1) and `first_point` (q + 1) where each one's share begins; `shape` (n, k)
-    values at the points; `areas` (n) undeformed, mm2.
-
-    `reach` (q) is the largest sum of |N_a - N_a of the middle point| in a patch: against its middle point no point of
-    it moves more than so many times the node of its face that moves most. `face_middle` (f) and `face_reach` (f): the
-    middle point of a whole face, and its reach.
     """
 
     faces: np.ndarray
+    """(f, k) nodes."""
     first_patch: np.ndarray
+    """(f + 1) first patch of each face, and the number of all."""
     first_point: np.ndarray
+    """(q + 1) first point of each patch, and the number of all."""
     shape: np.ndarray
+    """(n, k) values at the points."""
     areas: np.ndarray
+    """(n) undeformed, mm2."""
     reach: np.ndarray
+    """(q) the largest sum of |N_a - N_a of the middle point| in a patch: against its middle point no point of it moves
+    more than so many times the node of its face that moves most."""
     face_middle: np.ndarray
+    """(f) the middle point of the whole face."""
     face_reach: np.ndarray
+    """(f) reach of all its points from that."""
 
 
 def contact_points(faces: np.ndarray, nodes: np.ndarray, spacing: PointSpacing) -> ContactPoints:

@@ -36,21 +36,24 @@ class Strips(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Buffers: the strips in one deformed state.
-
-    Of the vertices: positions (v, 2), x and z, and forces (v, 2). Of the segments that start there: unit normals (v, 2)
-    out of the material; of the nearest facing segment the squared distance (v), its number (v), and where on it (v),
-    0 to 1. Of the strips: boxes (s, 4), least and greatest x and z, and the directions (s, 2) of their normals.
-    """
+    """Buffers: the strips in one deformed state; of vertices (v), the segments that start there, and strips (s)."""
 
     vertex: np.ndarray
+    """(v, 2) positions, x and z, mm."""
     force: np.ndarray
+    """(v, 2) on the vertices, x and z."""
     normal: np.ndarray
+    """(v, 2) of the segments, unit length, out of the material."""
     square: np.ndarray
+    """(v) squared distance of a segment's middle from the nearest one that faces it, mm2."""
     nearest: np.ndarray
+    """(v) number of that segment."""
     share: np.ndarray
+    """(v) where on it, 0 to 1."""
     box: np.ndarray
+    """(s, 4) least and greatest x, least and greatest z, mm."""
     outward: np.ndarray
+    """(s, 2) directions of the strips' normals."""
 
 
 class Cavities(NamedTuple):

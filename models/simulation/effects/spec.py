@@ -80,11 +80,15 @@ class EffectSpec(Record):
     """An effect of the catalogue: what it is, where it acts, how to build it, and how a search finds and says it."""
 
     effect: str
+    """Its name, by which a simulator and the lake have it."""
     title: str
+    """What it is, in a few words for people."""
     code: str
     """Its short name: the layer's letter and a number."""
     layer: Layer
+    """Where it acts; layers act in the order of `LAYERS`."""
     version: int = 1
+    """Of its law: with another one, grasps are searched again."""
     kind: type[Effect]
     """Its class, which takes the parameters by name."""
     formula: str
@@ -94,6 +98,7 @@ class EffectSpec(Record):
     cost: Cost
     """What simulations it needs."""
     parameters: tuple[ParameterSpec, ...]
+    """The first is its amplitude, or one of them."""
     state: State | None = None
     """What its law runs along; None for an effect that is a plain number."""
     quantity: Quantity | None = None

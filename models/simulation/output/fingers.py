@@ -11,31 +11,40 @@ from fast.models.simulation.solver.stepping import Walk
 
 @dataclass(frozen=True)
 class FingerResult:
-    """Samples of one finger (full width) at the reference modulus, and the work it took.
-
-    `time_s`, `lift_mm` (n); `force_n` (n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on.
-    `n_closing` samples belong to the closing. `has_snapped`: in the lift. A snap while the jaws close is no part of
-    the force that is compared. `twist_deg`: the largest twist of the tip. `pressure_mpa`: the largest pressure on the
-    object. `mesh_error_n`: expected error of the force by the mesh, root mean square over the lift. `walk`: its steps,
-    if they were asked for.
-    """
+    """Samples of one finger (full width) at the reference modulus, and the work it took."""
 
     time_s: np.ndarray
+    """(n) from the start of closing."""
     lift_mm: np.ndarray
+    """(n) of the head; 0 in the closing."""
     force_n: np.ndarray
+    """(n, 3) of the clamp on the finger: z > 0 pulls it up, x < 0 presses it on."""
     n_closing: int
+    """Samples that belong to the closing."""
     n_steps: int
+    """That were tried, cut ones too."""
     n_newton: int
+    """Iterations of Newton's method."""
     n_factorisations: int
+    """Of the stiffness matrix."""
     n_dof: int
+    """Unknowns of the body."""
     setup_cpu_s: float
+    """CPU time before the first step."""
     has_snapped: bool
+    """In the lift. A snap while the jaws close is no part of the force that is compared."""
     ribs_touch: bool
+    """Whether ribs and walls were kept apart."""
     twist_deg: float
+    """Largest twist of the tip."""
     pressure_mpa: float
+    """Largest pressure on the object."""
     mesh_error_n: float
+    """Expected error of the force by the mesh, root mean square over the lift."""
     has_stalled: bool = False
+    """Whether the jaws stopped before they had closed."""
     walk: Walk | None = None
+    """Its steps, if they were asked for."""
 
 
 def sum_of_fingers(fingers: Sequence[FingerResult], pulls_n: Sequence[np.ndarray], scale: float) -> Trace:

@@ -25,41 +25,38 @@ class Snapshot:
 
     Stresses and forces belong to the reference modulus; times `scale` they belong to the actual one. Of a half mesh,
     nodes and contact points are those of the half.
-
-    Attributes:
-        side: finger of the gripper; the left one is solved against the mirrored object.
-        phase: closing (first the undeformed finger at the first touch), or lift.
-        time_s: from the start of closing.
-        travel_mm: of the jaw from the open gap in the closing, of the head in the lift.
-        mesh: undeformed, in the finger frame; the same object in every snapshot of a finger.
-        rest_nodes: n x 3, the undeformed finger moved along with its base.
-        nodes: n x 3, deformed.
-        contact_points: c x 3, the points that the object presses on.
-        contact_areas: c, mm2, undeformed.
-        contact_normals: c x 3, outward normals of the object there.
-        pressure: c, MPa, along the normal.
-        traction: c x 3, MPa, friction of the object on the finger.
-        clamp_force: 3, N, of the clamp on the whole finger: x < 0 presses it on the object, z > 0 pulls it up.
-        scale: actual over reference modulus.
-        is_half_turned: the other finger, where it is not solved, is this one after a half turn about z, and not in the
-            mirror x = 0.
     """
 
     side: Side
+    """Finger of the gripper; the left one is solved against the mirrored object."""
     phase: Phase
+    """Closing (first the undeformed finger at the first touch), or lift."""
     time_s: float
+    """From the start of closing."""
     travel_mm: float
+    """Of the jaw from the open gap in the closing, of the head in the lift."""
     mesh: SolidMesh
+    """Undeformed, in the finger frame; the same object in every snapshot of a finger."""
     rest_nodes: np.ndarray
+    """n x 3, the undeformed finger moved along with its base."""
     nodes: np.ndarray
+    """n x 3, deformed."""
     contact_points: np.ndarray
+    """c x 3, the points that the object presses on."""
     contact_areas: np.ndarray
+    """c, mm2, undeformed."""
     contact_normals: np.ndarray
+    """c x 3, outward normals of the object there."""
     pressure: np.ndarray
+    """c, MPa, along the normal."""
     traction: np.ndarray
+    """c x 3, MPa, friction of the object on the finger."""
     clamp_force: np.ndarray
+    """3, N, of the clamp on the whole finger: x < 0 presses it on the object, z > 0 pulls it up."""
     scale: float
+    """Actual over reference modulus."""
     is_half_turned: bool = False
+    """The other finger, where it is not solved, is this one after a half turn about z, and not in the mirror x = 0."""
 
     @property
     def lift_mm(self) -> float:

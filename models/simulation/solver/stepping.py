@@ -29,21 +29,25 @@ SNAP_SHARE = 0.1
 
 @dataclass(frozen=True)
 class StepLimits:
-    """Longest steps of the two phases in mm, how finely events are located in the lift, the shortest step, the most.
-
-    `first_lift_mm`: the first step of the lift, where the pull changes its sign. `missed_mm`: a step whose area under
-    the pull may be off by more than this times the largest pull so far holds an event; the whole area is about 20 mm
-    times the largest pull.
-    """
+    """How long steps of the two phases are, and how finely events are located in the lift."""
 
     closing_mm: float = 2.0
+    """Longest step of the closing."""
     fine_lift_mm: float = 0.5
+    """Longest step of the first `FINE_LIFT_MM` of the lift."""
     lift_mm: float = 2.0
+    """Longest step of the rest of it."""
     first_lift_mm: float = 0.1
+    """First step of the lift, where the pull changes its sign."""
     event_mm: float = 0.04
+    """How finely events are located in the lift."""
     missed_mm: float = 0.1
+    """A step whose area under the pull may be off by more than this times the largest pull so far holds an event; the
+    whole area is about 20 mm times the largest pull."""
     shortest_mm: float = 1e-3
+    """A step that is cut below this ends the simulation."""
     max_steps: int = 1200
+    """Of a finger; more end the simulation."""
 
 
 # Of the reference tier: with half of every length two traces changed by 0.005 and 0.011 N, root mean square.

@@ -51,19 +51,24 @@ _N_NIGHT = 100  # simulations of a night, where the schedule has none
 
 
 class OutcomeEffects(Record):
-    """Effects on one objective: the largest share of the variance first; pairs that change each other most first.
-
-    best_tool_n: outcome of the best measured finger, by the surrogate. slice_of: that finger, by parameter.
-    """
+    """Effects on one objective."""
 
     outcome: str
+    """Its name, with its unit."""
     n_tools: int
+    """Measured ones that the surrogate has."""
     best: float
+    """Outcome of the best measured finger, by the surrogate."""
     slice_of: Mapping[str, Any]
+    """That finger, by parameter."""
     effects: tuple[Effect, ...]
+    """The largest share of the variance first."""
     pairs: tuple[Pair, ...]
+    """Those that change each other most first; none below `LEAST_TOOLS`."""
     disagreements: tuple[Disagreement, ...] = ()
+    """Effects of which the simulator says something else than the bench."""
     classes: tuple[ClassEffects, ...] = ()
+    """Effects by class of object; of the mean peak alone."""
 
 
 class Insights(Record):

@@ -18,36 +18,44 @@ from fast.models.simulation.solver.cholesky.tiles import TILE
 class Layout(NamedTuple):
     """Places in one array of `size` doubles; rows and columns are counted in doubles unless said otherwise.
 
-    Panel s starts at `place[s]`, has `width[s]` columns and own rows (`own[s]` with the padding), `below[s]` rows below
-    them, and a `stride` between its columns. Its first block column is `starts[s]`, and its update starts at
-    `update[s]`. The other arrays are lists for every panel, in compressed form:
-
-    - `rows`: the block rows below it;
-    - `runs` (r, 3): where the rows below it are in the panel over it: first row below the panel, its row there, and
-      for how many rows this holds;
-    - `children`: the panels that it is over;
-    - `block`: where the blocks of the pattern start in it.
-
-    `vector` is the place of one panel's part of a vector.
+    Lists for every panel are in compressed form: those of panel s are from `ptr[s]` to `ptr[s + 1]`.
     """
 
     starts: np.ndarray
+    """First block column of each panel (p), and the number of all."""
     width: np.ndarray
+    """(p) columns, which are its own rows."""
     own: np.ndarray
+    """(p) own rows with the padding."""
     below: np.ndarray
+    """(p) rows below them."""
     stride: np.ndarray
+    """(p) between its columns."""
     place: np.ndarray
+    """(p + 1) where it starts, and where the last one ends."""
     update: np.ndarray
+    """(p) where its update starts."""
     row_ptr: np.ndarray
+    """(p + 1) of `rows`."""
     rows: np.ndarray
+    """The block rows below every panel, ascending."""
     run_ptr: np.ndarray
+    """(p + 1) of `runs`."""
     runs: np.ndarray
+    """(r, 3) where the rows below a panel are in the panel over it: first row below the panel, its row there, and for
+    how many rows this holds."""
     child_ptr: np.ndarray
+    """(p + 1) of `children`."""
     children: np.ndarray
+    """The panels that it is over."""
     block_ptr: np.ndarray
+    """(p + 1) of `block`."""
     block: np.ndarray
+    """Where the blocks of the pattern start in the array."""
     vector: int
+    """Where one panel's part of a vector is."""
     size: int
+    """Doubles in all."""
 
 
 def panel_layout(pattern: BlockPattern) -> Layout:

@@ -246,7 +246,8 @@ class Campaign:
         Raises:
             UsageError: something cannot be used; nothing was written.
         """
-        from fast.flows.campaign.ask_tell import Telling, tell
+        from fast.flows.campaign.ask_tell import tell
+        from fast.tasks.bench.told import Telling
 
         return tell(self.config, self.lake, told, Telling(operator, is_dry, may_replace))
 

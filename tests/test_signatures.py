@@ -10,7 +10,7 @@ FOLDERS = ("flows", "hardware", "lake", "models", "tasks")
 MOST = 7
 _FREE = re.compile(r"(nb\.njit|intrinsic|app\.|flow\()")  # compiled kernels, commands, flows with their parameters
 _COMMAND = re.compile(r'"fast\.([\w.]+):(\w+)"')  # a command that is loaded when it is asked for
-_KNOWN = {"simulate_grasp", "finger_model", "look_ahead", "_rehearse", "take_told"}  # to be reshaped when next changed
+_KNOWN = {"simulate_grasp"}  # what a grasp is made of, and how it is solved, each a record and by name
 
 
 def product_files() -> Iterator[Path]:

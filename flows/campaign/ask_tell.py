@@ -26,7 +26,7 @@ from fast.tasks.bench.machine_files.format import MachineFormat, read_format
 from fast.tasks.bench.machine_files.guess import guess_format, parse_format
 from fast.tasks.bench.machine_files.pulls import read_pulls
 from fast.tasks.bench.reference_tools import ask_references
-from fast.tasks.bench.told import Taken, ToldGrasp, find_named_tools, take_back, take_told
+from fast.tasks.bench.told import Taken, Telling, ToldGrasp, find_named_tools, take_back, take_told
 from fast.tasks.bench.told_files import read_rows_of, read_told
 from fast.tasks.bench.told_questions import ask_about
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
@@ -91,25 +91,11 @@ def ask(
     return AskedBatch(BatchRow.make_id(campaign.campaign_id, batch), designs, grasps, folder)
 
 
-@dataclass(frozen=True)
-class Telling:
-    """How measured grasps are told."""
-
-    operator: str = "unknown"
-    """Who measured."""
-    is_dry: bool = False
-    """Only check."""
-    may_replace: bool = False
-    """Correct what was told before with other numbers."""
-    is_sure: bool = False
-    """Strange numbers are right; without it they are a question."""
-
-
 def tell(
     config_path: Path | str,
     lake: Path | str,
     told: Iterable[Path | str] | Iterable[Mapping[str, Any]],
-    how: Telling = Telling(),
+    how: Telling = Telling(),  # noqa: B008 - frozen record
     format_path: Path | str | None = None,
 ) -> Taken:
     """Take measured grasps: tables of peaks, hand-off folders, files of a testing machine, or rows as mappings.
@@ -170,16 +156,7 @@ def tell_campaign(
         grasps, notes = read_pulls([Path(path) for path in given], machine, find_named_tools(campaign))
     else:
         grasps = read_told(campaign, [Path(path) for path in given], notes)
-    taken = take_told(
-        campaign,
-        grasps,
-        how.operator,
-        is_dry=how.is_dry,
-        may_replace=how.may_replace,
-        ask=ask_about,
-        is_sure=how.is_sure,
-        way=way,
-    )
+    taken = take_told(campaign, grasps, how, ask_about, way)
     return replace(taken, notes=tuple(notes))
 
 

@@ -144,7 +144,7 @@ def _take_answers(lake: "Lake", folder: Path, origin: "Origin", *, is_dry: bool)
     from fast.flows.campaign.ask_tell import find_told_campaign
     from fast.lake.handoff.files import read_handoff
     from fast.lake.tables.campaign import CampaignRow, DesignRow
-    from fast.tasks.bench.told import take_told
+    from fast.tasks.bench.told import Telling, take_told
     from fast.tasks.bench.told_files import read_folder
 
     if not lake.ids(CampaignRow):
@@ -157,7 +157,7 @@ def _take_answers(lake: "Lake", folder: Path, origin: "Origin", *, is_dry: bool)
     if {grasp.lab or origin.lab for grasp in real} - {None, campaign.config.lab}:
         return None
     try:
-        return take_told(campaign, read_folder(campaign, folder), f"import of {origin.source}", is_dry=is_dry)
+        return take_told(campaign, read_folder(campaign, folder), Telling(f"import of {origin.source}", is_dry=is_dry))
     except UsageError as error:
         raise UsageError(f"{error} Grasps that another lab made are imported with --lab NAME.") from error
 

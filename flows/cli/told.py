@@ -89,8 +89,9 @@ def tell(
     import tempfile
     from dataclasses import asdict
 
-    from fast.flows.campaign.ask_tell import Telling, untell
     from fast.flows.campaign.ask_tell import tell as tell_all
+    from fast.flows.campaign.ask_tell import untell
+    from fast.tasks.bench.told import Telling
 
     if undo == bool(results):
         raise UsageError("give files to tell, or --undo and no files; nothing was written.")

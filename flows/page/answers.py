@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fast.flows.campaign.ask_tell import Telling, describe_pull, guess_for, tell_campaign
+from fast.flows.campaign.ask_tell import describe_pull, guess_for, tell_campaign
 from fast.flows.campaign.forms import close_forms
 from fast.flows.campaign.operator_prompts import make_mount_form, make_print_form, make_reading_form
 from fast.flows.campaign.status import read_campaign
@@ -25,7 +25,7 @@ from fast.tasks.bench.mount import plan_rack
 from fast.tasks.bench.mounting import Mounting, confirm_mounting
 from fast.tasks.bench.print import PrintConfirmation, Printed, confirm_print, open_slots
 from fast.tasks.bench.questions import read_number
-from fast.tasks.bench.told import Taken, take_back
+from fast.tasks.bench.told import Taken, Telling, take_back
 from fast.tasks.gap.findings import find_run
 from fast.tasks.gap.readings import take_back_reading, write_reading
 

@@ -21,6 +21,18 @@ MAX_KEPT = 2
 
 
 @dataclass(frozen=True)
+class Stance:
+    """How a finger stands before its object."""
+
+    height_mm: float
+    """Of the finger."""
+    tip_below_mm: float
+    """Of its tip below the object's bottom."""
+    roll_deg: float = 0.0
+    """Turn about the vertical, see `roll`."""
+
+
+@dataclass(frozen=True)
 class FingerModel:
     """A finger ready to be grasped with: nodes (n, 3) in the object frame at rest, and what was derived from them.
 
@@ -50,24 +62,22 @@ _KEPT = _Kept()
 
 def finger_model(
     mesh: SolidMesh,
+    stance: Stance,
     *,
-    height_mm: float,
-    tip_below_mm: float,
     material: Material,
     law: ContactLaw,
     spacing: PointSpacing,
     factors: Sequence[np.ndarray] | None = None,
-    roll_deg: float = 0.0,
 ) -> FingerModel:
     """The model of a finger, from the last few built in this thread or new; forgets every grasp made with it.
 
-    `factors`: see `ElasticBody`. `roll_deg`: see `roll`.
+    `factors`: see `ElasticBody`.
     """
     factor_bytes = None if factors is None else tuple(values.tobytes() for values in factors)
-    key = mesh.mesh_id, height_mm, tip_below_mm, material, law, spacing, factor_bytes, roll_deg
+    key = mesh.mesh_id, stance, material, law, spacing, factor_bytes
     model = _KEPT.models.pop(key, None)
     if model is None:
-        nodes = place_nodes(mesh, height_mm, tip_below_mm, roll_deg)
+        nodes = place_nodes(mesh, stance)
         body = ElasticBody(mesh, nodes, material, factors=factors)
         surface = ContactSurface(body, nodes, law, spacing)
         inside = SelfContact(*cavity_faces(mesh), nodes, law)
@@ -79,9 +89,10 @@ def finger_model(
     return model
 
 
-def place_nodes(mesh: SolidMesh, height_mm: float, tip_below_mm: float, roll_deg: float) -> np.ndarray:
+def place_nodes(mesh: SolidMesh, stance: Stance) -> np.ndarray:
     """Nodes (n, 3) of a mesh as the finger stands before its object, undeformed and with its front wall at x = 0."""
-    return roll(to_object_frame(mesh.nodes, height_mm, tip_below_mm), mesh.base_nodes, roll_deg)
+    nodes = to_object_frame(mesh.nodes, stance.height_mm, stance.tip_below_mm)
+    return roll(nodes, mesh.base_nodes, stance.roll_deg)
 
 
 def to_object_frame(nodes: np.ndarray, height_mm: float, tip_below_mm: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from fast.models.simulation.effects.base import Effect
 from fast.models.simulation.finger import FingerState
 from fast.models.simulation.mesh.build import IN_SECTION
 from fast.models.simulation.mesh.solid import SolidMesh
-from fast.models.simulation.model import FingerModel, finger_model, place_nodes
+from fast.models.simulation.model import FingerModel, Stance, finger_model, place_nodes
 from fast.models.simulation.solver.newton import NewtonSettings
 from fast.models.simulation.solver.stepping import REFERENCE_LIMITS, StepLimits
 from fast.models.simulation.version import IN_ROWS, SimulatorVersion
@@ -91,6 +91,11 @@ class FingerProblem:
         return replace(law, adhesion_mpa=law.adhesion_mpa + scaled_mpa)
 
     @property
+    def stance(self) -> Stance:
+        """How the finger stands before its object."""
+        return Stance(self.design.height_mm, self.setup.tip_below_mm, self.roll_deg)
+
+    @property
     def finger_stop_mm(self) -> float:
         """Where the plane that stands for the other finger is."""
         return sum(effect.finger_stop_mm() for effect in self.effects)
@@ -115,7 +120,7 @@ class FingerProblem:
 
     def nodes(self) -> np.ndarray:
         """Nodes (n, 3) of the finger as it stands before its object, undeformed and with its front wall at x = 0."""
-        return place_nodes(self.mesh, self.design.height_mm, self.setup.tip_below_mm, self.roll_deg)
+        return place_nodes(self.mesh, self.stance)
 
     def friction(self, state: FingerState) -> np.ndarray:
         """Friction coefficient per contact point (n), frozen over the step from a state, from the effects' factors."""
@@ -130,11 +135,9 @@ class FingerProblem:
         """The finger's mechanics, shared by the grasps of a design."""
         return finger_model(
             self.mesh,
-            height_mm=self.design.height_mm,
-            tip_below_mm=self.setup.tip_below_mm,
+            self.stance,
             material=self.material,
             law=self.law,
             spacing=self.numerics.spacing,
             factors=self.factors(),
-            roll_deg=self.roll_deg,
         )

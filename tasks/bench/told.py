@@ -75,6 +75,20 @@ class ToldGrasp:
 
 
 @dataclass(frozen=True)
+class Telling:
+    """How measured grasps are told."""
+
+    operator: str = "unknown"
+    """Who measured."""
+    is_dry: bool = False
+    """Only check."""
+    may_replace: bool = False
+    """Correct what was told before with other numbers."""
+    is_sure: bool = False
+    """Strange numbers are right, and are marked in the lake; without it they are a question."""
+
+
+@dataclass(frozen=True)
 class Taken:
     """What came of it: grasps written (of them with a trace, and failed ones), and those the lake had already."""
 
@@ -101,18 +115,13 @@ class Taken:
 def take_told(
     campaign: Campaign,
     told: Sequence[ToldGrasp],
-    operator: str,
-    *,
-    is_dry: bool = False,
-    may_replace: bool = False,
+    how: Telling,
     ask: Ask | None = None,
-    is_sure: bool = False,
     way: str = "--sure",
 ) -> Taken:
     """Write what was told; tools of which a grasp is told count as printed, unless somebody has said otherwise.
 
-    is_dry: only check. may_replace: numbers may correct those that were told before. ask: what finds strange numbers;
-    is_sure: they are so, and are marked in the lake; `way` is how a person says so.
+    ask: what finds strange numbers. way: how a person says that they are sure.
 
     Raises:
         UsageError: a grasp was not asked for, is told twice or with other numbers than before, or is implausible;
@@ -131,7 +140,7 @@ def take_told(
     faults += _find_doubles(told) + _find_disorder(asked, told)
     faults += (
         []
-        if may_replace
+        if how.may_replace
         else [
             _say_change(one, row)
             for one in told
@@ -142,9 +151,9 @@ def take_told(
         raise UsageError(_say(faults))
     new = [one for one in told if one.key not in known]
     questions = ask(campaign, tools, new) if ask is not None else []
-    settle(questions, is_sure, "Correct the file", way)
-    if new and not is_dry:
-        _write(campaign, state, new, before, asked, operator, _mark(questions, new))
+    settle(questions, how.is_sure, "Correct the file", way)
+    if new and not how.is_dry:
+        _write(campaign, state, new, before, asked, how.operator, _mark(questions, new))
     n_traces = sum(one.trace is not None for one in new)
     n_failed = sum(one.force_n is None for one in new)
     return Taken(len(new), n_traces, n_failed, len(told) - len(new))

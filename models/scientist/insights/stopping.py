@@ -21,7 +21,7 @@ from fast.models.scientist.acquisition.paths import draw_deviations
 from fast.models.scientist.insights.rules import LEAST_CHANCE, MARGIN
 from fast.models.scientist.insights.worlds import Worlds
 from fast.models.scientist.surrogate.observations import REAL, SIM
-from fast.models.scientist.surrogate.posterior import Surrogate, prior_covariance
+from fast.models.scientist.surrogate.posterior import prior_covariance
 
 N_AHEAD = 6  # batches that are rehearsed
 CANDIDATES = CandidateSettings(n_random=200, n_local=500)
@@ -71,56 +71,67 @@ class Outlook(Record):
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """Outcomes that can be asked for in a rehearsal: measured at the first m designs, then simulated at some.
-
-    worlds: what every world says, k x n, in units of the data. mean (k), covariance (k x k): what the learner knows;
-    draws: functions that it thinks possible, k x n. noise_sd: k.
-    """
+    """Outcomes that can be asked for in a rehearsal: measured at the first m designs, then simulated at some."""
 
     worlds: np.ndarray
+    """What every world says, k x n, in units of the data."""
     draws: np.ndarray
+    """Functions that the learner thinks possible, k x n."""
     mean: np.ndarray
+    """What the learner knows, k."""
     covariance: np.ndarray
+    """Of that, k x k."""
     noise_sd: np.ndarray
-    n_designs: int
+    """Of what the learner is told, k."""
+    forces_n: np.ndarray
+    """What every world says of the designs, m x n, N."""
+    n_measured: int
+    """Designs that are measured already, the first ones."""
+
+    @property
+    def n_designs(self) -> int:
+        """Designs that can be measured."""
+        return len(self.forces_n)
+
+
+@dataclass(frozen=True, eq=False)
+class BatchPlan:
+    """The batches to come that are rehearsed."""
+
+    n_tools: int
+    """Of each batch that the learner chooses."""
+    n_ahead: int = N_AHEAD
+    """Batches."""
+    next_tools: np.ndarray | None = None
+    """Designs that are proposed already, p x d, unit cube: they are the next batch; None: the learner chooses it."""
+    n_night: int = 0
+    """Simulations of a night, which may go before the next batch; 0 for none."""
 
 
 def look_ahead(
-    worlds: Worlds,
-    space: DesignSpace,
-    n_tools: int,
-    rng: np.random.Generator,
-    *,
-    margin: float = MARGIN,
-    next_tools: np.ndarray | None = None,
-    n_night: int = 0,
-    n_ahead: int = N_AHEAD,
+    worlds: Worlds, space: DesignSpace, plan: BatchPlan, rng: np.random.Generator, margin: float = MARGIN
 ) -> Outlook:
-    """Rehearse batches of `n_tools` in each of the worlds.
-
-    next_tools: designs that are proposed already (p x d, unit cube), which are the next batch then. n_night:
-    simulations of a night, 0 for none.
-    """
-    surrogate = worlds.surrogate
+    """Rehearse batches in each of the worlds; margin: by which a batch beats the best before it, as a share of it."""
+    surrogate, next_tools = worlds.surrogate, plan.next_tools
     points = candidate_points(surrogate, rng, CANDIDATES, space)
     measured = surrogate.data.x[surrogate.data.s == REAL]
     own = np.zeros((0, space.n_dims)) if next_tools is None else next_tools
     designs = np.concatenate([measured, own, points])
-    night_rows = np.argsort(-surrogate.mean(designs, REAL), kind="stable")[:n_night]
-    stage = _stage(worlds, designs, night_rows, rng)
+    night_rows = np.argsort(-surrogate.mean(designs, REAL), kind="stable")[: plan.n_night]
+    stage = _stage(worlds, designs, night_rows, len(measured), rng)
     first = np.arange(len(measured), len(measured) + len(own)) if len(own) else None
-    best_n = _rehearse(stage, surrogate, len(measured), n_tools, n_ahead, rng, first, ())
+    best_n = _rehearse(stage, plan.n_tools, plan.n_ahead, rng, first)
     outlook = Outlook(
         margin=margin,
         best_n=float(np.median(best_n[0])),
-        ahead=tuple(_batch(best_n[k], best_n[k + 1], margin) for k in range(n_ahead)),
-        n_tools=n_tools,
+        ahead=tuple(_batch(best_n[k], best_n[k + 1], margin) for k in range(plan.n_ahead)),
+        n_tools=plan.n_tools,
     )
-    if not n_night:
+    if not plan.n_night:
         return outlook
     told = tuple(range(len(designs), len(designs) + len(night_rows)))
-    after = _rehearse(stage, surrogate, len(measured), n_tools, 1, rng, None, told)
-    return outlook.model_copy(update={"after_night": _batch(after[0], after[1], margin), "n_night": n_night})
+    after = _rehearse(stage, plan.n_tools, 1, rng, told=told)
+    return outlook.model_copy(update={"after_night": _batch(after[0], after[1], margin), "n_night": plan.n_night})
 
 
 def _batch(before_n: np.ndarray, after_n: np.ndarray, margin: float) -> BatchAhead:
@@ -129,7 +140,9 @@ def _batch(before_n: np.ndarray, after_n: np.ndarray, margin: float) -> BatchAhe
     return BatchAhead(chance=float(np.mean(is_beaten)), gain_n=float(np.median(after_n - before_n)))
 
 
-def _stage(worlds: Worlds, designs: np.ndarray, night_rows: np.ndarray, rng: np.random.Generator) -> _Stage:
+def _stage(
+    worlds: Worlds, designs: np.ndarray, night_rows: np.ndarray, n_measured: int, rng: np.random.Generator
+) -> _Stage:
     surrogate = worlds.surrogate
     p, told = surrogate.parameters, worlds.at(designs)
     x = np.concatenate([designs, designs[night_rows]])
@@ -142,23 +155,25 @@ def _stage(worlds: Worlds, designs: np.ndarray, night_rows: np.ndarray, rng: np.
         mean=mean,
         covariance=covariance,
         noise_sd=np.where(s == REAL, p.noise_sd, p.nugget),
-        n_designs=len(designs),
+        forces_n=surrogate.data.force_n(told.real),
+        n_measured=n_measured,
     )
 
 
 def _rehearse(
     stage: _Stage,
-    surrogate: Surrogate,
-    n_measured: int,
     n_tools: int,
     n_ahead: int,
     rng: np.random.Generator,
-    first: np.ndarray | None,
-    told: Sequence[int],
+    first: np.ndarray | None = None,
+    told: Sequence[int] = (),
 ) -> np.ndarray:
-    """Best force so far in every world before the first batch and after each, (n_ahead + 1) x n, N."""
-    n_worlds = stage.worlds.shape[1]
-    forces = surrogate.data.force_n(stage.worlds[: stage.n_designs])
+    """Best force so far in every world before the first batch and after each, (n_ahead + 1) x n, N.
+
+    first: rows of the first batch, if it is not chosen. told: rows that the learner is told before it.
+    """
+    forces, n_measured = stage.forces_n, stage.n_measured
+    n_worlds = forces.shape[1]
     best_n = np.zeros((n_ahead + 1, n_worlds))
     for world in range(n_worlds):
         best = float(forces[:n_measured, world].max())

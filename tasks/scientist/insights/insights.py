@@ -32,7 +32,7 @@ from fast.models.scientist.insights.effects import (
     find_pairs,
 )
 from fast.models.scientist.insights.health import health_cards
-from fast.models.scientist.insights.stopping import Outlook, look_ahead
+from fast.models.scientist.insights.stopping import BatchPlan, Outlook, look_ahead
 from fast.models.scientist.insights.worlds import Worlds
 from fast.models.scientist.objectives import KNOWN, MEAN_PEAK, OUTCOMES, Outcome
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior, trust_simulations
@@ -195,15 +195,12 @@ class _Gathering:
             if tool.batch not in self._closed and self._state.confirmed.get(tool.tool_id) != "rejected"
         ]
         n_night = schedule.simulations_per_batch or _N_NIGHT if worlds.surrogate.data.n_sim else 0
-        return look_ahead(
-            worlds,
-            self._space,
-            schedule.tools_per_batch,
-            self._rng,
-            margin=schedule.stop_margin,
+        plan = BatchPlan(
+            n_tools=schedule.tools_per_batch,
             next_tools=self._space.to_unit(open_tools) if open_tools else None,
             n_night=min(n_night, _N_NIGHT),
         )
+        return look_ahead(worlds, self._space, plan, self._rng, schedule.stop_margin)
 
 
 _ORDER = {"gap": 0, "effect": 2, "pair": 3, "stop": 1, "simplest": 4, "health": 5}

@@ -13,6 +13,7 @@ from fast.flows.campaign import ask_tell
 from fast.flows.campaign.status import format_status, read_status
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ProposalRow
+from fast.tasks.bench.told import Telling
 from tests.waiting import wait_for
 
 ROOT = Path(__file__).parents[3]
@@ -100,7 +101,7 @@ def test_the_last_batch_has_its_advice_too(tmp_path: Path) -> None:
     assert asked is not None
     cells = [{"tool_id": one.tool_id, "object_id": one.object_id, "repeat": one.repeat} for one in asked.grasps]
     rows = [{**cell, "peak_force_n": 9.0 + 0.37 * place} for place, cell in enumerate(cells)]
-    ask_tell.tell(config, lake, rows, ask_tell.Telling(operator="ada", is_sure=True))
+    ask_tell.tell(config, lake, rows, Telling(operator="ada", is_sure=True))
     assert ask_tell.ask(config, lake, say=said.append) is None
     (sentence,) = said
     assert f"next batch after B01: {sentence}" in format_status(read_status(Lake.open(lake), "pull")).splitlines()

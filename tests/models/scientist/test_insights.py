@@ -28,7 +28,7 @@ from fast.models.scientist.insights.effects import (
     sobol_indices,
 )
 from fast.models.scientist.insights.simplest import FEWEST_RIBS, LEAST_MATERIAL, NEAREST, find_simpler
-from fast.models.scientist.insights.stopping import BatchAhead, Outlook, look_ahead
+from fast.models.scientist.insights.stopping import BatchAhead, BatchPlan, Outlook, look_ahead
 from fast.models.scientist.insights.worlds import Worlds, widening
 from fast.models.scientist.surrogate.fit import fit_surrogate
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObjectValues, ObservationSet
@@ -212,7 +212,8 @@ def test_the_next_batch_is_worth_it_until_the_best_is_found() -> None:
         np.concatenate([many.x, corner]), np.full(83, REAL), np.concatenate([many.y, force_n(corner)]), np.zeros(83)
     )
     early, late = (
-        look_ahead(told_by(fit_surrogate(data), 11), FIN_RAYS, 10, np.random.default_rng(12)) for data in (few, done)
+        look_ahead(told_by(fit_surrogate(data), 11), FIN_RAYS, BatchPlan(10), np.random.default_rng(12))
+        for data in (few, done)
     )
     assert early.chance > 0.3
     assert late.chance < 0.1
@@ -224,20 +225,22 @@ def test_a_finger_that_holds_nothing_is_not_beaten_by_itself() -> None:
     some = observed(8, seed=3)
     nothing = ObservationSet(some.x, some.s, np.full(8, -0.1), some.noise_variance)
     worlds, rng = told_by(fit_surrogate(nothing), 17), np.random.default_rng(18)
-    assert look_ahead(worlds, FIN_RAYS, 4, rng, margin=10.0, n_ahead=1).chance == 0.0  # 1 N more
+    assert look_ahead(worlds, FIN_RAYS, BatchPlan(4, n_ahead=1), rng, margin=10.0).chance == 0.0  # 1 N more
 
 
 def test_tools_that_are_proposed_are_the_next_batch(surrogate: Surrogate) -> None:
     worst = np.zeros((4, 9))
     worst[:, HEIGHT] = 1.0
     worst[:, 0] = np.linspace(0.1, 0.9, 4)
-    outlook = look_ahead(told_by(surrogate, 14), FIN_RAYS, 4, np.random.default_rng(13), next_tools=worst, n_ahead=1)
+    plan = BatchPlan(4, n_ahead=1, next_tools=worst)
+    outlook = look_ahead(told_by(surrogate, 14), FIN_RAYS, plan, np.random.default_rng(13))
     assert outlook.chance < 0.05
 
 
 def test_a_night_is_said_apart() -> None:
     both = fit_surrogate(observed(6, 20))
-    outlook = look_ahead(told_by(both, 16), FIN_RAYS, 4, np.random.default_rng(15), n_night=60, n_ahead=1)
+    plan = BatchPlan(4, n_ahead=1, n_night=60)
+    outlook = look_ahead(told_by(both, 16), FIN_RAYS, plan, np.random.default_rng(15))
     assert outlook.n_night == 60
     assert outlook.after_night is not None
     assert outlook.after_night.gain_n >= outlook.ahead[0].gain_n - 0.3

@@ -14,7 +14,7 @@ from fast.models.simulation.body.assembly import Material
 from fast.models.simulation.contact.law import ContactLaw, PointSpacing
 from fast.models.simulation.grasp import Numerics, simulate_grasp
 from fast.models.simulation.mesh.build import build_mesh
-from fast.models.simulation.model import FingerModel, finger_model
+from fast.models.simulation.model import FingerModel, Stance, finger_model
 from fast.models.simulation.solver.broyden import (
     MEMORY,
     Secants,
@@ -111,8 +111,7 @@ def test_model_is_built_once_per_finger() -> None:
     def model(poisson_ratio: float, factors: list[np.ndarray] | None = None) -> FingerModel:
         return finger_model(
             mesh,
-            height_mm=BEST_PUBLISHED.height_mm,
-            tip_below_mm=5.0,
+            Stance(BEST_PUBLISHED.height_mm, tip_below_mm=5.0),
             material=Material(11.5, poisson_ratio),
             law=ContactLaw(),
             spacing=PointSpacing(),

@@ -28,7 +28,7 @@ from fast.models.scientist.insights.effects import (
 )
 from fast.models.scientist.insights.rules import IN_A_ROW, MARGIN, STOP_CHANCE
 from fast.models.scientist.insights.simplest import LOSS, find_simpler
-from fast.models.scientist.insights.stopping import look_ahead
+from fast.models.scientist.insights.stopping import BatchPlan, look_ahead
 from fast.models.scientist.insights.worlds import Worlds, widening
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_simulations
 from fast.models.scientist.surrogate.observations import REAL, ObservationSet
@@ -158,7 +158,7 @@ class _Asked:
         if data.is_log:
             surrogate = trust_simulations(surrogate)
         worlds = Worlds.draw(surrogate, self._rng)
-        outlook = look_ahead(worlds, FIN_RAYS, RunSchedule().tools_per_round, self._rng, n_ahead=1)
+        outlook = look_ahead(worlds, FIN_RAYS, BatchPlan(RunSchedule().tools_per_round, n_ahead=1), self._rng)
         if len(self.chances) == self._explained:
             self._explain(worlds)
         self.widened.append(widening(surrogate))
@@ -321,7 +321,7 @@ def _all_cards(surrogate: Surrogate) -> None:
     effects = find_effects(worlds, FIN_RAYS, best, grid)
     find_pairs(worlds, effects, grid)
     find_disagreements(worlds, effects, grid)
-    look_ahead(worlds, FIN_RAYS, 10, rng, n_night=100)
+    look_ahead(worlds, FIN_RAYS, BatchPlan(10, n_night=100), rng)
     find_simpler(worlds, FIN_RAYS, best, rng, default=BEST_PUBLISHED)
 
 

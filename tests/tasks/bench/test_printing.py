@@ -22,7 +22,7 @@ from fast.tasks.bench.print import (
     print_folder,
     write_tray,
 )
-from fast.tasks.bench.told import ToldGrasp, take_told
+from fast.tasks.bench.told import Telling, ToldGrasp, take_told
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.setup import enter
@@ -270,7 +270,7 @@ def test_a_recipe_travels_with_its_tools(with_recipe, tmp_path):
     lake = with_recipe.lake
     confirm_print(lake, "small", 1, PrintConfirmation(operator="ada"))
     asked = plan_batch(with_recipe, with_recipe.state(), 1)[:1]
-    take_told(with_recipe, [ToldGrasp("row 1", g.tool_id, g.object_id, g.repeat, 9.0) for g in asked], "ada")
+    take_told(with_recipe, [ToldGrasp("row 1", g.tool_id, g.object_id, g.repeat, 9.0) for g in asked], Telling("ada"))
     export_handoff(lake, tmp_path / "out", campaign_id="small")
     other = Lake.open(tmp_path / "other", create=True)
     import_handoff(other, tmp_path / "out", current_provenance(), Origin(campaign_id="theirs"))

@@ -18,7 +18,7 @@ from fast.models.question import Question
 from fast.models.records import Design, Trace
 from fast.models.simulation import grasp
 from fast.tasks.bench import told_questions
-from fast.tasks.bench.told import ToldGrasp, take_back, take_told
+from fast.tasks.bench.told import Telling, ToldGrasp, take_back, take_told
 from fast.tasks.bench.told_files import read_peaks, read_rows_of
 from fast.tasks.bench.told_questions import ask_about
 from fast.tasks.campaign.campaign import Campaign
@@ -28,6 +28,7 @@ from tests.flows.cli.cli_lakes import ROOT
 from tests.tasks.campaign.small_campaign import small_campaign
 
 N_ASKED = 8  # two tools, two objects, two repeats
+ADA = Telling("ada")
 
 
 @pytest.fixture
@@ -51,7 +52,7 @@ def told(campaign: Campaign, **values: Any) -> list[ToldGrasp]:
 
 
 def test_what_is_told_closes_the_batch(campaign: Campaign) -> None:
-    taken = take_told(campaign, told(campaign), "ada")
+    taken = take_told(campaign, told(campaign), ADA)
     assert (taken.n_written, taken.n_traces, taken.n_failed, taken.n_known) == (N_ASKED, 0, 0, 0)
     rows = campaign.lake.records(GraspRow)
     assert sorted(row.peak_force_n or 0.0 for row in rows) == [10.0 + i for i in range(N_ASKED)]
@@ -62,7 +63,7 @@ def test_what_is_told_closes_the_batch(campaign: Campaign) -> None:
 
 
 def test_a_trace_is_kept_with_its_peak(campaign: Campaign) -> None:
-    taken = take_told(campaign, told(campaign, peak_force_n=None, trace=trace()), "ada")
+    taken = take_told(campaign, told(campaign, peak_force_n=None, trace=trace()), ADA)
     assert taken.n_traces == 1
     (row,) = [r for r in campaign.lake.records(GraspRow) if r.work_j is not None]
     assert row.peak_force_n == pytest.approx(9.0, rel=0.01)
@@ -73,28 +74,28 @@ def test_a_trace_is_kept_with_its_peak(campaign: Campaign) -> None:
 def test_a_pull_that_ends_in_a_kick_is_kept(campaign: Campaign) -> None:
     force_n = trace().force_n.copy()
     force_n[-3] = -20.0
-    assert take_told(campaign, told(campaign, peak_force_n=None, trace=trace(force_n=force_n)), "ada").n_traces == 1
+    assert take_told(campaign, told(campaign, peak_force_n=None, trace=trace(force_n=force_n)), ADA).n_traces == 1
 
 
 def test_telling_again_writes_nothing_and_a_part_may_be_told_later(campaign: Campaign) -> None:
     every = told(campaign)
-    take_told(campaign, every[:3], "ada")
+    take_told(campaign, every[:3], ADA)
     assert len(plan_batch(campaign, campaign.state(), 1)) == N_ASKED - 3
-    again = take_told(campaign, every, "ada")
+    again = take_told(campaign, every, ADA)
     assert (again.n_written, again.n_known) == (N_ASKED - 3, 3)
     assert len(campaign.lake.records(GraspRow)) == N_ASKED
 
 
 def test_other_numbers_need_replace_and_keep_one_row(campaign: Campaign) -> None:
-    take_told(campaign, told(campaign), "ada")
+    take_told(campaign, told(campaign), ADA)
     changed = told_again(campaign, 33.0)
     sentence = (
         "the lake has this grasp with 10 N, now it is 33 N; `fast tell --replace` (in Python `may_replace=True`) "
         "corrects it"
     )
     with pytest.raises(UsageError, match=re.escape(sentence)):
-        take_told(campaign, changed, "ada")
-    take_told(campaign, changed, "ada", may_replace=True)
+        take_told(campaign, changed, ADA)
+    take_told(campaign, changed, Telling("ada", may_replace=True))
     assert len(campaign.lake.records(GraspRow)) == N_ASKED
     assert max(row.peak_force_n or 0.0 for row in campaign.lake.records(GraspRow)) == 33.0
 
@@ -105,52 +106,52 @@ def told_again(campaign: Campaign, force_n: float) -> list[ToldGrasp]:
 
 
 def test_a_failure_is_final_until_it_succeeds(campaign: Campaign) -> None:
-    take_told(campaign, told(campaign, peak_force_n=None, reason="object broke"), "ada")
+    take_told(campaign, told(campaign, peak_force_n=None, reason="object broke"), ADA)
     assert plan_batch(campaign, campaign.state(), 1) == ()
     (row,) = campaign.lake.records(GraspRow, status="failed")
     assert row.reason == "object broke"
-    take_told(campaign, [ToldGrasp("row 0", row.tool_id, row.object_id, row.repeat, 12.0)], "ada")
+    take_told(campaign, [ToldGrasp("row 0", row.tool_id, row.object_id, row.repeat, 12.0)], ADA)
     later = campaign.lake.records(GraspRow, tool_id=row.tool_id, object_id=row.object_id, repeat=row.repeat)
     assert sorted((one.attempt, one.status) for one in later) == [(0, "failed"), (1, "ok")]
 
 
 def test_a_corrected_trace_with_the_same_peak_is_no_repetition(campaign: Campaign) -> None:
     told_as = {"peak_force_n": None, "reason": ""}
-    take_told(campaign, told(campaign, **told_as, trace=trace()), "ada")
+    take_told(campaign, told(campaign, **told_as, trace=trace()), ADA)
     (row,) = [one for one in campaign.lake.records(GraspRow) if one.work_j is not None]
     place = {"tool_id": row.tool_id, "object_id": row.object_id, "repeat": row.repeat}
     short = trace()
     corrected = [ToldGrasp("row 0", **place, trace=replace(short, lift_mm=0.5 * short.lift_mm))]
     with pytest.raises(UsageError, match="with 8.99972 N with its trace, now it is 8.99972 N with another trace"):
-        take_told(campaign, corrected, "ada")
-    assert take_told(campaign, corrected, "ada", may_replace=True).n_written == 1
-    assert take_told(campaign, corrected, "ada").n_known == 1
+        take_told(campaign, corrected, ADA)
+    assert take_told(campaign, corrected, Telling("ada", may_replace=True)).n_written == 1
+    assert take_told(campaign, corrected, ADA).n_known == 1
     (after,) = campaign.lake.records(GraspRow, grasp_id=row.grasp_id)
     assert after.work_j == pytest.approx(0.5 * (row.work_j or 0.0))
     assert campaign.lake.records(TraceRow)[-1].lift_mm[-1] == 20.0
 
 
 def test_a_peak_in_place_of_a_trace_leaves_no_trace_beside_it(campaign: Campaign) -> None:
-    take_told(campaign, told(campaign, peak_force_n=None, trace=trace()), "ada")
+    take_told(campaign, told(campaign, peak_force_n=None, trace=trace()), ADA)
     (row,) = [one for one in campaign.lake.records(GraspRow) if one.work_j is not None]
     peak = [ToldGrasp("row 0", row.tool_id, row.object_id, row.repeat, 5.0)]
-    take_told(campaign, peak, "ada", may_replace=True)
+    take_told(campaign, peak, Telling("ada", may_replace=True))
     assert campaign.lake.query("FROM grasp_traces WHERE is_valid").num_rows == 0
     assert campaign.lake.query("FROM grasp_summary WHERE is_valid").num_rows == N_ASKED
     assert campaign.lake.query("SELECT min(peak_force_n) AS n FROM grasp_summary WHERE is_valid")["n"][0].as_py() == 5.0
-    assert take_told(campaign, peak, "ada").n_known == 1
+    assert take_told(campaign, peak, ADA).n_known == 1
     assert take_back(campaign, "ada") == 1
     assert len(plan_batch(campaign, campaign.state(), 1)) == 1
 
 
 def test_a_failure_that_was_taken_back_or_has_another_reason_is_told_again(campaign: Campaign) -> None:
     every = told(campaign, peak_force_n=None, reason="slipped")
-    take_told(campaign, every, "ada")
-    assert take_told(campaign, every, "ada").n_known == N_ASKED
+    take_told(campaign, every, ADA)
+    assert take_told(campaign, every, ADA).n_known == N_ASKED
     assert take_back(campaign, "ada") == N_ASKED
-    assert take_told(campaign, every, "ada").n_written == N_ASKED
+    assert take_told(campaign, every, ADA).n_written == N_ASKED
     assert plan_batch(campaign, campaign.state(), 1) == ()
-    assert take_told(campaign, [replace(every[0], reason="torn")], "ada").n_written == 1
+    assert take_told(campaign, [replace(every[0], reason="torn")], ADA).n_written == 1
     reasons = [row.reason for row in campaign.lake.records(GraspRow, status="failed")]
     assert sorted(reasons) == ["taken back by ada"] * (N_ASKED - 1) + ["torn"]
     assert plan_batch(campaign, campaign.state(), 1) == ()
@@ -158,7 +159,7 @@ def test_a_failure_that_was_taken_back_or_has_another_reason_is_told_again(campa
 
 def test_a_dry_run_writes_nothing(campaign: Campaign) -> None:
     before = campaign.lake.rows(GraspRow), campaign.lake.rows(ToolRow)
-    assert take_told(campaign, told(campaign), "ada", is_dry=True).n_written == N_ASKED
+    assert take_told(campaign, told(campaign), Telling("ada", is_dry=True)).n_written == N_ASKED
     assert (campaign.lake.rows(GraspRow), campaign.lake.rows(ToolRow)) == before
 
 
@@ -204,7 +205,7 @@ def test_a_mirrored_file_is_one_sentence(campaign: Campaign) -> None:
         for number, one in enumerate(told(campaign))
     ]
     with pytest.raises(UsageError, match="counted downwards in the whole file: 8 of 8 measured grasps") as refused:
-        take_told(campaign, every, "ada")
+        take_told(campaign, every, ADA)
     assert str(refused.value).endswith("change its sign everywhere; nothing was written.")
 
 
@@ -212,7 +213,7 @@ def test_a_mirrored_file_is_one_sentence(campaign: Campaign) -> None:
 def test_a_wrong_grasp_is_one_sentence_and_nothing_is_written(campaign: Campaign, name: str) -> None:
     values, words = WRONG[name]
     with pytest.raises(UsageError, match=words) as refused:
-        take_told(campaign, told(campaign, **values), "ada")
+        take_told(campaign, told(campaign, **values), ADA)
     assert str(refused.value).startswith("row 0: ")
     assert str(refused.value).endswith("nothing was written.")
     assert "\n" not in str(refused.value)
@@ -223,7 +224,7 @@ def test_all_faults_are_named_at_once(campaign: Campaign) -> None:
     every = told(campaign, peak_force_n=500.0)
     every[1] = every[2]
     with pytest.raises(UsageError) as refused:
-        take_told(campaign, every, "ada")
+        take_told(campaign, every, ADA)
     assert str(refused.value).startswith("2 things are wrong, nothing was written:\n")
     assert "is told twice, first in row 2; leave one of the two out" in str(refused.value)
 
@@ -267,7 +268,7 @@ def test_mappings_are_checked_by_name() -> None:
 
 
 def test_other_campaigns_of_the_lake_are_left_alone(campaign: Campaign) -> None:
-    take_told(campaign, told(campaign), "ada")
+    take_told(campaign, told(campaign), ADA)
     assert Lake.open(Path(campaign.lake.address)).query("SELECT DISTINCT campaign_id FROM grasps").to_pylist() == [
         {"campaign_id": "small"}
     ]
@@ -285,9 +286,9 @@ def test_a_strange_number_is_asked_about_and_marked_where_a_person_is_sure(tmp_p
     with pytest.raises(
         UsageError, match=r"1 number is strange, nothing was written: row 0: a decimal point\? Correct the file"
     ):
-        take_told(campaign, tenfold, "ada", ask=ask)
+        take_told(campaign, tenfold, ADA, ask=ask)
     assert campaign.lake.records(GraspRow) == []
-    assert take_told(campaign, tenfold, "ada", ask=ask, is_sure=True).n_written == N_ASKED
+    assert take_told(campaign, tenfold, Telling("ada", is_sure=True), ask=ask).n_written == N_ASKED
     assert [row.details_json for row in campaign.lake.records(GraspRow) if "sure" in row.details_json] == [
         '{"sure":["decimal point"],"telling":0,"told_by":"ada"}'
     ]
@@ -334,22 +335,22 @@ def test_files_of_people_are_read(name: str) -> None:
 
 def test_the_last_telling_is_taken_back_and_can_be_told_again(campaign: Campaign) -> None:
     every = told(campaign)
-    take_told(campaign, every[:3], "ada")
+    take_told(campaign, every[:3], ADA)
     ranking = rank_tools(campaign.lake, campaign.campaign_id)
     missing = plan_batch(campaign, campaign.state(), 1)
-    take_told(campaign, every[3:], "ada")
+    take_told(campaign, every[3:], ADA)
     assert plan_batch(campaign, campaign.state(), 1) == ()
     assert take_back(campaign, "bo") == N_ASKED - 3
     assert plan_batch(campaign, campaign.state(), 1) == missing
     assert rank_tools(campaign.lake, campaign.campaign_id) == ranking
     reasons = {row.reason for row in campaign.lake.records(GraspRow) if row.status == "failed"}
     assert reasons == {"taken back by bo"}
-    assert take_told(campaign, every, "ada").n_written == N_ASKED - 3
+    assert take_told(campaign, every, ADA).n_written == N_ASKED - 3
     assert take_back(campaign, "bo") == N_ASKED - 3
     assert take_back(campaign, "bo") == 3
     with pytest.raises(UsageError, match="has no telling that could be taken back"):
         take_back(campaign, "bo")
-    assert take_told(campaign, every, "ada").n_written == N_ASKED
+    assert take_told(campaign, every, ADA).n_written == N_ASKED
 
 
 def test_told_traces_are_held_against_the_simulated_ones_of_the_lake(campaign: Campaign) -> None:
@@ -363,9 +364,9 @@ def test_told_traces_are_held_against_the_simulated_ones_of_the_lake(campaign: C
     sound = [ToldGrasp(f"row {i}", g.tool_id, g.object_id, g.repeat, trace=trace(8.0 + i)) for i, g in enumerate(asked)]
     empty = [replace(one, trace=trace(0.05 + 0.01 * i)) for i, one in enumerate(sound)]
     with pytest.raises(UsageError, match=r"8 traces hold no force where 9 N are expected, a valve that stuck"):
-        take_told(campaign, empty, "ada", ask=ask_about)
+        take_told(campaign, empty, ADA, ask=ask_about)
     assert campaign.lake.rows(GraspRow) == []
-    assert take_told(campaign, sound, "ada", ask=ask_about).n_traces == N_ASKED
+    assert take_told(campaign, sound, ADA, ask=ask_about).n_traces == N_ASKED
 
 
 def test_a_file_that_is_asked_about_twice_is_simulated_once(
@@ -407,4 +408,4 @@ def test_a_lift_and_a_force_that_were_exchanged_are_named(campaign: Campaign) ->
     usual = trace()
     turned = trace(lift_mm=usual.force_n, force_n=usual.lift_mm)
     with pytest.raises(UsageError, match="the lift comes back and the force never does; look whether the two are exch"):
-        take_told(campaign, told(campaign, peak_force_n=None, trace=turned), "ada")
+        take_told(campaign, told(campaign, peak_force_n=None, trace=turned), ADA)

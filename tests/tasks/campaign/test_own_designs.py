@@ -12,7 +12,7 @@ from fast.models.design.families import find_family
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import ConfigError, UsageError
 from fast.tasks.bench.reference_tools import ask_references, list_owed, note_gone
-from fast.tasks.bench.told import ToldGrasp, take_told
+from fast.tasks.bench.told import Telling, ToldGrasp, take_told
 from fast.tasks.campaign.campaign import Campaign, read_own_designs
 from fast.tasks.campaign.config import load_config
 from fast.tasks.campaign.own_designs import OwnDesign, place_designs, read_designs
@@ -61,7 +61,7 @@ def tell_all(campaign: Campaign, batch: int) -> None:
     asked = plan_batch(campaign, campaign.state(), batch)
     forces = {tool.tool_id: 10.0 + tool.slot for tool in campaign.state().tools}
     grasps = [ToldGrasp(f"row {i}", g.tool_id, g.object_id, g.repeat, forces[g.tool_id]) for i, g in enumerate(asked)]
-    take_told(campaign, grasps, "ada")
+    take_told(campaign, grasps, Telling("ada"))
 
 
 def test_own_designs_hang_beside_proposed_ones_and_the_best_tool_comes_back(tmp_path: Path) -> None:

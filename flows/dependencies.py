@@ -14,6 +14,7 @@ DISTRIBUTIONS = {
     "rerun": "rerun-sdk",
     "serial": "pyserial",
     "skimage": "scikit-image",
+    "sklearn": "scikit-learn",
     "mapbox_earcut": "mapbox-earcut",
 }
 

@@ -129,11 +129,6 @@ class VirtualLaumas:
         self._filter = DigitalFilter(filter_setting, world.gross_n, now_s)
         self.encode_string = encode_plain
 
-    def set_filter(self, setting: int, now_s: float) -> None:
-        """Change the filter on the keypad."""
-        with self._lock:
-            self._filter = DigitalFilter(setting, self._world.gross_n, now_s)
-
     def step(self, now_s: float) -> None:
         """Follow the world's last reading: filters it and keeps the peak."""
         self._filter.add(self._world.gross_n, now_s)

@@ -8,8 +8,7 @@ import numpy as np
 from fast.models.errors import UsageError
 from fast.models.records import Trace
 from fast.models.traces.kernel import features_of_flat
-from fast.models.traces.names import FEATURES, MIN_LIFT_MM
-from fast.models.units import spell_number
+from fast.models.traces.names import FEATURES
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +23,7 @@ class TraceFeatures:
 
     @property
     def is_usable(self) -> np.ndarray:
-        """Which traces lift by `MIN_LIFT_MM` or more (n); the others have no features."""
+        """Which traces lift by `names.MIN_LIFT_MM` or more (n); the others have no features."""
         return ~np.isnan(self.values[:, 0])
 
     def column(self, name: str) -> np.ndarray:
@@ -56,21 +55,14 @@ def features_of_samples(lift_mm: np.ndarray, force_n: np.ndarray, offsets: np.nd
     return TraceFeatures(*features_of_flat(*channels, np.ascontiguousarray(offsets, dtype=np.int64)))
 
 
-def features_of(traces: Sequence[Trace]) -> TraceFeatures:
-    """Features of traces, each of which must show a lift.
+def features_of(traces: Sequence[Trace | None]) -> TraceFeatures:
+    """Features of n traces; what has no trace has none.
 
     Raises:
-        UsageError: there is no trace, or one lifts less than `MIN_LIFT_MM`.
+        UsageError: nothing was given.
     """
-    offsets = np.cumsum([0, *(len(trace.lift_mm) for trace in traces)])
-    lifts, forces = [trace.lift_mm for trace in traces], [trace.force_n for trace in traces]
-    empty: list[np.ndarray] = [np.zeros(0)]
-    found = features_of_samples(np.concatenate(empty + lifts), np.concatenate(empty + forces), offsets)
-    without = np.flatnonzero(~found.is_usable)
-    if without.size:
-        lifted_mm = max(float(lifts[without[0]].max(initial=0.0)), 0.0)
-        raise UsageError(
-            f"trace {without[0]} of {len(traces)} lifts by {spell_number(lifted_mm, 3)} mm, a pull-off needs "
-            f"{MIN_LIFT_MM:g} mm; leave that grasp out."
-        )
-    return found
+    nothing = np.zeros(0)
+    lifts = [nothing if trace is None else trace.lift_mm for trace in traces]
+    forces = [nothing if trace is None else trace.force_n for trace in traces]
+    offsets = np.cumsum([0, *map(len, lifts)])
+    return features_of_samples(np.concatenate([nothing, *lifts]), np.concatenate([nothing, *forces]), offsets)

@@ -5,7 +5,7 @@ bench count the same millimetres from it. Every trace is first averaged over ste
 traces (16 readings a millimetre, noisy) and simulated ones (a few adaptive steps a millimetre, piecewise linear) alike.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -35,19 +35,6 @@ CENTRES_MM: Mapping[str, float] = {
 }
 
 
-def features_of(traces: Sequence[Trace]) -> np.ndarray:
-    """Features of traces, n x 14, in the order and the units of `FEATURES`.
-
-    Mean forces in ten bins of lift (N); the largest of the means over `STEP_MM` (N); the mean lift of those within a
-    tenth of it (mm), which unlike the place of the maximum moves smoothly with theta on a plateau; the least of them
-    in the first `DIP_MM` (N); the area under the force beyond the last bin (N mm).
-
-    Raises:
-        UsageError: a trace has no lift, or a value that is not finite.
-    """
-    return features_of_steps(np.array([step_means(trace) for trace in traces]).reshape(len(traces), -1))
-
-
 def step_means(trace: Trace) -> np.ndarray:
     """Mean forces of the lift over steps of `STEP_MM`, 120, in N; zero after the end of the trace.
 
@@ -68,14 +55,19 @@ def step_means(trace: Trace) -> np.ndarray:
 
 
 def is_usable(trace: Trace) -> bool:
-    """Whether `features_of` takes the trace: values are finite, and it lifts by `DIP_MM` or more."""
+    """Whether `step_means` takes the trace: values are finite, and it lifts by `DIP_MM` or more."""
     lift_mm = trace.lift_mm[trace.is_lift]
     is_finite = bool(np.isfinite(trace.lift_mm).all() and np.isfinite(trace.force_n).all())
     return is_finite and len(lift_mm) > 1 and bool(lift_mm[-1] - lift_mm[0] >= DIP_MM)
 
 
 def features_of_steps(steps_n: np.ndarray) -> np.ndarray:
-    """Features (... x 14) of mean forces over steps (... x 120); see `features_of`."""
+    """Features (... x 14) of mean forces over steps (... x 120), in the order and the units of `FEATURES`.
+
+    Mean forces in ten bins of lift (N); the largest of the means over `STEP_MM` (N); the mean lift of those within a
+    tenth of it (mm), which unlike the place of the maximum moves smoothly with theta on a plateau; the least of them
+    in the first `DIP_MM` (N); the area under the force beyond the last bin (N mm).
+    """
     centres_mm = STEP_MM * (np.arange(steps_n.shape[-1]) + 0.5)
     edges = np.round(BIN_EDGES_MM / STEP_MM).astype(int)
     bins = np.add.reduceat(steps_n, edges, axis=-1)[..., :-1] / np.diff(edges)

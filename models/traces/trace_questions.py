@@ -14,7 +14,7 @@ from fast.models.question import Kind, Question
 from fast.models.records import Trace
 from fast.models.traces import flags
 from fast.models.traces.anomalies import STILL_HELD_N, Labels, find_anomalies
-from fast.models.traces.batch import TraceFeatures, features_of_samples
+from fast.models.traces.batch import TraceFeatures, features_of
 from fast.models.traces.names import NOISE_N
 from fast.models.units import spell_number
 
@@ -52,21 +52,13 @@ def find_trace_questions(told: Sequence[ToldTrace]) -> list[Question]:
     """Questions about traces of one file, by position."""
     if not told:
         return []
-    measured = _features([one.trace for one in told])
-    expected = _features([one.expected for one in told])
+    measured = features_of([one.trace for one in told])
+    expected = features_of([one.expected for one in told])
     whole = _ask_of_file(told, measured, expected)
     if whole is not None:
         return [whole]
     cut = _find_cut(told)
     return cut + _ask_of_cells(told, measured, expected, {number for question in cut for number in question.numbers})
-
-
-def _features(traces: Sequence[Trace | None]) -> TraceFeatures:
-    """Of n traces; what has no trace has no features."""
-    lifts = [np.zeros(0) if trace is None else trace.lift_mm for trace in traces]
-    forces = [np.zeros(0) if trace is None else trace.force_n for trace in traces]
-    offsets = np.cumsum([0, *map(len, lifts)])
-    return features_of_samples(np.concatenate(lifts), np.concatenate(forces), offsets)
 
 
 def _ask_of_file(told: Sequence[ToldTrace], measured: TraceFeatures, expected: TraceFeatures) -> Question | None:

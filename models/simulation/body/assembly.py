@@ -161,10 +161,6 @@ class ElasticBody:
         blocks[:] = 0.0
         return bool(add_stiffness(self.compiled, x, blocks))
 
-    def apply_symmetry(self, blocks: np.ndarray) -> None:
-        """Decouple the y displacement of the nodes on the symmetry plane."""
-        decouple_y(self.symmetry, blocks)
-
     def lumped_volume(self) -> np.ndarray:
         """Volume of each node in mm3 (n): diagonal of the consistent mass, scaled per element (HRZ lumping)."""
         volume = np.zeros(len(self.mesh.nodes))

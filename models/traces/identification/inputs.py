@@ -6,7 +6,7 @@ import numpy as np
 
 from fast.models.errors import UsageError
 from fast.models.records import Trace
-from fast.models.traces.batch import TraceFeatures, features_of_samples
+from fast.models.traces.batch import TraceFeatures, features_of
 from fast.models.traces.names import FEATURES, N_PROFILE, PROFILE_STEP_MM
 
 N_CLOSING = 20  # equal spans of time of the closing: the first force tells how wide the object is at the tips
@@ -34,7 +34,7 @@ def inputs_of(traces: Sequence[Trace], features: TraceFeatures | None = None) ->
     Raises:
         UsageError: there is no trace, or one lifts too little to have features.
     """
-    found = _features(traces) if features is None else features
+    found = features_of(traces) if features is None else features
     if not found.is_usable.all():
         raise UsageError(
             f"{int((~found.is_usable).sum())} of {len(traces)} traces lift too little to have features; leave them out."
@@ -43,13 +43,6 @@ def inputs_of(traces: Sequence[Trace], features: TraceFeatures | None = None) ->
     shares = np.column_stack([found.column(name) for name in _SHARES]) / peak_n
     closing = np.array([_closing_n(trace) for trace in traces])
     return np.column_stack([found.values, shares, closing, found.profile_n, found.profile_n / peak_n])
-
-
-def _features(traces: Sequence[Trace]) -> TraceFeatures:
-    offsets = np.cumsum([0, *(len(trace.lift_mm) for trace in traces)])
-    empty: list[np.ndarray] = [np.zeros(0)]
-    lifts, forces = ([getattr(trace, name) for trace in traces] for name in ("lift_mm", "force_n"))
-    return features_of_samples(np.concatenate(empty + lifts), np.concatenate(empty + forces), offsets)
 
 
 def _closing_n(trace: Trace) -> np.ndarray:

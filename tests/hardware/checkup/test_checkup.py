@@ -16,6 +16,7 @@ from fast.hardware.click import tags
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.codec import Reading, Scale, Status
 from fast.hardware.tools.mounted import MountedTool
+from fast.hardware.virtual.laumas import DigitalFilter
 from fast.hardware.virtual.world.file import Sensor, World
 from fast.hardware.wire.log_files import list_logs
 from fast.hardware.wire.serial import LinkLostError
@@ -106,7 +107,7 @@ FAULTS = {
         fault("load-cell noise", "0.000 N", "restart the transmitter"),
     ),
     "slow filter": (
-        lambda virtual: virtual.transmitter.set_filter(4, virtual._clock.now_s()),
+        lambda virtual: setattr(virtual.transmitter, "_filter", DigitalFilter(4, 0.0, virtual._clock.now_s())),
         fault("load-cell filter", "the bench file says 0", "refreshes slower"),
     ),
     "air main": (

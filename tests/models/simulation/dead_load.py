@@ -3,7 +3,7 @@
 import numpy as np
 
 from fast.models.errors import SimulationFailed
-from fast.models.simulation.body.assembly import ElasticBody
+from fast.models.simulation.body.assembly import ElasticBody, decouple_y
 from fast.models.simulation.solver.cholesky import BlockPattern, factorise, make_factor, solve_in_place
 
 MAX_ITERATIONS = 200
@@ -49,7 +49,7 @@ class DeadLoad:
     def tangent(self, u: np.ndarray, blocks: np.ndarray) -> bool:
         """Overwrite `blocks` (z, 3, 3) with minus the derivative of the residual; False if an element is inverted."""
         is_valid = self._body.stiffness(self.positions(u), blocks)
-        self._body.apply_symmetry(blocks)
+        decouple_y(self._body.symmetry, blocks)
         return is_valid
 
     def shift(self, blocks: np.ndarray, amount: float) -> None:

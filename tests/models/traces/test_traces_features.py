@@ -5,7 +5,7 @@ import pytest
 
 from fast.models.errors import UsageError
 from fast.models.records import Trace
-from fast.models.traces.step_features import FEATURES, PEAK, features_of, step_means
+from fast.models.traces.step_features import FEATURES, PEAK, features_of_steps, step_means
 from fast.models.traces.step_noise import SensorNoise, feature_noise, noise_of_readings
 
 LIFT_MM = np.linspace(0.0, 50.0, 41)
@@ -17,12 +17,16 @@ def bump(scale: float = 1.0, lift_mm: np.ndarray = LIFT_MM) -> Trace:
     return Trace(lift_mm / SPEED, lift_mm, force_n)
 
 
+def features_of(trace: Trace) -> np.ndarray:
+    return features_of_steps(step_means(trace))
+
+
 def feature(trace: Trace, name: str) -> float:
-    return float(features_of([trace])[0, FEATURES.index(name)])
+    return float(features_of(trace)[FEATURES.index(name)])
 
 
 def test_forces_scale_with_the_modulus_and_lifts_do_not() -> None:
-    one, three = features_of([bump()])[0], features_of([bump(3.0)])[0]
+    one, three = features_of(bump()), features_of(bump(3.0))
     is_lift = np.array([name == "lift_at_peak_mm" for name in FEATURES])
     np.testing.assert_allclose(three[~is_lift], 3.0 * one[~is_lift], rtol=1e-12)
     np.testing.assert_allclose(three[is_lift], one[is_lift], rtol=1e-12)
@@ -45,18 +49,17 @@ def test_features_do_not_depend_on_sampling_nor_on_the_closing() -> None:
         np.append(np.zeros(5), fine.lift_mm),
         np.append([0.0, 1.0, -2.0, 0.0, 1.0], fine.force_n),
     )
-    found = features_of([fine, coarse, closed])
-    np.testing.assert_allclose(found[1], found[0], atol=0.02)
-    np.testing.assert_allclose(found[2], found[0], atol=1e-12)
+    np.testing.assert_allclose(features_of(coarse), features_of(fine), atol=0.02)
+    np.testing.assert_allclose(features_of(closed), features_of(fine), atol=1e-12)
 
 
 def test_a_trace_that_cannot_be_used_is_refused_in_one_sentence() -> None:
     with pytest.raises(UsageError, match="no lift of 3 mm or more; leave that grasp out"):
-        features_of([Trace(np.arange(9.0), np.zeros(9), np.ones(9))])
+        step_means(Trace(np.arange(9.0), np.zeros(9), np.ones(9)))
     broken = bump()
     broken.force_n[3] = np.nan
     with pytest.raises(UsageError, match="not finite"):
-        features_of([broken])
+        step_means(broken)
     with pytest.raises(UsageError, match="differ in shape"):
         Trace(np.arange(3.0), np.arange(3.0), np.arange(4.0))
 
@@ -66,13 +69,12 @@ def test_noise_of_features_is_that_of_noisy_readings() -> None:
     lift_mm = np.arange(0.0, 60.0, SPEED / RATE_HZ)
     clean = bump(lift_mm=lift_mm)
     rng = np.random.default_rng(0)
-    noisy = features_of(
-        [Trace(clean.time_s, lift_mm, clean.force_n + ar1(noise, len(lift_mm), rng)) for _ in range(300)]
-    )
+    readings = [Trace(clean.time_s, lift_mm, clean.force_n + ar1(noise, len(lift_mm), rng)) for _ in range(300)]
+    noisy = np.array([features_of(one) for one in readings])
     bias, covariance = feature_noise(step_means(clean)[None], noise, SPEED)
     sd = np.sqrt(np.diag(covariance[0]))
     np.testing.assert_allclose(noisy.std(axis=0), sd, rtol=0.15)
-    shift = noisy.mean(axis=0) - features_of([clean])[0] - bias[0]
+    shift = noisy.mean(axis=0) - features_of(clean) - bias[0]
     assert np.abs(shift / sd).max() < 5 / np.sqrt(300) + 0.1
     assert bias[0, FEATURES.index(PEAK)] > 0.03
 

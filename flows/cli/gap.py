@@ -173,7 +173,8 @@ def plan_(
 
     The bank around these tools is simulated into the lake, where the search will find it. Then made-up worlds of the
     panel are answered as the real one will be: from what size on causes are seen, by which name, and what they are
-    taken for. One tool, and one object, less are compared with it.
+    taken for. One tool, and one object, less are compared with it, and a measurement by a person, such as of walls or a
+    tensile bar.
     """
     from fast.flows.gap.plan import choose_size, look_ahead
     from fast.flows.report.gap.answer import list_families
@@ -189,13 +190,14 @@ def plan_(
     ]
     sizes = [
         {
-            "effect": one.effect,
-            "seen from": one.words,
-            "of the force": _spell_size(one),
-            "an object less": _spell_size(less),
-            "a tool less": _spell_size(fewer),
+            "effect": one.planned.effect,
+            "seen from": one.planned.words,
+            "of the force": _spell_size(one.planned),
+            "an object less": _spell_size(one.fewer_objects),
+            "a tool less": _spell_size(one.fewer_tools),
+            "if measured": "-" if one.if_measured is None else _spell_size(one.if_measured),
         }
-        for one, less, fewer in zip(outlook.visible, outlook.fewer_objects, outlook.fewer_tools, strict=True)
+        for one in outlook.sizes
     ]
     lines = [outlook.sentence, "", table_text(families), "", table_text(sizes)]
     show({"summary": outlook.sentence, "families": families, "sizes": sizes}, "\n".join(lines), json)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,9 +12,9 @@ from fast.flows.simulation.progress import n_missing, simulate_missing
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
 from fast.models.gap.data import GapData
-from fast.models.gap.evidence.likelihood import Problem, fit_evidence
+from fast.models.gap.evidence.likelihood import EvidenceFit, Problem, fit_evidence
 from fast.models.gap.evidence.rehearsal import Rehearsal, rehearse_panel
-from fast.models.gap.evidence.visible import VisibleSize, find_visible_sizes
+from fast.models.gap.evidence.visible import VisibleSize, find_measured_size, find_visible_sizes
 from fast.models.gap.grasps import Grasps, of_one_setup
 from fast.models.records import Design, GraspContext
 from fast.models.traces.step_features import N_STEPS
@@ -31,20 +32,27 @@ _GRASP_S = 30.0  # between grasps on the gantry, about: for effects that go by t
 _NOISE = SensorNoise(sd_n=0.1, correlation_s=0.05, rate_hz=80.0)  # of a usual load cell: a bench's own is not known
 
 
+class SizeOutlook(NamedTuple):
+    """Size of an effect that a panel will show, that with one object, and one tool, less, and with a measurement.
+
+    if_measured: None where the catalogue knows nothing that a person could measure of the effect.
+    """
+
+    planned: VisibleSize
+    fewer_objects: VisibleSize
+    fewer_tools: VisibleSize
+    if_measured: VisibleSize | None
+
+
 @dataclass(frozen=True, eq=False)
 class PanelOutlook:
-    """What a panel will tell. rehearsal: made-up worlds of it. visible: sizes of effects that will be seen.
-
-    fewer_objects, fewer_tools: the same with one object, and one tool, less.
-    """
+    """What a panel will tell. rehearsal: made-up worlds of it. sizes: of effects that it will show."""
 
     tools: tuple[str, ...]
     objects: tuple[int, ...]
     repeats: int
     rehearsal: Rehearsal
-    visible: tuple[VisibleSize, ...]
-    fewer_objects: tuple[VisibleSize, ...]
-    fewer_tools: tuple[VisibleSize, ...]
+    sizes: tuple[SizeOutlook, ...]
 
     @property
     def sentence(self) -> str:
@@ -84,15 +92,19 @@ def look_ahead(
     data = GapData.of_all(grasps, read_bank(lake, version, grasps.cells))
     rehearsal = rehearse_panel(data, (), n_worlds, n_workers, reporter.progress)
     last_object, last_tool = len(grasps.objects) - 1, len(grasps.tools) - 1
-    visible = _find_visible(data, rehearsal, np.ones(len(grasps.tool), dtype=bool))
+    fit, lines = _foresee(data, np.ones(len(grasps.tool), dtype=bool)), rehearsal.lines
+    planned = find_visible_sizes(fit, data.usable.names, lines)
+    less = [
+        find_visible_sizes(_foresee(data, is_taken), data.usable.names, lines, planned)
+        for is_taken in (grasps.obj != last_object, grasps.tool != last_tool)
+    ]
+    measured = [find_measured_size(fit, lines, size) for size in planned]
     return PanelOutlook(
         tools=grasps.tools,
         objects=grasps.objects,
         repeats=campaign.config.objects.repeats,
         rehearsal=rehearsal,
-        visible=visible,
-        fewer_objects=_find_visible(data, rehearsal, grasps.obj != last_object, visible),
-        fewer_tools=_find_visible(data, rehearsal, grasps.tool != last_tool, visible),
+        sizes=tuple(map(SizeOutlook, planned, *less, measured)),
     )
 
 
@@ -118,17 +130,14 @@ def choose_size(config: CampaignConfig, n_tools: int | None, n_objects: int | No
     return n_tools, n_objects
 
 
-def _find_visible(
-    data: GapData, rehearsal: Rehearsal, is_taken: np.ndarray, like: Sequence[VisibleSize] = ()
-) -> tuple[VisibleSize, ...]:
-    """Sizes of effects that the grasps that are taken (n) show, at the middle of the bank and without noise."""
+def _foresee(data: GapData, is_taken: np.ndarray) -> EvidenceFit:
+    """The fit of the grasps that are taken (n), at the middle of the bank and without noise."""
     usable = data.usable
     taken = usable.select(np.flatnonzero(is_taken[: len(usable.grasps.tool)]))
     problem = Problem.of(taken)
     centre = taken.centre
     theta = np.array([centre.young_modulus_mpa, centre.friction, centre.poisson_ratio])
-    fit = fit_evidence(problem.measured(problem.predict_steps(theta, ())))
-    return find_visible_sizes(fit, taken.names, rehearsal.lines, like)
+    return fit_evidence(problem.measured(problem.predict_steps(theta, ())))
 
 
 def _plan_grasps(campaign: Campaign, designs: Sequence[Design], objects: tuple[int, ...]) -> Grasps:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from fast.models.gap.evidence.candidates import predict_changes
+from fast.models.gap.evidence.facts import weigh_rest
 from fast.models.gap.evidence.laws import list_secants, scale_value
 from fast.models.gap.evidence.likelihood import EvidenceFit
 from fast.models.gap.evidence.reading import compute_rms
@@ -17,6 +18,7 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.units import spell_name, spell_number, unit_of
 
 _Z90 = 1.28  # standard deviations of evidence: nine in ten are above
+_LEAST_SCALE, _N_SCALES = 0.01, 200  # of sizes that are tried
 _FURTHEST = 3.0  # times a secant: an effect is not in proportion any more
 
 
@@ -72,6 +74,32 @@ def find_visible_sizes(
         share = scale * compute_rms(changes_n[place]) / compute_rms(fit.force_n)
         found.append(VisibleSize(name, scale_value(values[place], scale), share))
     return tuple(found)
+
+
+def find_measured_size(fit: EvidenceFit, lines: Signs, size: VisibleSize) -> VisibleSize | None:
+    """The size that would be seen if a person measured what the catalogue names of the effect; None: it names nothing.
+
+    A reading has the evidence of a fact. It helps no single cell more than others.
+    """
+    how = CATALOGUE[size.effect].measurement
+    if how is None:
+        return None
+    largest = size.value or scale_value(list_secants(size.effect)[0], _FURTHEST)
+    spec = next(one for one in CATALOGUE[size.effect].parameters if one.name == how.parameter)
+    changes_n, contrasts_n = predict_changes(fit, [largest])
+    white = fit.whiten(changes_n, contrasts_n)
+    products, _ = fit.multiply(white)
+    clear, spread = float(np.sqrt(max(products[0, 0], 1e-12))), 1.0 - float(_find_largest_share(fit, white)[0])
+    reading = abs(largest.parameters[how.parameter] - spec.neutral) / how.sd
+    scales = np.geomspace(_LEAST_SCALE, 1.0, _N_SCALES)
+    own = 0.5 * np.maximum(clear * scales - _Z90, 0.0) ** 2
+    fact = np.array([-weigh_rest(np.array([max(reading * scale - _Z90, 0.0)])) for scale in scales])
+    is_seen = (own + fact > min(lines.nats, lines.full_nats)) | (own * spread + fact > lines.spread_nats)
+    if not is_seen.any():
+        return size
+    scale = float(scales[int(np.argmax(is_seen))])
+    share = scale * compute_rms(changes_n) / compute_rms(fit.force_n)
+    return VisibleSize(size.effect, scale_value(largest, scale), share)
 
 
 def tell_panel(rehearsal: Rehearsal, sizes: Sequence[VisibleSize]) -> PanelTold:

@@ -65,15 +65,23 @@ def test_a_panel_says_what_it_will_tell_and_what_one_less_would_cost(config: Pat
     outlook = look_ahead(lake, config, 3, 3, 20, 1, SILENT)
     assert (len(outlook.tools), len(outlook.objects), outlook.repeats) == (3, 3, 2)
     assert outlook.sentence == f"3 tools on 3 objects, 2 times each. {outlook.rehearsal.tell_seen_size()}"
-    by_name = {one.effect: one for one in outlook.visible}
-    less = {one.effect: one for one in outlook.fewer_objects}
-    offset, with_less = by_name["load_cell_offset"].value, less["load_cell_offset"].value
-    assert offset is not None
-    assert with_less is not None
-    assert abs(offset.parameters["offset_n"]) < abs(with_less.parameters["offset_n"])
-    for size in (*outlook.fewer_objects, *outlook.fewer_tools):  # of the same sign and shape, or they say nothing
-        known = by_name[size.effect].value
-        assert known is None or size.value is None or _is_alike(size.value, known)
+    by_name = {one.planned.effect: one for one in outlook.sizes}
+    offset = by_name["load_cell_offset"]
+    assert offset.planned.value is not None
+    assert offset.fewer_objects.value is not None
+    sizes = [abs(one.value.parameters["offset_n"]) for one in offset[:2] if one is not None and one.value is not None]
+    assert sizes[0] < sizes[1]
+    for size in outlook.sizes:  # of the same sign and shape, or they say nothing
+        for less in (size.fewer_objects, size.fewer_tools, size.if_measured):
+            known = size.planned.value
+            assert less is None or known is None or less.value is None or _is_alike(less.value, known)
+    gains = [
+        size.planned.share / size.if_measured.share
+        for size in outlook.sizes
+        if size.if_measured is not None and size.planned.share is not None and size.if_measured.share is not None
+    ]
+    assert min(gains) >= 1.0
+    assert max(gains) > 1.05  # a person's number is evidence, too
 
 
 def test_a_size_says_all_that_it_holds_for() -> None:
@@ -125,4 +133,6 @@ def test_the_command_prints_what_is_seen_and_taken_for_what(
     )
     told = json.loads(capsys.readouterr().out)
     assert told["summary"].startswith("3 tools on 3 objects")
-    assert {"effect", "seen from", "of the force", "an object less", "a tool less"} == set(told["sizes"][0])
+    assert {"effect", "seen from", "of the force", "an object less", "a tool less", "if measured"} == set(
+        told["sizes"][0]
+    )

@@ -57,7 +57,7 @@ class PanelOutlook:
     @property
     def sentence(self) -> str:
         """From what size on causes will be seen."""
-        panel = f"{len(self.tools)} tools on {len(self.objects)} objects, {self.repeats} times each"
+        panel = f"{len(self.tools)} tools on {len(self.objects)} objects, {spell_count(self.repeats, 'time')} each"
         return f"{panel}. {self.rehearsal.tell_seen_size()}"
 
 

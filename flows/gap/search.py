@@ -25,7 +25,7 @@ from fast.models.gap.findings import Findings, Verdict
 from fast.models.ids import content_id
 from fast.models.records import EffectValue
 from fast.models.simulation.version import SimulatorVersion
-from fast.models.units import spell_share
+from fast.models.units import spell_count, spell_share
 from fast.tasks.bench.asked import read_requests, write_requests
 from fast.tasks.calibration.mean_data import find_base_version
 from fast.tasks.campaign.requests import GAP_LEASE
@@ -169,7 +169,8 @@ class _Search:
     @property
     def summary(self) -> str:
         grasps = self.measured.grasps
-        return f"{len(grasps.grasp_ids)} grasps of {len(grasps.tools)} tools on {len(grasps.objects)} objects"
+        made = spell_count(len(grasps.grasp_ids), "grasp")
+        return f"{made} of {spell_count(len(grasps.tools), 'tool')} on {spell_count(len(grasps.objects), 'object')}"
 
 
 def _prepare(lake: Lake, order: GapOrder) -> _Search:

@@ -20,7 +20,7 @@ from fast.models.gap.evaluation.held_out import (
 from fast.models.gap.findings import Confound, Gap
 from fast.models.objects.catalogue import get_object
 from fast.models.simulation.effects.catalogue import CATALOGUE
-from fast.models.units import spell_share, typeset
+from fast.models.units import spell_count, spell_share, typeset
 
 BEFORE, AFTER = "theta recalibrated", "after the search"
 WORSE, WORSE_N = 1.05, 0.01  # an effect that makes a class of objects worse by more than both is reported
@@ -143,8 +143,8 @@ def _warnings(held_out: HeldOut, before: dict[str, float], after: dict[str, floa
     n_tools, n_objects = _count_held_out(held_out)
     if min(n_tools, n_objects) < FEWEST_HELD_OUT:
         found.append(
-            f"{n_tools} designs and {n_objects} objects were held out, too few for an interval, which takes "
-            f"{FEWEST_HELD_OUT} of either; measure more designs or objects."
+            f"{spell_count(n_tools, 'design')} and {spell_count(n_objects, 'object')} were held out, too few for an "
+            f"interval, which takes {FEWEST_HELD_OUT} of either; measure more designs or objects."
         )
     return tuple(found)
 

@@ -1,6 +1,5 @@
 """What programs propose and a person accepts or denies: nothing is started by a proposal itself."""
 
-import json
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -9,7 +8,7 @@ from fast.flows.page.start import check_config, start_campaign, start_job
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import UsageError
-from fast.models.ids import canonical_json, content_id
+from fast.models.ids import content_id
 from fast.tasks.campaign.campaign import stored_provenance
 
 PROPOSED, SETTLED = "proposal", "proposal_settled"  # kinds of events
@@ -55,8 +54,8 @@ def write_proposal(lake: Lake, proposal: Proposal) -> str:
 
 def list_open(lake: Lake) -> dict[str, Proposal]:
     """Proposals of which nobody has said anything, by id, the oldest first."""
-    settled = {json.loads(row.payload_json)["proposal"] for row in lake.records(EventRow, kind=SETTLED)}
-    rows = [json.loads(row.payload_json) for row in lake.records(EventRow, kind=PROPOSED)]
+    settled = {row.payload["proposal"] for row in lake.records(EventRow, kind=SETTLED)}
+    rows = [row.payload for row in lake.records(EventRow, kind=PROPOSED)]
     found = [Proposal.model_validate({k: v for k, v in row.items() if k != "proposal"}) for row in rows]
     return {one.proposal_id: one for one in found if one.proposal_id not in settled}
 
@@ -82,11 +81,5 @@ def settle_proposal(lake: Lake, proposal_id: str, is_accepted: bool, config: str
 
 
 def _write(lake: Lake, kind: str, proposal_id: str, message: str, payload: dict[str, object]) -> None:
-    row = EventRow(
-        event_id=content_id("E", [kind, proposal_id]),
-        campaign_id="",
-        kind=kind,
-        message=message,
-        payload_json=canonical_json({**payload, "proposal": proposal_id}),
-    )
+    row = EventRow.of([kind, proposal_id], kind, message, {**payload, "proposal": proposal_id}, None)
     lake.append([row], stored_provenance(lake, ""))

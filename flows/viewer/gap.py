@@ -70,6 +70,6 @@ def _about(evaluation: Evaluation) -> str:
     gap = evaluation.gap
     return (
         "Force over lift of grasps that were held out; timeline `lift_um` is the lift in micrometres. "
-        f"Held-out error {gap.rmse_before_n:.2f} N before and {gap.rmse_after_n:.2f} N after, noise floor "
+        f"Held-out error {gap.rmse_before_n:.2f} N before and {gap.rmse_after_n:.2f} N after, floor "
         f"{gap.rmse_floor_n:.2f} N."
     )

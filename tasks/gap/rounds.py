@@ -215,7 +215,9 @@ def evaluate_rounds(rounds: Sequence[Round], seed: int) -> Evaluation:
         return add_scatter(label, draws_n, held_out, relative_sd, noise_sd_n)
 
     before, after = map(predict, (BEFORE, AFTER), simulators, steps_n)
-    return evaluate(held_out, before, after, seed)
+    last = rounds[-1].findings
+    patternless_n = (last.patternless_n or 0.0) if last.named.kind == "none" else 0.0
+    return evaluate(held_out, before, after, seed, patternless_n)
 
 
 def judge(search: SearchInputs, rounds: Sequence[Round], present: SimulatorVersion) -> Verdict:

@@ -35,7 +35,7 @@ def draw_errors(evaluation: Evaluation) -> Figure:
         _label(axes, (value, place), f"{value:.2f} N")
     floor = evaluation.gap.rmse_floor_n
     axes.axvline(floor, color=MUTED, linewidth=1.2, linestyle=(0, (4, 2)))
-    _label(axes, (floor, -0.72), f"noise floor {floor:.2f} N", MUTED)
+    _label(axes, (floor, -0.72), f"floor {floor:.2f} N", MUTED)
     axes.set_yticks(places, ["before, recalibrated" if label == BEFORE else label for label in labels])
     axes.set_ylim(len(labels) - 0.5, -0.95)
     axes.set_xlim(0.0, 1.22 * max(values))

@@ -52,14 +52,16 @@ class Evaluation:
         return next(m for m in self.metrics if m.label == label and m.block == block)
 
 
-def evaluate(held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0) -> Evaluation:
-    """Compare `after` with `before` and the floor."""
+def evaluate(
+    held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0, patternless_n: float = 0.0
+) -> Evaluation:
+    """Compare `after` with `before` and the floor; patternless_n: see `measure_gap_closed`."""
     predictions = (before, after)
     names = {number: get_object(number).object_class for number in held_out.objects}
     by_class = {p.label: compute_class_errors(held_out, p, names) for p in predictions}
     return Evaluation(
         held_out=held_out,
-        gap=measure_gap_closed(held_out, before, after, seed),
+        gap=measure_gap_closed(held_out, before, after, seed, patternless_n),
         predictions=predictions,
         metrics=tuple(compute_metrics(held_out, p, block) for p in predictions for block in held_out.blocks),
         by_class=by_class,
@@ -67,14 +69,17 @@ def evaluate(held_out: HeldOut, before: Prediction, after: Prediction, seed: int
     )
 
 
-def measure_gap_closed(held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0) -> Gap:
+def measure_gap_closed(
+    held_out: HeldOut, before: Prediction, after: Prediction, seed: int = 0, patternless_n: float = 0.0
+) -> Gap:
     """Root mean square errors before and after, the floor, and the closed share of what is above it.
 
-    The floor is the scatter of repeats or what numerical variants change, whichever is larger. Designs and objects are
+    The floor is the scatter of repeats, what numerical variants change, or `patternless_n`, the differences in which
+    designs, objects and repeats show no pattern (N), whichever is largest. Designs and objects are
     drawn with replacement, both at once, for the 95 % interval: too wide rather than too narrow. Fewer than three of
     either have none.
     """
-    parts = _Cells.of(held_out, before, after)
+    parts = _Cells.of(held_out, before, after, patternless_n)
     rng = np.random.default_rng(seed)
     weights = np.stack([parts.weights(rng) for _ in range(N_BOOTSTRAP)])
     value, drawn = parts.closed(np.ones((1, len(parts.n))))[0], parts.closed(weights)
@@ -157,12 +162,12 @@ def _count_held_out(held_out: HeldOut) -> tuple[int, int]:
 class _Cells:
     """Sums of squares by tool and object: n, before, after, repeats with their number, variants (c each)."""
 
-    def __init__(self, tool: np.ndarray, obj: np.ndarray, columns: np.ndarray) -> None:
-        self.tool, self.obj = tool, obj
+    def __init__(self, tool: np.ndarray, obj: np.ndarray, columns: np.ndarray, least_floor_n: float) -> None:
+        self.tool, self.obj, self.least_floor_n = tool, obj, least_floor_n
         self.n, self.before, self.after, self.repeat, self.n_repeat, self.mesh = columns
 
     @staticmethod
-    def of(held_out: HeldOut, before: Prediction, after: Prediction) -> "_Cells":
+    def of(held_out: HeldOut, before: Prediction, after: Prediction, least_floor_n: float = 0.0) -> "_Cells":
         names, cell = np.unique(held_out.cell, return_inverse=True)
         squares = [((held_out.measured_n - p.steps_n) ** 2).mean(axis=1) for p in (before, after)]
         repeat = held_out.repeat_squares
@@ -170,7 +175,8 @@ class _Cells:
         n_objects = len(held_out.objects)
         tool = np.unique(names // n_objects, return_inverse=True)[1]
         obj = np.unique(names % n_objects, return_inverse=True)[1]
-        return _Cells(tool, obj, np.array([np.bincount(cell, weights=column) for column in columns]))
+        sums = np.array([np.bincount(cell, weights=column) for column in columns])
+        return _Cells(tool, obj, sums, least_floor_n)
 
     def weights(self, rng: np.random.Generator) -> np.ndarray:
         """How often each cell is drawn: its tool's times its object's number, c."""
@@ -184,7 +190,7 @@ class _Cells:
                 np.sqrt(weights @ x / (weights @ self.n)) for x in (self.before, self.after, self.mesh)
             )
             repeat = np.sqrt(weights @ self.repeat / (weights @ self.n_repeat))
-        return before, after, np.fmax(repeat, mesh)
+        return before, after, np.fmax(np.fmax(repeat, mesh), self.least_floor_n)
 
     def closed(self, weights: np.ndarray) -> np.ndarray:
         """Closed share, b, within -1 and 1; 0 where there is no gap above the floor."""

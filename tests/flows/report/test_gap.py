@@ -139,7 +139,7 @@ def test_page_says_where_what_and_how_much(content: GapPage, tmp_path: Path) -> 
     assert content.findings.rounds[0].where[0].sentence.replace("'", "&#39;") in page
     assert "First-order lag of the load-cell transmitter" in page
     assert f"{gap.rmse_before_n:.2f}" in page
-    assert f"noise floor {gap.rmse_floor_n:.2f} N" in page
+    assert f"floor {gap.rmse_floor_n:.2f} N" in page
     assert "Lift fast." in page
     assert "B01T3" in page
     assert "load cell lag or object post compliance" in page

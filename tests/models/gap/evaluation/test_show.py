@@ -52,6 +52,15 @@ def test_the_right_effect_closes_most_of_the_gap(evaluation: Evaluation) -> None
     assert 0.5 < gap.ci95[0] < gap.closed_fraction < gap.ci95[1] <= 1.0
 
 
+def test_what_has_no_pattern_is_no_part_of_the_gap(world: tuple[HeldOut, Prediction, Prediction, Residuals]) -> None:
+    held_out, before, after, _ = world
+    usual, higher = (evaluate(held_out, before, after, patternless_n=least).gap for least in (0.0, 0.3))
+    assert usual.rmse_floor_n < 0.3 == higher.rmse_floor_n < usual.rmse_before_n
+    share = (usual.rmse_before_n - usual.rmse_after_n) / (usual.rmse_before_n - 0.3)
+    assert higher.closed_fraction == pytest.approx(min(share, 1.0))
+    assert higher.closed_fraction > usual.closed_fraction
+
+
 def test_no_change_closes_nothing_and_harm_is_negative(
     world: tuple[HeldOut, Prediction, Prediction, Residuals],
 ) -> None:

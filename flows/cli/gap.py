@@ -32,6 +32,10 @@ _VISIBLE = (
     "visible: how much of what an effect changes is left when material and friction are fitted again; the rest looks "
     "like other material."
 )
+_SIZES = (
+    "Nine in ten are seen from these shares of the force on: of a family, of what material and friction cannot make up "
+    "for; of an effect, of all that it changes."
+)
 _COSTS = (
     "cost P: post-processing of a trace; C: other closings or frictions of the simulator without it; "
     "F: finite elements of its own"
@@ -199,7 +203,7 @@ def plan_(
         }
         for one in outlook.sizes
     ]
-    lines = [outlook.sentence, "", table_text(families), "", table_text(sizes)]
+    lines = [outlook.sentence, "", table_text(families), "", table_text(sizes), "", _SIZES]
     show({"summary": outlook.sentence, "families": families, "sizes": sizes}, "\n".join(lines), json)
 
 

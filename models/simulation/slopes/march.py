@@ -2,9 +2,9 @@
 
 A step of the finger ends in a state u0 with a residual R0 that is small, not zero. There the tangent is factorised
 once more, and each copy solves R(u) = R0 for its own step, from its own state before, with that factor and secant
-corrections that all copies share. So a copy differs from the finger by its parameter alone, not by how far Newton's
-method went, and the difference over the change of the parameter is the derivative of the discrete force to three or
-four digits, however small the change.
+corrections of its own. So a copy differs from the finger by its parameter alone, not by how far Newton's method went or
+by which other copies walk, and the difference over the change of the parameter is the derivative of the discrete force
+to three or four digits, however small the change.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ import numpy as np
 from fast.models.errors import SimulationFailed
 from fast.models.simulation.finger import FingerState, FingerStep, Mechanics, Motion, evaluate
 from fast.models.simulation.problem import FingerProblem
-from fast.models.simulation.solver.broyden import begin_load
+from fast.models.simulation.solver.broyden import forget_all
 from fast.models.simulation.solver.newton import (
     INVERTED,
     Workspace,
@@ -225,7 +225,7 @@ def _settle(
         u[:] = ended
         if not evaluate(mechanics, motion, u, residual):
             return np.inf
-    begin_load(work.secants)
+    forget_all(work.secants)  # a copy before may have learnt some
     size = np.inf
     for _ in range(MAX_ITERATIONS):
         residual -= rest

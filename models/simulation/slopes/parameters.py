@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 from fast.models.design.fin_ray import FinRay
@@ -64,6 +65,8 @@ class Parameter:
 def find_parameters(grasp: GraspInputs, names: Sequence[str] | str) -> dict[str, Parameter]:
     """The parameters of these names, as they are named there; `all`: those of finger, material and closing.
 
+    One that is named twice, or by both of its names, is there once, by the first.
+
     Raises:
         UsageError: a parameter is unknown or has no slope, or these are no names.
     """
@@ -73,17 +76,15 @@ def find_parameters(grasp: GraspInputs, names: Sequence[str] | str) -> dict[str,
     if not names:
         return {}
     known = {parameter.name: parameter for parameter in _parameters(grasp)}
-    found: dict[str, Parameter] = {}
-    for name in names:
+    short = {long: word for word, long in SHORT_NAMES.items()}
+    in_all = [short.get(p.name, p.name) for p in known.values() if p.is_in_all]
+    asked: dict[str, str] = {}
+    for name in chain.from_iterable(in_all if name == ALL else [name] for name in names):
         own = SHORT_NAMES.get(name, name)
-        if name == ALL:
-            short = {long: word for word, long in SHORT_NAMES.items()}
-            found |= {short.get(p.name, p.name): p for p in known.values() if p.is_in_all}
-        elif own in known:
-            found[name] = known[own]
-        else:
+        if own not in known:
             raise UsageError(_refusal(name, grasp, [*SHORT_NAMES, *known]))
-    return found
+        asked.setdefault(own, name)
+    return {name: known[own] for own, name in asked.items()}
 
 
 def _refusal(name: str, grasp: GraspInputs, known: list[str]) -> str:

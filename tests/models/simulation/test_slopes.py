@@ -90,6 +90,23 @@ def test_slopes_are_those_of_the_discrete_force(walked, name: str) -> None:
     assert np.sqrt(np.mean((own - by_difference)[kept] ** 2)) < 0.015 * np.sqrt(np.mean(own[kept] ** 2))
 
 
+def test_a_slope_is_the_same_whatever_else_is_asked(walked) -> None:
+    """To the last bit; a jaw that closes further is the one copy of `closed_gap_mm`."""
+    for names in (("nu",), ("wall_offset_mm", "friction"), ("closed_gap_mm",)):
+        for name, slope in simulate(names).slopes.by.items():
+            assert np.array_equal(slope.force_n, walked[0].slopes.by[name].force_n, equal_nan=True)
+
+
+def test_a_parameter_that_is_asked_for_twice_has_one_slope() -> None:
+    """By the first of its names."""
+    assert list(find_parameters(INPUTS, ("poisson_ratio", "nu", "friction", "friction"))) == [
+        "poisson_ratio",
+        "friction",
+    ]
+    assert list(find_parameters(INPUTS, ("nu", "all")))[0] == "nu"
+    assert len(find_parameters(INPUTS, ("nu", "all", "poisson_ratio"))) == 14
+
+
 def test_slopes_are_trusted_up_to_the_first_jump(walked) -> None:
     """The sphere slides out of this finger without one; a made-up finger lets go of 6 % and then of all."""
     assert walked[0].slopes.trusted_mm == walked[0].trace.lift_mm[-1]

@@ -164,6 +164,12 @@ class FingerStep:
         u[self._rows] = (state.x + (self.motion.clamped - self.nodes - state.base))[self._free]
         return u
 
+    def unknowns_of(self, state: FingerState) -> np.ndarray:
+        """The unknowns (rows, 3) of this finger in `state`, to the last bit."""
+        u = np.zeros((len(self._mass), 3))
+        u[self._rows] = state.x[self._free]
+        return u
+
     def distance_to_object(self, base: np.ndarray) -> float:
         """Least distance in mm of the undeformed finger, base at `base` (3), from the obstacle."""
         return self.surface.gap_mm(self.nodes + base, self._obstacle)

@@ -4,7 +4,8 @@ A step of the finger ends in a state u0 with a residual R0 that is small, not ze
 once more, and each copy solves R(u) = R0 for its own step, from its own state before, with that factor and secant
 corrections of its own. So a copy differs from the finger by its parameter alone, not by how far Newton's method went or
 by which other copies walk, and the difference over the change of the parameter is the derivative of the discrete force
-to three or four digits, however small the change.
+to three or four digits, however small the change. A copy that its parameter does not change is the finger to the last
+bit.
 """
 
 from collections.abc import Mapping, Sequence
@@ -163,7 +164,7 @@ class Copies:
         """The step's first guess, its end and what is left there of its residual (n, 3); its tangent is factorised."""
         check_deadline(self._deadline)
         begun = finger.begin(before, after.base, dt_s, self._problem.friction(before))
-        ended = finger.start_from(after)
+        ended = finger.unknowns_of(after)
         rest = finger.residual(ended)
         own = finger.mechanics, finger.motion, self._workspace
         if rest is None or factorise_tangent(*own, ended) == INVERTED:

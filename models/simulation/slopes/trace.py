@@ -152,7 +152,7 @@ def find_slopes(
             per_unit = sum_of_fingers(fingers, pulls_n, problem.force_scale).force_n
             per_unit = per_unit + raw.force_n * (own.force_scale / problem.force_scale - 1.0) / change
             force_n = _seen(raw, trace, per_unit, change, own.effects)
-            by[name] = Slope(parameter.unit, force_n, float(force_n[_at_peak(trace)]), parameter.usual)
+            by[name] = _slope_of(parameter, force_n, force_n[_at_peak(trace)])
     return Slopes(trusted_mm, by, lost)
 
 
@@ -208,7 +208,12 @@ def _finite_slope(parameter: Parameter, trace: Trace, again: Callable[[GraspInpu
     width = parameter.value + step - below
     forces = [np.interp(trace.time_s, one.trace.time_s, one.trace.force_n, right=0.0) for one in (low, high)]
     peak_n = (high.peak_force_n - low.peak_force_n) / width
-    return Slope(parameter.unit, (forces[1] - forces[0]) / width, peak_n, parameter.usual, abs(step))
+    return _slope_of(parameter, (forces[1] - forces[0]) / width, peak_n, abs(step))
+
+
+def _slope_of(parameter: Parameter, force_n: np.ndarray, peak_n: float, step: float | None = None) -> Slope:
+    """The slope by a parameter; 0 without a sign."""
+    return Slope(parameter.unit, force_n + 0.0, float(peak_n) + 0.0, parameter.usual, step)
 
 
 def _at_peak(trace: Trace) -> int:

@@ -107,6 +107,18 @@ def test_a_parameter_that_is_asked_for_twice_has_one_slope() -> None:
     assert len(find_parameters(INPUTS, ("nu", "all", "poisson_ratio"))) == 14
 
 
+def test_a_parameter_that_changes_nothing_has_the_slope_0() -> None:
+    """Kinetic friction is that at rest, and no grasp came before that would wear."""
+    names = "static_kinetic_friction.slip_scale_mm", "friction_wear.loss", "pressure_dependent_friction.reference_mpa"
+    diamond = replace(INPUTS, obj=get_object(14), setup=GraspSetup(max_lift_mm=20.0))
+    slopes = simulate((*names, "friction"), diamond).slopes
+    for name in names:
+        assert np.unique(np.nan_to_num(slopes.by[name].force_n)).tolist() == [0.0]
+    assert slopes.by["friction"].peak_n > 1.0
+    stalled = simulate(("closed_gap_mm",), with_effect("force_limited_closing", max_force_n=1.2)).slopes
+    assert str(stalled.by["closed_gap_mm"].peak_n) == "0.0"
+
+
 def test_slopes_are_trusted_up_to_the_first_jump(walked) -> None:
     """The sphere slides out of this finger without one; a made-up finger lets go of 6 % and then of all."""
     assert walked[0].slopes.trusted_mm == walked[0].trace.lift_mm[-1]

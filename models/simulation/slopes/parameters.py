@@ -1,5 +1,6 @@
 """The parameters that a grasp has slopes by: where each is in the inputs of a grasp, and how it is moved."""
 
+import difflib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -7,16 +8,17 @@ from typing import Any
 
 from fast.models.design.fin_ray import FinRay
 from fast.models.errors import UsageError
-from fast.models.records import EffectValue, GraspSetup, Placement, Theta
+from fast.models.records import EffectValue, GraspSetup, Placement, Record, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.effects.scaling import scales_with_modulus
 from fast.models.simulation.effects.spec import EffectSpec, ParameterSpec
 from fast.models.simulation.inputs import GraspInputs
 from fast.models.units import unit_of
-from fast.models.validation import closest
 
 ALL = "all"
-SHORT_NAMES = {"nu": "poisson_ratio", "wall_offset_mm": "wall_thickness_offset.offset_mm"}
+_WALLS = "wall_offset_mm"
+SHORT_NAMES = {"nu": "poisson_ratio", _WALLS: "wall_thickness_offset.offset_mm"}
+_PAGE = "docs/how-to/use-slopes.md"
 
 _SMALL = 1e-4  # of a parameter's range: below the curvature of the force, above the rounding of a copy's equilibrium
 _SMALL_OF_PRIOR = 1e-3  # of an effect's prior
@@ -82,17 +84,36 @@ def find_parameters(grasp: GraspInputs, names: Sequence[str] | str) -> dict[str,
     for name in chain.from_iterable(in_all if name == ALL else [name] for name in names):
         own = SHORT_NAMES.get(name, name)
         if own not in known:
-            raise UsageError(_refusal(name, grasp, [*SHORT_NAMES, *known]))
+            aliases = [word for word, long in SHORT_NAMES.items() if long in known]
+            raise UsageError(_refusal(name, grasp, [*aliases, *known]))
         asked.setdefault(own, name)
     return {name: known[own] for own, name in asked.items()}
 
 
-def _refusal(name: str, grasp: GraspInputs, known: list[str]) -> str:
-    fields = [*type(grasp.design).model_fields, *Theta.model_fields, *GraspSetup.model_fields, *Placement.model_fields]
+def _refusal(name: str, grasp: GraspInputs, known: Sequence[str]) -> str:
+    records: dict[str, type[Record]] = {"material": Theta, "finger": type(grasp.design), "closing": GraspSetup}
+    records["placement"] = Placement
+    fields = [field for record in records.values() for field in record.model_fields]
     inputs = {*fields, *(f"{spec.effect}.{p.name}" for spec in CATALOGUE.values() for p in spec.parameters)}
-    head = f"`{name}` has no slope" if name in inputs else f"there is no parameter `{name}`; {closest(name, known)}"
-    usual = [own for own in known if "." not in own]
-    return f"{head}; slopes are by {', '.join(usual)}, and by parameters of effects, as `EFFECT.PARAMETER`."
+    near = [] if name in inputs else _nearest(name, known)
+    if near:
+        meant = " or ".join(f"`{own}`" for own in near)
+        return f"there is no parameter `{name}`; did you mean {meant}? {_PAGE} has all names."
+    groups = {kind: [own for own in known if own in record.model_fields] for kind, record in records.items()}
+    groups["print"] = [own for own in known if own == _WALLS]
+    words = ", ".join(f"{kind} ({', '.join(names)})" for kind, names in groups.items() if names)
+    head = f"`{name}` has no slope" if name in inputs else f"there is no parameter `{name}`"
+    return f"{head}; slopes are by {words} and by effects, as EFFECT.PARAMETER ({_PAGE})."
+
+
+def _nearest(name: str, known: Sequence[str]) -> list[str]:
+    """The known names most like this one, whole or the effect or parameter in them; upper case is as lower case."""
+    names: dict[str, list[str]] = {}
+    for own in known:
+        for part in dict.fromkeys([own, *own.split(".")]):
+            names.setdefault(part.lower(), []).append(own)
+    close = difflib.get_close_matches(name.strip().lower(), names, n=1)
+    return names[close[0]] if close else []
 
 
 def _parameters(grasp: GraspInputs) -> Iterator[Parameter]:

@@ -125,7 +125,7 @@ def test_slopes_are_printed_with_what_has_none(capsys: pytest.CaptureFixture[str
     assert "N/MPa" in printed
     assert "slopes of the trace are good up to 5.0 mm of lift" in printed
     assert run([*argv, "--along", "rib_count"]) == 2
-    assert "`rib_count` has no slope; slopes are by nu" in capsys.readouterr().err
+    assert "`rib_count` has no slope; slopes are by material (" in capsys.readouterr().err
 
 
 def test_a_turned_object_and_the_left_finger_are_drawn_where_they_are(tmp_path: Path) -> None:

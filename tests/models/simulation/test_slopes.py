@@ -205,14 +205,37 @@ def test_a_mesh_of_ones_own_has_no_slopes_of_its_shape() -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("frictoin", "there is no parameter `frictoin`; .*friction.*slopes are by nu, wall_offset_mm"),
+        ("nope", "there is no parameter `nope`; slopes are by material .young_modulus_mpa, friction, .*EFFECT.PARAM"),
+        (
+            "gap",
+            "there is no parameter `gap`; slopes are by .* closing .closed_gap_mm, tip_below_mm., .*wall_offset_mm",
+        ),
         ("rib_count", "`rib_count` has no slope; slopes are by .*rib_angle_deg"),
         ("force_limited_closing.max_force_n", "has no slope"),
     ],
 )
 def test_a_parameter_without_a_slope_is_named_with_those_that_have_one(name: str, message: str) -> None:
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(UsageError, match=message) as refused:
         simulate((name,))
+    assert str(refused.value).count("friction") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("FRICTION", "`friction`"),
+        ("frictoin", "`friction`"),
+        ("kinetic_ratio", "`static_kinetic_friction.kinetic_ratio`"),
+        ("kinetic_ration", "`static_kinetic_friction.kinetic_ratio`"),
+        ("friction_wear", "`friction_wear.loss` or `friction_wear.scale_grasps`"),
+        ("Offset_mm", "`wall_thickness_offset.offset_mm`"),
+    ],
+)
+def test_a_name_that_is_nearly_right_is_told_the_right_one(name: str, meant: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        find_parameters(INPUTS, (name,))
+    page = "docs/how-to/use-slopes.md has all names."
+    assert str(refused.value) == f"there is no parameter `{name}`; did you mean {meant}? {page}"
 
 
 def test_all_means_the_finger_its_material_and_the_closing() -> None:

@@ -68,8 +68,8 @@ def grasp_function(
     warning. There are no second derivatives. A value out of its range is a `UsageError` of the call.
 
     Raises:
-        UsageError: there is no such object, a value is out of its range, or a parameter is unknown, has no slope or is
-            named twice.
+        UsageError: there is no such object, a value is out of its range, or a name is of no parameter, of one without a
+            slope (a whole number), or there twice.
     """
     from fast.models.design.space import BEST_PUBLISHED
     from fast.models.records import Design

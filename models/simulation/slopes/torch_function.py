@@ -24,13 +24,13 @@ class PeakFunction:
         """`names` default to the numbers of the design, whose whole ones are rounded and have slope 0.
 
         Raises:
-            UsageError: a parameter is unknown, has no slope or is named twice.
+            UsageError: a name is of no parameter, of one without a slope (a whole number), or there twice.
         """
         self.inputs = inputs
         fields = type(inputs.design).model_fields
         own = [name for name, info in fields.items() if info.annotation in (int, float)]
         given = own if names is None else [names] if isinstance(names, str) else names
-        self._whole = {name for name in own if fields[name].annotation is int}
+        self._whole = {name for name in own if names is None and fields[name].annotation is int}
         self.names: list[str] = []
         long_names = []
         for name in given:

@@ -39,7 +39,6 @@ def _simulate_little(monkeypatch: pytest.MonkeyPatch) -> None:
         ("closed_gap_mm", 200.0, "`closed_gap_mm` is 200.0 mm, it must be at most 150.0 mm; change it."),
         ("length_mm", 36.0, "`length_mm` is 36.0 mm, it must be at most 35.0 mm; change it."),
         ("offset_z_mm", float("nan"), "`offset_z_mm` is nan, it must be a finite number; change it."),
-        ("rib_count", float("inf"), "`rib_count` is inf, it must be a finite number; change it."),
     ],
 )
 def test_a_value_that_no_grasp_has_is_refused(name: str, value: float, sentence: str) -> None:
@@ -72,10 +71,23 @@ def test_a_name_alone_and_all_stand_for_lists() -> None:
     assert {"young_modulus_mpa", "nu", "length_mm", "offset_z_mm"} < set(PeakFunction(INPUTS, "all").names)
 
 
+def test_a_whole_number_is_rounded_without_names_and_refused_among_them() -> None:
+    function = PeakFunction(INPUTS)
+    place = function.names.index("rib_count")
+    values = torch.tensor([getattr(BEST_PUBLISHED, name) for name in function.names], dtype=torch.float64)
+    slopes = torch.autograd.grad(function(values.requires_grad_()), values)[0].tolist()
+    assert (slopes[place], set(slopes)) == (0.0, {0.0, 2.0})
+    with pytest.raises(UsageError, match="`rib_count` is inf, it must be a finite number; change it"):
+        function(torch.where(torch.arange(len(values)) == place, torch.inf, values))
+    for names in ("rib_count", ("friction", "rib_count")):
+        with pytest.raises(UsageError, match="^`rib_count` has no slope; slopes are by material .*rib_angle_deg"):
+            PeakFunction(INPUTS, names)
+
+
 def test_a_gradient_is_the_slope_and_has_none_itself() -> None:
-    values = torch.tensor([[0.5, 5.0]], dtype=torch.float64, requires_grad=True)
-    peaks = PeakFunction(INPUTS, ["friction", "rib_count"])(values)
-    assert torch.autograd.grad(peaks.sum(), values, retain_graph=True)[0].tolist() == [[2.0, 0.0]]
+    values = torch.tensor([[0.5, 30.0]], dtype=torch.float64, requires_grad=True)
+    peaks = PeakFunction(INPUTS, ["friction", "length_mm"])(values)
+    assert torch.autograd.grad(peaks.sum(), values, retain_graph=True)[0].tolist() == [[2.0, 2.0]]
     with pytest.raises(UsageError, match="it has no second derivatives; leave out `create_graph`"):
         torch.autograd.functional.hessian(lambda x: PeakFunction(INPUTS, ["friction"])(x).sum(), values[:, :1])
 

@@ -81,18 +81,19 @@ def simulate(
     *,
     asked: Asked = Asked(),
     along: Annotated[
-        str | None,
+        list[str] | None,
         Parameter(
+            negative="",
             help="Slopes of force and peak by parameters, e.g. friction,length_mm; `all`: those of finger, material "
-            "and closing."
+            "and closing; with commas or several times.",
         ),
     ] = None,
     tolerance: Annotated[
         list[str] | None,
         Parameter(
             negative="",
-            help="Standard deviation between prints and mountings, for the +- of the peak, e.g. wall_offset_mm=0.15, "
-            "offset_z_mm, closed_gap_mm; 0 leaves one out; may be given several times.",
+            help="Standard deviation between prints and mountings, for that of the peak, e.g. wall_offset_mm=0.15, "
+            "offset_z_mm, closed_gap_mm; 0 leaves one out; with commas or several times.",
         ),
     ] = None,
     out: Annotated[Path | None, Parameter(help="Folder for numbers, trace, pictures and a Rerun recording.")] = None,
@@ -122,8 +123,7 @@ def simulate(
         make_folder(out)
     recording = GraspRecording()
     recorder = None if out is None else recording.add
-    names = () if along is None else tuple(name.strip() for name in along.split(","))
-    tolerances = read_tolerances(tolerance or [])
+    tolerances, names = read_tolerances(tolerance or []), split_commas(along or [])
     result = simulate_grasp(design, met, simulator, setup, placement=placement, recorder=recorder, along=names)
     inputs = GraspInputs(design, met, simulator, setup, placement)
     scatter = _scatter_of(inputs, tolerances) if tolerances.stated else {}
@@ -178,8 +178,13 @@ def _numbers_of(result: "GraspSimulation") -> dict[str, Any]:
     return {name: getattr(result, name) for name in names}
 
 
+def split_commas(values: list[str]) -> list[str]:
+    """What an option was given, which may stand there several times and have commas."""
+    return [word.strip() for value in values for word in value.split(",")]
+
+
 def read_tolerances(values: list[str]) -> "Tolerances":
-    """Tolerances, the usual ones but for those that are given as NAME=MM.
+    """Tolerances, the usual ones but for those that are given as NAME=MM, or several with commas.
 
     Raises:
         UsageError: no NAME=MM, an unknown name, or a value out of its range.
@@ -187,7 +192,7 @@ def read_tolerances(values: list[str]) -> "Tolerances":
     from fast.models.simulation.tolerances import Tolerances
     from fast.models.validation import load_record
 
-    pairs = [value.partition("=") for value in values]
+    pairs = [word.partition("=") for word in split_commas(values)]
     try:
         return load_record(Tolerances, {name.strip(): number for name, _, number in pairs}, "--tolerance")
     except ConfigError as error:

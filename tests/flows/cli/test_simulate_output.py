@@ -112,6 +112,8 @@ def test_the_peak_is_told_with_its_scatter(capsys: pytest.CaptureFixture[str]) -
     assert "slopes" not in told
     assert run([*argv, *mount]) == 0
     assert f"N +- {both:.2f} N (sd of prints and mountings: closed gap" in capsys.readouterr().out
+    assert run([*argv, "--tolerance", "offset_z_mm=0,wall_offset_mm=0, closed_gap_mm=0.1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["peak_sd_n"] == told["peak_sd_n"]
     said_of = {"wall_offset_mm=-1": "must be at least 0", "walls=1": "unknown", "closed_gap_mm": "number"}
     for wrong, said in said_of.items():
         assert run([*argv, "--tolerance", wrong]) == 2
@@ -119,9 +121,12 @@ def test_the_peak_is_told_with_its_scatter(capsys: pytest.CaptureFixture[str]) -
 
 
 def test_slopes_are_printed_with_what_has_none(capsys: pytest.CaptureFixture[str]) -> None:
-    argv = ["simulate", "--object", "1", "--set", "edge_mm=12", "--set", "max_lift_mm=5"]
-    assert run([*argv, "--along", "young_modulus_mpa,nu"]) == 0
+    argv = ["simulate", "--object", "1", "--set", "edge_mm=12", "--set", "max_lift_mm=5", *NO_SCATTER]
+    assert run([*argv, "--along", "young_modulus_mpa, nu"]) == 0
     printed = capsys.readouterr().out
+    assert run([*argv, "--along", "young_modulus_mpa", "--along", "nu"]) == 0
+    tables = [text.partition("parameter")[2] for text in (printed, capsys.readouterr().out)]
+    assert tables[0] == tables[1] != ""
     assert "N/MPa" in printed
     assert "slopes of the trace are good up to 5.0 mm of lift" in printed
     assert run([*argv, "--along", "rib_count"]) == 2

@@ -376,7 +376,7 @@ def _scatter_words(data: dict[str, Any]) -> str:
     if data["peak_sd_n"] is None:
         return f" (scatter not known by {without})"
     rest = f"; not known by {without}" if without else ""
-    return f" +- {data['peak_sd_n']:.2f} N (sd of prints and mountings: {data['sd_is_of']}{rest})"
+    return f" (sd {data['peak_sd_n']:.2f} N between prints and mountings: {data['sd_is_of']}{rest})"
 
 
 def _slope_lines(data: dict[str, Any]) -> list[str]:

@@ -111,7 +111,7 @@ def test_the_peak_is_told_with_its_scatter(capsys: pytest.CaptureFixture[str]) -
     assert (told["peak_sd_n"], told["sd_is_of"]) == (pytest.approx(both), "closed gap 0.1 mm")
     assert "slopes" not in told
     assert run([*argv, *mount]) == 0
-    assert f"N +- {both:.2f} N (sd of prints and mountings: closed gap" in capsys.readouterr().out
+    assert f"N (sd {both:.2f} N between prints and mountings: closed gap" in capsys.readouterr().out
     assert run([*argv, "--tolerance", "offset_z_mm=0,wall_offset_mm=0, closed_gap_mm=0.1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["peak_sd_n"] == told["peak_sd_n"]
     said_of = {"wall_offset_mm=-1": "must be at least 0", "walls=1": "unknown", "closed_gap_mm": "number"}

@@ -84,6 +84,11 @@ def test_the_picture_of_a_simulated_grasp_is_not_shrunk_to_a_phone():
     }
     text = render("flows/page/simulated.html.j2", found=found | {"traces": [], "version_id": "V1"})
     assert re.search(r'<div class="scroll" tabindex="0"[^>]*><img class="picture" src="data:,"', text)
+    assert "between prints and mountings" not in text
+    found |= {"peak_sd_n": 1.27, "sd_is_of": "offset z 0.2 mm", "traces": [], "version_id": "V1"}
+    text = render("flows/page/simulated.html.j2", found=found)
+    assert "9.0 N (sd 1.3 N between prints and mountings) simulated" in text
+    assert "sd: standard deviation, of offset z 0.2 mm." in text
     assert ".scroll > .picture { width: 1080px; max-width: none; }" in (
         ROOT / "flows" / "page" / "assets" / "page.css"
     ).read_text(encoding="utf-8")

@@ -111,6 +111,8 @@ def test_closure_and_pull_up_are_drawn_at_five_instants(content, folder):
     held = max(won, key=lambda row: row["peak_force_n"])
     assert f"({held['object_id']}), in the simulator" in html
     assert f"{held['peak_force_n']:.1f} N on the bench" in html
+    assert re.search(r"is\s[\d.]+ N here \(sd [\d.]+ N between\s+prints and mountings\), and", html)
+    assert not re.search("±|&plusmn;", html)  # which is an interval of 95 % elsewhere on this page
 
 
 def test_a_grasp_that_the_simulator_does_not_get_through_is_said(content, folder, monkeypatch):

@@ -22,6 +22,7 @@ _PAGE = "docs/how-to/use-slopes.md"
 
 _SMALL = 1e-4  # of a parameter's range: below the curvature of the force, above the rounding of a copy's equilibrium
 _SMALL_OF_PRIOR = 1e-3  # of an effect's prior
+_SMALL_OF_TRACE = 0.05  # the same, of effects of the load cell
 _FINITE = 0.03  # of the range of a number of the finger, where its mesh changes
 _USUAL = 0.1  # of the range of a number of the finger
 
@@ -213,12 +214,14 @@ def _of_effect(grasp: GraspInputs, spec: EffectSpec) -> Iterator[Parameter]:
             return replace(grasp, version=grasp.version.model_copy(update={"effects": tuple(effects.values())}))
 
         value, prior = present[parameter.name], parameter.prior_sd
+        # A finished trace is moved for nothing, but the load cell's samples are not those of the simulation.
+        small = _SMALL_OF_TRACE if kind.acts_on_traces() and not is_carried else _SMALL_OF_PRIOR
         inward = -1.0 if value + prior > parameter.upper else 1.0
         yield Parameter(
             f"{spec.effect}.{parameter.name}",
             value,
             put,
-            inward * _SMALL_OF_PRIOR * prior,
+            inward * small * prior,
             inward * 0.5 * prior,
             prior,
             is_carried,

@@ -151,8 +151,7 @@ def find_slopes(
             ]
             per_unit = sum_of_fingers(fingers, pulls_n, problem.force_scale).force_n
             per_unit = per_unit + raw.force_n * (own.force_scale / problem.force_scale - 1.0) / change
-            force_n = _seen(raw, trace, per_unit, change, own.effects)
-            by[name] = _slope_of(parameter, force_n, force_n[_at_peak(trace)])
+            by[name] = _slope_of(parameter, *_see(raw, trace, per_unit, change, own.effects))
     return Slopes(trusted_mm, by, lost)
 
 
@@ -188,16 +187,22 @@ def _pull_slope(
     return np.asarray(own_n[:, 2] + further_mm * closer[:, 2])
 
 
-def _seen(raw: Trace, trace: Trace, per_unit: np.ndarray, change: float, effects: Sequence[Effect]) -> np.ndarray:
-    """Slope (n) of the trace as the effects make it, from that (m) of the force before them."""
+def _see(
+    raw: Trace, trace: Trace, per_unit: np.ndarray, change: float, effects: Sequence[Effect]
+) -> tuple[np.ndarray, float]:
+    """Slopes of the trace (n) as the effects make it, and of its peak, from that (m) of the force before them.
+
+    The peak of a trace that comes later is the same peak, at another sample.
+    """
     if not any(effect.acts_on_traces() for effect in effects):
-        return per_unit
+        return per_unit, float(per_unit[_at_peak(trace)])
     moved = Trace(raw.time_s, raw.lift_mm, raw.force_n + change * np.nan_to_num(per_unit))
     for effect in effects:
         moved = effect.modify_trace(moved)
     slope = (np.interp(trace.time_s, moved.time_s, moved.force_n) - trace.force_n) / change
     known_s = raw.time_s[np.isfinite(per_unit)][-1]
-    return np.asarray(np.where(trace.time_s <= known_s, slope, np.nan))
+    peak_n = float(moved.force_n[_at_peak(moved)] - trace.force_n[_at_peak(trace)]) / change
+    return np.where(trace.time_s <= known_s, slope, np.nan), peak_n
 
 
 def _finite_slope(parameter: Parameter, trace: Trace, again: Callable[[GraspInputs], GraspSimulation]) -> Slope:

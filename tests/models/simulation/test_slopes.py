@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fast.models.design.space import numbered_design
+from fast.models.design.space import BEST_PUBLISHED, numbered_design
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
 from fast.models.records import EffectValue, GraspSetup, GraspSimulation, Placement
 from fast.models.simulation import grasp as grasp_module
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.simulation.grasp import simulate_grasp
 from fast.models.simulation.inputs import GraspInputs
 from fast.models.simulation.mesh.build import build_mesh
@@ -156,6 +157,19 @@ def test_a_trace_effect_has_the_slope_of_what_it_does(walked) -> None:
     by_share = walked[0].slopes.by["stress_relaxation.relaxed_share"]
     relaxed = simulate((), with_effect("stress_relaxation", relaxed_share=0.02))
     assert (relaxed.trace.force_n - walked[0].trace.force_n) / 0.02 == pytest.approx(by_share.force_n, abs=1e-6)
+
+
+def test_a_peak_that_comes_later_is_as_high_and_a_lag_costs_what_the_load_cell_loses() -> None:
+    """The tube's peak is a corner, after which 15 N are lost in a millimetre: its force at one time says nothing."""
+    tube = replace(INPUTS, design=BEST_PUBLISHED, obj=get_object(14))
+    lag, step_s = "load_cell_lag", 0.02
+    slopes = simulate(("lift_misalignment.shift_mm", f"{lag}.time_constant_s"), tube).slopes.by
+    assert slopes["lift_misalignment.shift_mm"].peak_n == pytest.approx(0.0, abs=1e-6)
+    effect = CATALOGUE[lag].kind(time_constant_s=step_s)
+    plain = simulate((), tube)
+    seen = effect.modify_trace(plain.trace)
+    lost_n = plain.peak_force_n - float(seen.force_n[seen.is_lift].max())
+    assert slopes[f"{lag}.time_constant_s"].peak_n == pytest.approx(-lost_n / step_s, rel=0.6)
 
 
 def test_placement_gets_a_finite_step_that_is_marked(walked) -> None:

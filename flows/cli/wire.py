@@ -13,7 +13,7 @@ from fast.flows.cli.common import AsJson, show, table_text
 from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
-    from fast.hardware.replay.outcome import Replay
+    from fast.hardware.replay.recording import Replay
     from fast.hardware.wire.log_files import RecordedWire, WireHeader
 
 FromLake = Annotated[

@@ -7,15 +7,14 @@ depends on the speed of the machine. A `?` gets the next recorded report, or the
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
 
 from fast.hardware.clock import VirtualClock
 from fast.hardware.grbl.driver import GrblDriver
 from fast.hardware.grbl.messages import RealTime
 from fast.hardware.grbl.profile import GrblProfile, limit_along
-from fast.hardware.replay.outcome import Difference, Replay
+from fast.hardware.replay.recording import Action, Recording, Replay, Step
 from fast.hardware.wire.log import OPENED, WireEntry, WireLog
-from fast.models.errors import DeviceError
 
 POLL = bytes([RealTime.STATUS])
 HOLD, RESUME = bytes([RealTime.HOLD]), bytes([RealTime.RESUME])
@@ -28,28 +27,9 @@ _JOG = re.compile(rb"\$J=G91 G21 (.*) F(\S+)\n")
 _REPORT = re.compile(rb"<[^<>]*>\r\n")
 _SPEED_STEP_MM_PER_S = 0.0005 / 60  # F has three decimals
 
-Action = tuple[str, Callable[[], object]]
-
 
 class ReplayEnded(BaseException):
     """Stops the driver in the middle of what it does: a difference was found, or the log is at its end."""
-
-
-@dataclass
-class Step:
-    """One recorded piece from the host, and what the controller said until the next one."""
-
-    time_s: float
-    sent: bytes
-    said: bytes = b""
-
-
-@dataclass
-class Session:
-    """From one opening of the port to the next; `said` is what came before the host spoke."""
-
-    said: bytes = b""
-    steps: list[Step] = field(default_factory=list)
 
 
 def split(data: bytes) -> tuple[list[bytes], bytes]:
@@ -70,51 +50,39 @@ def split(data: bytes) -> tuple[list[bytes], bytes]:
     return pieces, bytes(line)
 
 
-def sessions_of(entries: Sequence[WireEntry]) -> list[Session]:
-    """The recorded conversations, one for each opening of the port."""
-    sessions: list[Session] = []
+def sessions_of(entries: Sequence[WireEntry]) -> list[list[Step]]:
+    """The recorded conversations, one for each opening of the port, which is their first step."""
+    sessions: list[list[Step]] = []
     rest = b""
     for time_s, direction, data in entries:
-        if direction == "note":
-            if data == OPENED.encode():
-                sessions.append(Session())
-                rest = b""
-            continue
-        if not sessions:
-            sessions.append(Session())
+        if not sessions or (direction == "note" and data == OPENED.encode()):
+            sessions.append([Step(time_s, b"")])
+            rest = b""
         if direction == "sent":
             pieces, rest = split(rest + data)
-            sessions[-1].steps += [Step(time_s, piece) for piece in pieces]
-        elif sessions[-1].steps:
-            sessions[-1].steps[-1].said += data
-        else:
-            sessions[-1].said += data
+            sessions[-1] += [Step(time_s, piece) for piece in pieces]
+        elif direction == "received":
+            sessions[-1][-1].said += data
     return sessions
 
 
-class Controller:
+class Controller(Recording):
     """The recorded controller of one session: takes the driver's bytes, compares, gives the recorded answers."""
 
-    def __init__(self, session: Session, outcome: Replay) -> None:
-        self.said = session.said
-        self.doing = "connecting"
+    uncompared = (POLL,)
+
+    def __init__(self, steps: Sequence[Step], outcome: Replay) -> None:
+        super().__init__(steps, outcome)
+        self.next = 1  # the opening is no piece
         self.n_idle_polls = 0
         self.is_ended = False
-        self._steps = session.steps
-        self._outcome = outcome
-        self._next = 0
         self._rest = b""
         self._report = b""
 
     @property
-    def ahead(self) -> list[bytes]:
-        """What the host sent next."""
-        return [step.sent for step in self._steps[self._next :]]
-
-    @property
-    def place(self) -> int:
-        """How far the recording has been played."""
-        return self._next
+    def is_polled(self) -> bool:
+        """Whether the host asked for the status next."""
+        return not self.is_over and self.steps[self.next].sent == POLL
 
     def answer(self, data: bytes) -> bytes:
         """What the controller says to `data`."""
@@ -123,17 +91,19 @@ class Controller:
 
     def skip_poll(self) -> bytes:
         """Play a recorded status question that the driver does not ask; what else was said then is kept."""
-        step = self._steps[self._next]
-        self._next += 1
-        self._keep_report(step.said)
-        return _REPORT.sub(b"", step.said)
+        return _REPORT.sub(b"", self._play_poll())
 
     def differ(self, sent: bytes) -> None:
-        """Note that `sent` is not what was recorded."""
-        steps = [step for step in self._steps[self._next :] if step.sent != POLL]
-        time_s, recorded = (steps[0].time_s, steps[0].sent) if steps else (self._steps[-1].time_s, b"")
-        self._outcome.difference = Difference(time_s, recorded, sent, self.doing)
+        """Note that `sent` is not what was recorded, and end."""
+        super().differ(sent)
         self.is_ended = True
+
+    def ask(self, doing: str, act: Callable[[], object]) -> str:
+        """Ask the driver, which may be stopped on the way; returns what it complained of, or an empty text."""
+        self.n_idle_polls = 0
+        with suppress(ReplayEnded):
+            return super().ask(doing, act)
+        return ""
 
     def _answer(self, piece: bytes) -> bytes:
         if self.is_ended:
@@ -142,18 +112,15 @@ class Controller:
             return self._poll()
         self.n_idle_polls = 0
         said = b""
-        while self._next < len(self._steps) and self._steps[self._next].sent == POLL:
+        while self.is_polled:
             said += self.skip_poll()
-        if self._next == len(self._steps):
+        if self.is_over:
             self.is_ended = True  # the recording stops here; what the driver does next was never seen
             return said
-        step = self._steps[self._next]
-        if step.sent != piece:
-            self.differ(piece)
+        answer = self.compare(piece)
+        if answer is None:
             return b""
-        self._next += 1
-        self._outcome.n_compared += 1
-        said += step.said
+        said += answer
         if piece == RESET:
             said += self._until_banner(said)
         self._keep_report(said)
@@ -162,21 +129,24 @@ class Controller:
     def _until_banner(self, said: bytes) -> bytes:
         """Up to the banner of a reset: another thread may have asked for the status before it came."""
         more = b""
-        while BANNER not in said + more and self.ahead[:1] == [POLL]:
-            more += self._steps[self._next].said
-            self._next += 1
+        while BANNER not in said + more and self.is_polled:
+            more += self.steps[self.next].said
+            self.next += 1
         return more
 
     def _poll(self) -> bytes:
-        self._outcome.n_polls += 1
-        if self._next < len(self._steps) and self._steps[self._next].sent == POLL:
-            step = self._steps[self._next]
-            self._next += 1
+        self.outcome.n_polls += 1
+        if self.is_polled:
             self.n_idle_polls = 0
-            self._keep_report(step.said)
-            return step.said
+            return self._play_poll()
         self.n_idle_polls += 1
         return self._report
+
+    def _play_poll(self) -> bytes:
+        said = self.steps[self.next].said
+        self.next += 1
+        self._keep_report(said)
+        return said
 
     def _keep_report(self, said: bytes) -> None:
         reports = _REPORT.findall(said)
@@ -198,7 +168,7 @@ class ReplayTransport:
     def open(self, on_bytes: Callable[[bytes], None], on_lost: Callable[[str], None]) -> None:
         """Open, and let the controller say what it said before the host spoke."""
         self._hear, self.is_open = on_bytes, True
-        self.say(self.controller.said)
+        self.say(self.controller.steps[0].said)
 
     def write(self, data: bytes) -> None:
         """Send, and hear the answer; raises `ReplayEnded` when the recording has ended."""
@@ -242,50 +212,28 @@ def replay_grbl(entries: Sequence[WireEntry], profile: GrblProfile | None = None
     driver.session.watch.is_timed = False
     for controller in controllers:
         line.controller = controller
-        _play(driver, line, used, outcome)
+        _play(driver, line, used)
         driver.session.close()
         if outcome.difference is not None:
             break
     return outcome
 
 
-def _play(driver: GrblDriver, line: ReplayTransport, profile: GrblProfile, outcome: Replay) -> None:
+def _play(driver: GrblDriver, line: ReplayTransport, profile: GrblProfile) -> None:
     """One session: connect, then action after action."""
     controller = line.controller
-    _try("connecting", driver.connect, controller, outcome)
-    while controller.ahead and not controller.is_ended:
-        before = controller.place
-        if controller.ahead[0] == POLL:
-            _try("asking for the status", driver.status, controller, outcome)
-            if controller.place == before:
+    controller.ask("connecting", driver.connect)
+    while not (controller.is_over or controller.is_ended):
+        if controller.is_polled:
+            before = controller.next
+            controller.ask("asking for the status", driver.status)
+            if controller.next == before:
                 line.say(controller.skip_poll())
             continue
-        ahead = [piece for piece in controller.ahead if piece != POLL]
-        action = find_next_action(driver, ahead, profile)
-        if action is None and all(_is_override(piece) for piece in ahead):
+        ahead = [step.sent for step in controller.steps[controller.next :] if step.sent != POLL]
+        if all(_is_override(piece) for piece in ahead):
             return  # the recording ends before the line that these were sent for
-        if action is None:
-            controller.doing = "looking for what the host did: no action of the driver begins so"
-            controller.differ(b"")
-            return
-        refusal = _try(*action, controller, outcome)
-        if controller.place == before and not controller.is_ended:
-            controller.doing = f"{action[0]} ({refusal})" if refusal else action[0]
-            controller.differ(b"")
-
-
-def _try(doing: str, act: Callable[[], object], controller: Controller, outcome: Replay) -> str:
-    """Ask the driver; returns what it complained of, or an empty text."""
-    controller.doing = doing
-    controller.n_idle_polls = 0
-    try:
-        act()
-    except ReplayEnded:
-        return ""
-    except DeviceError as error:
-        outcome.errors.append(f"{doing}: {error}")
-        return str(error)
-    return ""
+        controller.advance(find_next_action(driver, ahead, profile))
 
 
 def find_next_action(driver: GrblDriver, ahead: list[bytes], profile: GrblProfile) -> Action | None:

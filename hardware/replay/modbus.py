@@ -17,11 +17,10 @@ from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.codec import FIRST_MEASURED_REGISTER, IDENTITY_REGISTER, N_IDENTITY, N_MEASURED
 from fast.hardware.laumas.driver import LaumasTransmitter
-from fast.hardware.replay.outcome import Difference, Replay
+from fast.hardware.replay.recording import Recording, Replay, Step
 from fast.hardware.wire.log import WireEntry
 from fast.hardware.wire.log_files import PLC
 from fast.hardware.wire.modbus import ModbusLink, Tracer
-from fast.models.errors import FastError
 
 _TCP_HEADER_BYTES = 6  # transaction, protocol, length
 _CRC_BYTES = 2
@@ -53,72 +52,48 @@ class Request:
         return cls(device_id, function_code, address, count, struct.unpack(f">{count}H", data[7:]))
 
 
-@dataclass
-class Exchange:
-    """One recorded request and its answer, empty when none came; without transaction number."""
-
-    time_s: float
-    sent: bytes
-    answer: bytes = b""
-
-
 def is_tcp(entries: Sequence[WireEntry]) -> bool:
     """Whether the log is of Modbus TCP: its frames state their length, those of RTU end in a check sum."""
     first = next((entry.data for entry in entries if entry.direction == "sent"), b"")
     return len(first) > _TCP_HEADER_BYTES and first[2:6] == struct.pack(">HH", 0, len(first) - _TCP_HEADER_BYTES)
 
 
-def exchanges_of(entries: Sequence[WireEntry]) -> list[Exchange]:
-    """Recorded requests with their answers, in order."""
+def steps_of(entries: Sequence[WireEntry]) -> list[Step]:
+    """Recorded requests with their answers (empty when none came), in order; without transaction numbers."""
     start = 2 if is_tcp(entries) else 0
-    exchanges: list[Exchange] = []
+    steps: list[Step] = []
     for time_s, direction, data in entries:
         if direction == "sent":
-            exchanges.append(Exchange(time_s, data[start:]))
-        elif direction == "received" and exchanges:
-            exchanges[-1].answer += data if exchanges[-1].answer else data[start:]
-    return exchanges
+            steps.append(Step(time_s, data[start:]))
+        elif direction == "received" and steps:
+            steps[-1].said += data if steps[-1].said else data[start:]
+    return steps
 
 
-class Device:
-    """The recorded device: compares each request with the recorded one and gives the recorded answer."""
+class Device(Recording):
+    """The recorded device: gives the recorded answers to frames."""
 
-    def __init__(self, exchanges: Sequence[Exchange], is_tcp: bool, outcome: Replay) -> None:
-        self.doing = "connecting"
-        self.next = 0
-        self._exchanges = exchanges
-        self.is_tcp = is_tcp
-        self._outcome = outcome
+    def __init__(self, entries: Sequence[WireEntry], outcome: Replay) -> None:
+        super().__init__(steps_of(entries), outcome)
+        self.is_tcp = is_tcp(entries)
 
     def answer(self, data: bytes) -> bytes | None:
         """The recorded answer; None (hang up) where none came, or at a difference."""
         number, sent = (data[:2], data[2:]) if self.is_tcp else (b"", data)
-        if self._outcome.difference is not None or self.next == len(self._exchanges):
+        if self.outcome.difference is not None or self.is_over:
             return None
-        exchange = self._exchanges[self.next]
-        if exchange.sent != sent:
-            self.differ(sent)
-            return None
-        self.next += 1
-        self._outcome.n_compared += 1
-        return number + exchange.answer if exchange.answer else None
-
-    def differ(self, sent: bytes) -> None:
-        """Note that `sent` is not what was recorded."""
-        exchange = self._exchanges[self.next]
-        self._outcome.difference = Difference(exchange.time_s, exchange.sent, sent, self.doing)
+        said = self.compare(sent)
+        return number + said if said else None
 
 
 def replay_modbus(entries: Sequence[WireEntry], device: str) -> Replay:
     """Have the driver of `device` ask again what the log holds; stops at the first difference."""
     outcome = Replay()
-    exchanges = exchanges_of(entries)
-    if not exchanges:
-        return outcome
-    recorded = Device(exchanges, is_tcp(entries), outcome)
-    device_id = exchanges[0].sent[4 if recorded.is_tcp else 0]
-    link = ModbusLink(device, lambda trace: _ReplayClient(recorded, trace), device_id)
-    _play(link, device, recorded, exchanges, outcome)
+    recorded = Device(entries, outcome)
+    if not recorded.is_over:
+        device_id = recorded.steps[0].sent[4 if recorded.is_tcp else 0]
+        link = ModbusLink(device, lambda trace: _ReplayClient(recorded, trace), device_id)
+        _play(link, device, recorded)
     return outcome
 
 
@@ -148,30 +123,18 @@ class _ReplayClient(ModbusTcpClient):
         return said
 
 
-def _play(link: ModbusLink, device: str, recorded: Device, exchanges: Sequence[Exchange], outcome: Replay) -> None:
+def _play(link: ModbusLink, device: str, recorded: Device) -> None:
     clock = VirtualClock()
     plc, transmitter = ClickPlc(link, clock), LaumasTransmitter(link, clock)
-    while recorded.next < len(exchanges) and outcome.difference is None:
-        before = recorded.next
-        request = _request(exchanges[before], recorded)
+    while not recorded.is_over and recorded.outcome.difference is None:
+        sent = recorded.steps[recorded.next].sent
+        request = Request.from_bytes(sent[_TCP_HEADER_BYTES - 2 :] if recorded.is_tcp else sent[:-_CRC_BYTES])
         if request is None:
-            recorded.doing = "looking for what the host asked: no driver here sends such a request"
-            recorded.differ(b"")
-            break
+            recorded.advance(None)
+            continue
         ask = _plc_action(plc, link, request) if device == PLC else _transmitter_action(transmitter, link, request)
-        recorded.doing = f"function {request.function_code} at address {request.address}"
-        try:
-            ask()
-        except FastError as error:
-            outcome.errors.append(f"{recorded.doing}: {error}")
-        if recorded.next == before and outcome.difference is None:
-            recorded.differ(b"")
+        recorded.advance((f"function {request.function_code} at address {request.address}", ask))
     link.close()
-
-
-def _request(exchange: Exchange, recorded: Device) -> Request | None:
-    body = exchange.sent[_TCP_HEADER_BYTES - 2 :] if recorded.is_tcp else exchange.sent[:-_CRC_BYTES]
-    return Request.from_bytes(body)
 
 
 def _plc_action(plc: ClickPlc, link: ModbusLink, request: Request) -> Callable[[], object]:

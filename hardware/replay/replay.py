@@ -3,7 +3,7 @@
 from fast.hardware.grbl.profile import GrblProfile
 from fast.hardware.replay.grbl import replay_grbl
 from fast.hardware.replay.modbus import replay_modbus
-from fast.hardware.replay.outcome import Replay
+from fast.hardware.replay.recording import Replay
 from fast.hardware.wire.log_files import GANTRY, LOAD_CELL, PLC, RecordedWire
 from fast.models.errors import UsageError
 

@@ -9,7 +9,7 @@ from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import VirtualClock
 from fast.hardware.laumas.driver import LaumasTransmitter
-from fast.hardware.replay.modbus import Request, exchanges_of, is_tcp, replay_modbus
+from fast.hardware.replay.modbus import Request, is_tcp, replay_modbus, steps_of
 from fast.hardware.virtual.world.file import World
 from fast.hardware.wire.modbus import rtu_link, tcp_link
 from fast.hardware.wire.serial import LinkLostError
@@ -105,4 +105,4 @@ def test_requests_are_understood():
     assert Request.from_bytes(bytes.fromhex("02 10 0005 0001 02 0007")) == Request(2, 16, 5, 1, (7,))
     for wrong in ("", "01 2b 0e01 00", "01 03 0006", "02 10 0005 0002 02 0007"):
         assert Request.from_bytes(bytes.fromhex(wrong)) is None
-    assert exchanges_of([]) == []
+    assert steps_of([]) == []

@@ -13,8 +13,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from fast.hardware.cell.cell import CellDevices, GraspCell, Item, MeasuredGrasp
-from fast.hardware.cell.live import GraspInView
 from fast.hardware.cell.lost_steps import PositionCheck
+from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import Clock, RealClock, ScaledClock, VirtualClock

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from fast.hardware.cell.cell import Item, MeasuredGrasp
-from fast.hardware.cell.live import GraspInView
+from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import Ask
 from fast.models.records import GraspSetup

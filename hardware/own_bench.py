@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import Field
 
 from fast.hardware.cell.cell import Item, MeasuredGrasp
-from fast.hardware.cell.live import GraspInView
+from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.grasp_bench import GraspBench, Leave
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import Ask, BenchQuestion

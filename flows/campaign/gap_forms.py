@@ -19,8 +19,8 @@ from fast.models.gap.ask.answers import Reading
 from fast.models.gap.ask.person import find_measurement
 from fast.models.units import spell_count
 from fast.models.validation import load_record
+from fast.tasks.bench.asked import Mounting, confirm_mounting, read_mounting
 from fast.tasks.bench.mount import plan_rack
-from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
 from fast.tasks.gap.readings import is_answered, write_reading
 
 _Operator = Annotated[str, Field(min_length=1)]

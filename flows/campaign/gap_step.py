@@ -13,18 +13,16 @@ from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
 from fast.flows.campaign.forms import open_form
-from fast.flows.campaign.loops import CampaignRun
+from fast.flows.campaign.loops import CampaignRun, await_asked
 from fast.flows.campaign.operator_prompts import make_reading_form
-from fast.flows.campaign.told_step import await_asked
 from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.scheduled import search_and_tell
 from fast.flows.gap.search import MOST_ASKED, GapOrder, GapOutcome, UnfinishedError
 from fast.lake.leases import is_held
 from fast.lake.tables.campaign import EventRow
 from fast.models.gap.findings import NextExperiment, PersonQuestion
-from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.bench.asked import read_mounting, read_open_requests
 from fast.tasks.bench.mount import list_asked_tools
-from fast.tasks.bench.mounting import read_mounting
 from fast.tasks.calibration.mean_data import TooLittleDataError
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.prefect_tasks import unmapped

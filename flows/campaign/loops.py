@@ -1,4 +1,7 @@
-"""The two loops of a stage, side by side: the bench (print, then measure) and the simulations."""
+"""The two loops of a stage, side by side: the bench (print, then measure) and the simulations.
+
+On a bench of one's own, measuring is to write the folder of a batch, and to wait until its grasps are told.
+"""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -7,12 +10,14 @@ from dataclasses import dataclass, field
 from queue import Queue
 from typing import Any, Protocol
 
+from prefect import task
+from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
-from fast.flows.campaign.batch_folder import is_told
+from fast.flows.campaign.batch_folder import bench_folder, is_told, write_batch
 from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.campaign.pace import Pace
-from fast.flows.campaign.told_step import await_batch
+from fast.flows.gap.bench_plan import SHEET, plan_next, write_bench_plan
 from fast.flows.progress import ProgressReporter
 from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
@@ -20,12 +25,13 @@ from fast.hardware.parts.safe_state import Verb
 from fast.lake.maintenance import LOOSE_BYTES, compact
 from fast.lake.tables.campaign import DesignRow, ProposalRow, SimTraceRow, SimulationRow
 from fast.models.records import Design
+from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.live import live_path, show_live
 from fast.tasks.bench.measure import BenchUse, OpenBench
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.prefect_tasks import unmapped
-from fast.tasks.campaign.requests import Requests
+from fast.tasks.campaign.prefect_tasks import ask_person, unmapped
+from fast.tasks.campaign.requests import Requests, append_event
 from fast.tasks.campaign.state import CampaignState, ProposedTool
 from fast.tasks.scientist import propose as proposing
 from fast.tasks.scientist.observe import unfinished_tools
@@ -256,3 +262,35 @@ class SimulationLoop:
         name = f"B{self._batch:02d} simulated design"
         proposals = state.simulations_of(self._batch)
         return [SimulationJob(p.design, f"{name} {p.index + 1} of {self._budget}") for p in proposals]
+
+
+@task(task_run_name="{label} told", cache_policy=NO_CACHE)
+def await_batch(label: str, campaign: Campaign, batch: int, should_stop: Callable[[], bool], prompts: Prompts) -> None:
+    """Write the folder of a batch, then wait until all its grasps are told."""
+    folder = bench_folder(campaign.lake, campaign.campaign_id, batch)
+    if not (folder / SHEET).exists():
+        write_batch(campaign, batch, folder)
+    name = f"batch {campaign.campaign_id}/{label}"
+
+    def is_open() -> bool:
+        return not is_told(campaign, campaign.state(), batch)
+
+    if ask_person(campaign, prompts.to_tell(name, folder, batch), is_open, should_stop):
+        append_event(campaign.lake, campaign.campaign_id, "batch_measured", f"{label} measured", batch=batch)
+
+
+@task(task_run_name="{label} told", cache_policy=NO_CACHE)
+def await_asked(
+    label: str, campaign: Campaign, search_id: str, should_stop: Callable[[], bool], prompts: Prompts
+) -> None:
+    """Write the grasps that a search asks for, then wait until they are told."""
+    folder = campaign.output / f"asked-{search_id}"
+    if not (folder / SHEET).exists():
+        config = str(campaign.config_path or "CONFIG")
+        write_bench_plan(campaign.lake, plan_next(campaign.lake, search_id), folder, config)
+    name = f"grasps of search {search_id}"
+
+    def is_open() -> bool:
+        return bool(read_open_requests(campaign.lake, search_id=search_id))
+
+    ask_person(campaign, prompts.to_tell(name, folder, None), is_open, should_stop)

@@ -14,7 +14,7 @@ from fast.lake.handoff.plan_folder import RESULTS
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow
 from fast.models.gap.findings import PersonQuestion
-from fast.tasks.bench.mounting import read_mounting
+from fast.tasks.bench.asked import read_mounting
 from fast.tasks.bench.print import open_slots
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event

@@ -167,8 +167,8 @@ def mounted(
     from fast.flows.campaign.operator_prompts import make_mount_form
     from fast.flows.campaign.status import read_campaign
     from fast.models.validation import load_record
+    from fast.tasks.bench.asked import Mounting, confirm_mounting
     from fast.tasks.bench.mount import plan_rack
-    from fast.tasks.bench.mounting import Mounting, confirm_mounting
     from fast.tasks.gap.findings import find_newest_run
 
     found = open_lake(lake)

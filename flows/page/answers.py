@@ -18,11 +18,11 @@ from fast.models.gap.ask.answers import Reading
 from fast.models.ids import tool_label
 from fast.models.units import spell_count
 from fast.models.validation import load_record
+from fast.tasks.bench.asked import Mounting, confirm_mounting
 from fast.tasks.bench.machine_files.format import MachineFormat
 from fast.tasks.bench.machine_files.guess import parse_format
 from fast.tasks.bench.measured_tools import MEASURES, read_measured
 from fast.tasks.bench.mount import plan_rack
-from fast.tasks.bench.mounting import Mounting, confirm_mounting
 from fast.tasks.bench.print import PrintConfirmation, Printed, confirm_print, open_slots
 from fast.tasks.bench.questions import read_number
 from fast.tasks.bench.told import Taken, Telling, take_back

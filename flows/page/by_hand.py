@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from fast.flows.campaign.lend import find_bench_file
 from fast.flows.page.configs import find_world
-from fast.flows.page.worker import start_on_worker
+from fast.flows.page.jobs import start_on_worker
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import UsageError

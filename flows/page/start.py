@@ -12,8 +12,8 @@ from typing import Any
 from fast.flows.campaign.status import read_campaign
 from fast.flows.page.by_hand import find_lent, run_on_lent
 from fast.flows.page.configs import find_same, keep_config
+from fast.flows.page.jobs import require_worker, start_on_worker
 from fast.flows.page.strip import LastStart, read_last_start, read_strip
-from fast.flows.page.worker import require_worker, start_on_worker
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError, UsageError

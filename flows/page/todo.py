@@ -16,9 +16,8 @@ from fast.models.gap.ask.person import find_measurement
 from fast.models.gap.findings import PersonQuestion
 from fast.models.ids import tool_label
 from fast.models.records import Design
-from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.bench.asked import read_mounting, read_open_requests
 from fast.tasks.bench.mount import plan_rack
-from fast.tasks.bench.mounting import read_mounting
 from fast.tasks.bench.print import open_slots, print_folder
 from fast.tasks.bench.questions import OpenQuestion, list_open_questions
 from fast.tasks.campaign.campaign import Campaign

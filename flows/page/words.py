@@ -1,5 +1,9 @@
-"""What people say and order on the page: each word is a function of a form, with the role that it takes."""
+"""What people say and order on the page: each word is a function of a form, with the role that it takes.
 
+Notes and photos of a tool are events of the lake, and files of its outputs.
+"""
+
+import hashlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import ModuleType
@@ -13,7 +17,6 @@ from starlette.responses import Response
 from fast.flows.campaign.status import read_campaign
 from fast.flows.page import by_hand, start
 from fast.flows.page.lab import LabPage
-from fast.flows.page.notes import MOST_PHOTO_BYTES, keep_note, keep_photo
 from fast.flows.page.proposals import settle_proposal
 from fast.flows.page.todo import list_campaigns
 from fast.flows.page.web import (
@@ -30,16 +33,23 @@ from fast.flows.page.web import (
 from fast.flows.server.access import Role
 from fast.flows.server.server import address_for_others
 from fast.hardware.parts.safe_state import Verb
+from fast.lake.store import Lake
+from fast.lake.tables.campaign import ToolRow
 from fast.models.errors import UsageError
 from fast.tasks.bench.leave_out import leave_out as leave_part_out
 from fast.tasks.bench.questions import answer_question
 from fast.tasks.campaign.left_out import Part
 from fast.tasks.campaign.orders import give_order
+from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.simulator_versions import at_present
 
 # What a form makes of the lake, and the sentence that tells the person; arguments: page, form, name of the person.
 Word = Callable[[LabPage, dict[str, str], str], str]
 Trial = Callable[[LabPage, dict[str, str]], dict[str, Any]]
+NOTE = "note"  # kind of the events of notes and photos
+MOST_PHOTO_BYTES = 15_000_000
+_LONGEST = 1000
+_PICTURES = {b"\xff\xd8\xff": ".jpg", b"\x89PNG\r\n\x1a\n": ".png", b"RIFF": ".webp"}
 
 
 def add_words(app: FastAPI, page: LabPage) -> None:
@@ -229,3 +239,42 @@ def _whole(form: dict[str, str], name: str) -> int:
     if not text.isdecimal():
         raise UsageError(f"`{name}` of the form is not a whole number; load the page again.")
     return int(text)
+
+
+def keep_note(lake: Lake, form: Mapping[str, str], operator: str) -> str:
+    """Keep what a person wrote about a tool.
+
+    Raises:
+        UsageError: nothing was written, or there is no such tool.
+    """
+    about, text = form.get("about", ""), form.get("text", "")[:_LONGEST]
+    if not text:
+        raise UsageError("The note is empty; nothing was kept.")
+    append_event(lake, _find_campaign(lake, about), NOTE, text, about=about, operator=operator)
+    return "The note is kept."
+
+
+def keep_photo(lake: Lake, about: str, content: bytes, operator: str) -> str:
+    """Keep a photo of a tool.
+
+    Raises:
+        UsageError: it is no picture, or there is no such tool.
+    """
+    campaign_id = _find_campaign(lake, about)
+    suffix = next((suffix for start, suffix in _PICTURES.items() if content.startswith(start)), None)
+    if suffix is None or (suffix == ".webp" and content[8:12] != b"WEBP"):
+        raise UsageError("This is no JPEG, PNG or WebP picture; nothing was kept.")
+    name = f"{hashlib.sha256(content).hexdigest()[:20]}{suffix}"
+    folder = lake.root / "outputs" / campaign_id / "photos"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_bytes(content)
+    words = {"about": about, "operator": operator, "photo": f"/outputs/{campaign_id}/photos/{name}"}
+    append_event(lake, campaign_id, NOTE, "photo", **words)
+    return "The photo is kept."
+
+
+def _find_campaign(lake: Lake, tool_id: str) -> str:
+    rows = lake.rows(ToolRow, tool_id=tool_id)
+    if not rows:
+        raise UsageError(f"There is no tool `{tool_id}` in this lake.")
+    return str(rows[-1]["campaign_id"])

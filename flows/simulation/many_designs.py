@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fast.flows.progress import Bar, ProgressReporter, RateEstimate
-from fast.models.errors import UsageError
-from fast.models.failure_words import spell_reason
+from fast.models.errors import UsageError, spell_reason
 from fast.models.objects.rigid import RigidObject
 from fast.models.records import GraspSetup, Placement
 from fast.models.show import html_table, load_pandas

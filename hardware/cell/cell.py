@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal, Self
 
-from fast.hardware.cell.live import NOTHING, GraspInView
-from fast.hardware.cell.recorder import GraspRecorder
+from fast.hardware.cell.recorder import NOTHING, GraspInView, GraspRecorder
 from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.clock import Clock
 from fast.hardware.parts.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError

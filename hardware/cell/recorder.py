@@ -1,16 +1,22 @@
-"""Collects force and position of one grasp on the clock's time base and turns them into a trace."""
+"""Collects force and position of one grasp on the clock's time base and turns them into a trace.
+
+Others may look at the grasp meanwhile from another thread: it costs the bench nothing.
+"""
 
 from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 
-from fast.hardware.cell.live import read_samples
 from fast.hardware.parts.force_sensor import Baseline, ForceReading
 from fast.models.records import Trace
 
 AT_REST_MM = 0.005  # below the place tolerance of the Z axis: the lift has not begun
 TIME_DECIMALS, LIFT_DECIMALS = 4, 3  # 0.1 ms, 1 um
 CONTACT_READINGS = 20  # a quarter of a second: averages the noise, keeps the narrowest contact
+NOTHING = Trace(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class GraspRecorder:
@@ -86,3 +92,27 @@ class GraspRecorder:
         if self._resolution_n > 0:
             force_n = np.rint(force_n / self._resolution_n) * self._resolution_n + 0.0  # no negative zeros
         return Trace(np.round(force_s - self.start_s, TIME_DECIMALS), np.round(lift_mm, LIFT_DECIMALS), force_n)
+
+
+@dataclass(frozen=True, eq=False)
+class GraspInView:
+    """A grasp while it is made, or the last one after its end.
+
+    `read`: its samples from number n on, tared, as far as they go now; time from the start of closing. `purpose`: of a
+    grasp that is no ordinary one, in a word.
+    """
+
+    tool_id: str
+    object_id: int
+    repeat: int
+    started_at: datetime
+    read: Callable[[int], Trace]
+    purpose: str = ""
+
+
+def read_samples(
+    time_s: Sequence[float], lift_mm: Sequence[float], force_n: Sequence[float], first: int, start_s: float = 0.0
+) -> Trace:
+    """Samples from number `first` on, of channels that another thread appends to, `force_n` last."""
+    part = slice(first, len(force_n))
+    return Trace(np.array(time_s[part]) - start_s, np.array(lift_mm[part]), np.array(force_n[part]))

@@ -1,12 +1,22 @@
-"""Grasps that a search asks for: written to the lake in their order, read back as long as they are open."""
+"""Grasps that a search asks for, in their order, read back as long as they are open; and the tools mounted for them.
+
+The latter is a person's word, an event of the lake: which kept tools hang on the rack again, and which are gone.
+"""
 
 from collections import defaultdict
 from collections.abc import Sequence
+from typing import Literal
 
+from pydantic import Field
+
+from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
+from fast.lake.tables.campaign import EventRow
 from fast.lake.tables.requests import GraspRequestRow
-from fast.models.records import GraspRequest
+from fast.models.errors import UsageError
+from fast.models.records import GraspRequest, Record
+from fast.tasks.campaign.campaign import stored_provenance
 from fast.tasks.campaign.state import tuples
 
 _LAST_REPEATS = """
@@ -19,6 +29,7 @@ _OPEN = """
     WHERE state = 'open' AND ($search IS NULL OR search_id = $search) AND ($tool IS NULL OR tool_id = $tool)
     ORDER BY search_id, place
 """
+MOUNTED = "tools_mounted"  # kind of the events that keep a person's word
 
 
 def write_requests(
@@ -62,3 +73,36 @@ def read_open_requests(
     found = list(tuples(lake, _OPEN, search=search_id, tool=tool_id))
     rows = {row.request_id: row for row in lake.records(GraspRequestRow, request_id=[name for name, _ in found])}
     return [(rows[name].request, n_attempts) for name, n_attempts in found]
+
+
+class Mounting(Record):
+    """A person's word on kept tools: slot of the rack of each that hangs there, and those that are gone."""
+
+    search_id: str
+    slots: dict[str, int]
+    gone: tuple[str, ...] = ()
+    operator: str = Field(min_length=1)
+    confirmed_by: Literal["person", "auto"] = "person"
+
+
+def confirm_mounting(lake: Lake, campaign_id: str, mounting: Mounting) -> None:
+    """Keep a person's word on the tools of a search.
+
+    Raises:
+        UsageError: a slot is not there or has two tools, or the tools were mounted before.
+    """
+    if read_mounting(lake, mounting.search_id) is not None:
+        raise UsageError(f"the tools of search {mounting.search_id} are mounted already; nothing was changed.")
+    for slot in mounting.slots.values():
+        if not 0 <= slot < N_SLOTS or list(mounting.slots.values()).count(slot) > 1:
+            raise UsageError(f"rack slot {slot} is not there or has two tools; the rack has 0 to {N_SLOTS - 1}.")
+    gone = f"; gone: {', '.join(mounting.gone)}" if mounting.gone else ""
+    message = f"{mounting.operator} mounted {len(mounting.slots)} kept tools for search {mounting.search_id}{gone}"
+    row = EventRow.of([MOUNTED, mounting.search_id], MOUNTED, message, mounting, campaign_id)
+    lake.append([row], stored_provenance(lake, campaign_id))
+
+
+def read_mounting(lake: Lake, search_id: str) -> Mounting | None:
+    """What a person said of the tools of a search; None before."""
+    found = lake.records(EventRow, event_id=EventRow.make_id(MOUNTED, search_id))
+    return Mounting.model_validate(found[-1].payload) if found else None

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from fast.hardware.cell.live import GraspInView
+from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.grasp_bench import GraspBench
 from fast.lake.store import Lake
 

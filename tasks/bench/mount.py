@@ -10,9 +10,8 @@ from dataclasses import replace
 from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
-from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.bench.asked import read_mounting, read_open_requests
 from fast.tasks.bench.measure import BenchUse, check_position, hold_bench, measure_tool
-from fast.tasks.bench.mounting import read_mounting
 from fast.tasks.bench.plan import plan_asked
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState, ProposedTool

@@ -11,8 +11,14 @@ from fast.hardware.parts.layout import N_SLOTS
 from fast.lake.store import Lake
 from fast.models.errors import ConfigError, UsageError
 from fast.models.records import GraspRequest
-from fast.tasks.bench.asked import read_open_requests, read_requests, write_requests
-from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
+from fast.tasks.bench.asked import (
+    Mounting,
+    confirm_mounting,
+    read_mounting,
+    read_open_requests,
+    read_requests,
+    write_requests,
+)
 from fast.tasks.bench.plan import ToolWork, plan_asked
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import CampaignState, ProposedTool

@@ -19,8 +19,8 @@ from fast.models.records import Design
 from fast.tasks.bench import measure as measuring
 from fast.tasks.bench import mount as mounting
 from fast.tasks.bench import print as printing
+from fast.tasks.bench.asked import Mounting, confirm_mounting, read_mounting
 from fast.tasks.bench.measure import BenchUse
-from fast.tasks.bench.mounting import Mounting, confirm_mounting, read_mounting
 from fast.tasks.bench.plan import ToolWork
 from fast.tasks.bench.reference_tools import ask_references
 from fast.tasks.campaign.campaign import Campaign

@@ -10,8 +10,17 @@ from fast.models.errors import UsageError
 from fast.models.ids import seed_from
 from fast.models.objects.catalogue import FIRST_OWN_ID, OBJECTS, get_object
 from fast.models.records import Trace
-from fast.models.traces.identification.classifier import CLASSES, MEANINGS, ORIENTATIONS, SIDES, Beliefs, train
-from fast.models.traces.identification.evaluate import N_FOLDS, beliefs_of_unseen, rank_of_truth
+from fast.models.traces.identification.classifier import (
+    CLASSES,
+    MEANINGS,
+    N_FOLDS,
+    ORIENTATIONS,
+    SIDES,
+    Beliefs,
+    beliefs_of_unseen,
+    rank_of_truth,
+    train,
+)
 from fast.models.traces.identification.inputs import inputs_of
 
 MOST_GRASPS = 5000  # to learn from: 140 of each object

@@ -6,7 +6,7 @@ from typing import get_args
 
 import pytest
 
-from fast.models.failure_words import WORDS, spell_reason
+from fast.models.errors import REASON_WORDS, spell_reason
 from fast.models.simulation.solver.newton import Outcome
 
 ROOT = Path(__file__).parents[2]
@@ -18,9 +18,11 @@ def test_every_reason_has_words():
     said = set(re.findall(r"(?:reason=|reason, message = |_lost\(|return )\"([a-z_]+)\"(?:[,)]|, None)", text))
     said |= set(re.findall(r"Failed\([^()]*(?:\([^()]*\)[^()]*)*, ?\s*\"([a-z_]+)\",?\s*\)", text))
     assert {"time_out", "crash", "deep_penetration", "hang"} <= said
-    assert said | set(get_args(Outcome)) - {"converged"} == set(WORDS)
+    assert said | set(get_args(Outcome)) - {"converged"} == set(REASON_WORDS)
 
 
-@pytest.mark.parametrize(("reason", "words"), [("max_steps", WORDS["max_steps"]), ("tip torn", "tip torn"), ("", "")])
+@pytest.mark.parametrize(
+    ("reason", "words"), [("max_steps", REASON_WORDS["max_steps"]), ("tip torn", "tip torn"), ("", "")]
+)
 def test_a_reason_is_said_in_words(reason, words):
     assert spell_reason(reason) == words

@@ -10,7 +10,7 @@ from fast.flows.report.folder import Folder
 from fast.flows.report.lineage import lineage_text
 from fast.lake.query.lineage import find_lineage
 from fast.lake.tables.requests import PLACEMENT
-from fast.models.failure_words import spell_reason
+from fast.models.errors import spell_reason
 from fast.tasks.templates import moment, number
 
 PAPER = {"grasp_s": "15", "grasps_per_hour": "240, the most", "measured": "8,532", "simulated": "50,608"}  # Results

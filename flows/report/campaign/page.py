@@ -11,11 +11,10 @@ from fast.flows.report.campaign.account import prepare_cost, prepare_paper, prep
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.finger import prepare_best
 from fast.flows.report.campaign.insights import prepare_insights
-from fast.flows.report.campaign.nights import prepare_nights
 from fast.flows.report.campaign.objectives import prepare_objectives
 from fast.flows.report.campaign.quality import prepare_baselines, prepare_headline, prepare_progress
 from fast.flows.report.campaign.shapes import prepare_shapes
-from fast.flows.report.campaign.simulation import prepare_agreement, prepare_moments
+from fast.flows.report.campaign.simulation import prepare_agreement, prepare_moments, prepare_nights
 from fast.flows.report.campaign.surrogate import prepare_surrogate
 from fast.flows.report.campaign.traces import prepare_traces
 from fast.flows.report.campaign.work import prepare_work

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.models.gap.findings import Rest
-from fast.models.gap.where.jackknife import jackknife
-from fast.models.gap.where.residuals import AT, PHASES, Residuals, smooth
+from fast.models.gap.where.residuals import AT, PHASES, Residuals, jackknife, smooth
 from fast.models.traces.step_features import N_STEPS, STEP_MM
 from fast.models.units import spell_number
 

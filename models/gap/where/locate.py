@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fast.models.gap.findings import WhereFinding
-from fast.models.gap.where.jackknife import jackknife
 from fast.models.gap.where.permutation_tests import (
     BY_OBJECT,
     EVERYWHERE,
@@ -19,7 +18,7 @@ from fast.models.gap.where.permutation_tests import (
     TestTree,
     run_tests,
 )
-from fast.models.gap.where.residuals import AT, PHASES, WORDS, Residuals
+from fast.models.gap.where.residuals import AT, PHASES, WORDS, Residuals, jackknife
 from fast.models.gap.where.strata import FAMILY, OBJECT_FEATURES
 from fast.models.gap.where.tree import Leaf, grow_honest_tree
 from fast.models.objects.catalogue import get_object

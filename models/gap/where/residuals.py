@@ -1,13 +1,16 @@
 """Residuals: what is left when theta has been calibrated again, grasp by grasp and by the parts of a lift.
 
 A part is a phase: dip, rise, peak, slip, tail. Closing is not in the steps of a trace. Windows are those of the
-simulated trace, so that a measured trace that is late shows as too much or too little force in a part.
+simulated trace, so that a measured trace that is late shows as too much or too little force in a part. Intervals are of
+what tools and objects share: they are left out one by one, never single grasps.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import stdtrit
 
 from fast.models.errors import UsageError
 from fast.models.gap.bank.surrogate import Surrogate
@@ -36,6 +39,7 @@ _SMOOTH = 3  # steps of a running mean, so that noise does not make peaks
 _LEAST_AMPLITUDE = 0.25  # of the median cell's: grasps without grip say nothing in per cent
 MIN_TOOLS = 5  # sign flips of five tools give 32 patterns: nothing is seen with fewer
 MIN_OBJECTS = 4
+_UPPER = 0.95  # share below the upper end of an interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,3 +211,26 @@ def smooth(steps_n: np.ndarray) -> np.ndarray:
 def _ends(is_in: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and last step of a mask, n each."""
     return is_in.argmax(axis=1), is_in.shape[1] - 1 - is_in[:, ::-1].argmax(axis=1)
+
+
+def jackknife(
+    statistic: Callable[[np.ndarray], np.ndarray], tool: np.ndarray, obj: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value of a statistic (k) of a mask of grasps (n) and the ends of its 90 % interval, k each.
+
+    Tools and objects are left out one by one and both variances added: too wide rather than too narrow. Student's t
+    with as many degrees of freedom as there are tools or objects, whichever is fewer, less one.
+    """
+    value = statistic(np.ones(len(tool), dtype=bool))
+    variance, fewest = np.zeros_like(value), np.inf
+    for cluster in (tool, obj):
+        names = np.unique(cluster)
+        if len(names) < 2:
+            continue
+        left = np.stack([statistic(cluster != name) for name in names])
+        left = left[np.isfinite(left).all(axis=1)]
+        if len(left) > 1:
+            variance = variance + (len(left) - 1) / len(left) * ((left - left.mean(axis=0)) ** 2).sum(axis=0)
+            fewest = min(fewest, len(left) - 1)
+    half = stdtrit(max(fewest, 1) if np.isfinite(fewest) else 1, _UPPER) * np.sqrt(variance)
+    return value, value - half, value + half

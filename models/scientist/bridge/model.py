@@ -17,9 +17,8 @@ from torch import Tensor
 
 from fast.models.blas import one_blas_thread
 from fast.models.errors import UsageError
-from fast.models.scientist.bridge.gradient import pull_back
 from fast.models.scientist.surrogate.observations import REAL, SIM
-from fast.models.scientist.surrogate.posterior import Surrogate, observation_variance
+from fast.models.scientist.surrogate.posterior import Surrogate, observation_variance, pull_back
 from fast.models.validation import check_type
 
 _SETS_AT_ONCE = 256  # sets of points whose covariances are computed together; bounds the memory

@@ -25,8 +25,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import ConfigError, UsageError
 from fast.models.gap.ask.answers import Reading
+from fast.tasks.bench.asked import MOUNTED, Mounting, confirm_mounting, read_mounting
 from fast.tasks.bench.mount import plan_rack
-from fast.tasks.bench.mounting import MOUNTED, Mounting, confirm_mounting, read_mounting
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config

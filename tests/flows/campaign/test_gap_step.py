@@ -26,8 +26,8 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow
 from fast.models.errors import UsageError
 from fast.models.records import GraspSetup
-from fast.tasks.bench import mount, mounting
-from fast.tasks.bench.asked import read_open_requests
+from fast.tasks.bench import mount
+from fast.tasks.bench.asked import MOUNTED, Mounting, confirm_mounting, read_open_requests
 from fast.tasks.bench.measure import BenchUse
 from fast.tasks.campaign import prefect_tasks as steps
 from fast.tasks.campaign.campaign import Campaign
@@ -137,7 +137,7 @@ def test_asked_grasps_are_made_once_each_by_the_drivers(campaign: Campaign, in_t
     assert sorted(lifted_fast(row) for row in made) == [False, False, True, True]
     assert {row.grasp_id for row in lake.records(GraspRow)} - {row.grasp_id for row in made} == usual
     assert [row.message for row in lake.records(EventRow, kind="gap")] == ["found set", "found effect"]
-    assert len(lake.records(EventRow, kind=mounting.MOUNTED)) == 1
+    assert len(lake.records(EventRow, kind=MOUNTED)) == 1
     assert close_gap(*_in_order(make_run(campaign)))  # nothing is left to do
     assert len(asked(lake)) == 4
 
@@ -208,8 +208,8 @@ def test_a_tool_that_is_gone_is_not_waited_for(campaign: Campaign, in_turn: None
     outcome = search_made_up(lake, SimpleNamespace(campaign_id=campaign.campaign_id), None)
     slots = mount.plan_rack(lake, campaign.state(), outcome.run.gap_id)
     first, second = slots
-    word = mounting.Mounting(search_id=outcome.run.gap_id, slots={second: 7}, gone=(first,), operator="ada")
-    mounting.confirm_mounting(lake, campaign.campaign_id, word)
+    word = Mounting(search_id=outcome.run.gap_id, slots={second: 7}, gone=(first,), operator="ada")
+    confirm_mounting(lake, campaign.campaign_id, word)
     (tool,) = mount.list_asked_tools(campaign, campaign.state(), outcome.run.gap_id)
     assert (tool.tool_id, tool.rack_slot) == (second, 7)
     assert close_gap(*_in_order(run_and_wait))
@@ -220,9 +220,9 @@ def test_a_tool_that_is_gone_is_not_waited_for(campaign: Campaign, in_turn: None
 def test_two_tools_do_not_hang_in_one_slot(campaign: Campaign, in_turn: None) -> None:
     outcome = search_made_up(campaign.lake, SimpleNamespace(campaign_id=campaign.campaign_id), None)
     slots = dict.fromkeys(mount.plan_rack(campaign.lake, campaign.state(), outcome.run.gap_id), 3)
-    word = mounting.Mounting(search_id=outcome.run.gap_id, slots=slots, operator="ada")
+    word = Mounting(search_id=outcome.run.gap_id, slots=slots, operator="ada")
     with pytest.raises(UsageError, match="rack slot 3 is not there or has two tools"):
-        mounting.confirm_mounting(campaign.lake, campaign.campaign_id, word)
+        confirm_mounting(campaign.lake, campaign.campaign_id, word)
 
 
 def _in_order(made: tuple[Any, Callable[[], Any]]) -> tuple[Any, int, Callable[[], Any]]:

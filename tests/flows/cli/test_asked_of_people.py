@@ -12,8 +12,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.gap.ask.answers import Reading
 from fast.models.records import GraspRequest
-from fast.tasks.bench.asked import write_requests
-from fast.tasks.bench.mounting import MOUNTED, Mounting, read_mounting
+from fast.tasks.bench.asked import MOUNTED, Mounting, read_mounting, write_requests
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.gap.readings import KIND, read_readings
 from tests.flows.campaign.made_up_search import FAST, ask_person, search_made_up

@@ -6,12 +6,11 @@ from scipy.optimize import approx_fprime
 
 from fast.models.design.space import random_unit
 from fast.models.gaussian_process.matern import matern52
-from fast.models.scientist.bridge.gradient import pull_back
 from fast.models.scientist.surrogate.fit import fit_surrogate, trust_prior
 from fast.models.scientist.surrogate.likelihood import log_posterior
 from fast.models.scientist.surrogate.observations import REAL, SIM, ObservationSet
 from fast.models.scientist.surrogate.parameters import PriorLink, Standardisation, SurrogateParameters, Vector
-from fast.models.scientist.surrogate.posterior import Surrogate
+from fast.models.scientist.surrogate.posterior import Surrogate, pull_back
 
 LINKS = (PriorLink(correlation=0.8, gain=1.5, mean=20.0), PriorLink(correlation=0.3, gain=0.7, mean=9.0))
 PARAMETERS = SurrogateParameters(

@@ -8,8 +8,17 @@ import pytest
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import OBJECTS
 from fast.models.records import Trace
-from fast.models.traces.identification.classifier import CLASSES, SIDES, Beliefs, sides_of, train, truth_of
-from fast.models.traces.identification.evaluate import beliefs_of_unseen, folds_of, rank_of_truth
+from fast.models.traces.identification.classifier import (
+    CLASSES,
+    SIDES,
+    Beliefs,
+    beliefs_of_unseen,
+    folds_of,
+    rank_of_truth,
+    sides_of,
+    train,
+    truth_of,
+)
 from fast.models.traces.identification.inputs import INPUTS, N_CLOSING, inputs_of
 from tests.studies.traces.recognition import beliefs_from_tools, by_grasps_seen, confusion, top_share
 

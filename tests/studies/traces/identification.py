@@ -13,8 +13,7 @@ from tests.studies.benchmarks.base import Options, Rows, Tables, timed
 from tests.studies.traces.world_grasps import N_REPEATS, N_TOOLS, bench_world, measure_world, solve_world
 
 if TYPE_CHECKING:
-    from fast.models.traces.identification.classifier import Beliefs
-    from fast.models.traces.identification.evaluate import Fit
+    from fast.models.traces.identification.classifier import Beliefs, Fit
 
 GRASPS_SEEN = ((1, 1), (1, 3), (2, 1), (3, 1), (5, 1), (3, 3))  # tools and repeats of each
 TOOLS_LEARNT = (2, 4, 6, 12)
@@ -25,7 +24,7 @@ _PIXELS_PER_INCH = 150
 
 def measure_identification(options: Options) -> Tables:
     """Accuracy on a world's grasps of all objects, unseen tools; --figure draws the confusion matrix."""
-    from fast.models.traces.identification.evaluate import beliefs_of_unseen
+    from fast.models.traces.identification.classifier import beliefs_of_unseen
     from fast.models.traces.identification.inputs import INPUTS, inputs_of
 
     world = bench_world()
@@ -77,7 +76,7 @@ def _classifiers(
     inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray, names: tuple[str, ...], options: Options
 ) -> Rows:
     """Other classifiers and other inputs, in the same folds."""
-    from fast.models.traces.identification.evaluate import beliefs_of_unseen, fit_trees
+    from fast.models.traces.identification.classifier import beliefs_of_unseen, fit_trees
     from fast.models.traces.names import FEATURES
     from tests.studies.traces.recognition import top_share
 
@@ -129,7 +128,7 @@ def _fitted(model: Any, inputs: np.ndarray, object_id: np.ndarray) -> Callable[[
 
 def _tools_learnt(inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray) -> Rows:
     """Top-1 and top-3 of one grasp against the number of tools that the classifier learnt from."""
-    from fast.models.traces.identification.evaluate import folds_of
+    from fast.models.traces.identification.classifier import folds_of
     from tests.studies.traces.recognition import beliefs_from_tools, top_share
 
     most = min(len(np.unique(tool[learnt])) for learnt, _ in folds_of(tool))

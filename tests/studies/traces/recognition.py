@@ -5,8 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from fast.models.errors import UsageError
-from fast.models.traces.identification.classifier import N_OBJECTS, Beliefs
-from fast.models.traces.identification.evaluate import N_FOLDS, Fit, fit_trees, folds_of, rank_of_truth
+from fast.models.traces.identification.classifier import (
+    N_FOLDS,
+    N_OBJECTS,
+    Beliefs,
+    Fit,
+    fit_trees,
+    folds_of,
+    rank_of_truth,
+)
 from fast.models.traces.quality import Interval, mean_of_tools
 
 N_DRAWS = 200  # of sets of grasps of one object

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.live import GraspInView
+from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.own_bench import OwnBench
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.virtual.world.file import World

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fast.models.errors import UsageError
-from fast.models.gap.where.jackknife import jackknife
+from fast.models.gap.where.residuals import jackknife
 from tests.models.gap.where.made_up import made_up_residuals
 
 

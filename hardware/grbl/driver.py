@@ -217,7 +217,7 @@ class GrblDriver:
             doing = f"moving to {words}"
             epoch = self._link.epoch
             self._link.send_real_time(*FULL_OVERRIDES)
-            self._motion_command(f"G21 G90 G94 G1 {words} F{speed * 60:.3f}", doing)
+            self._motion_command(f"G21 G90 G94 G53 G1 {words} F{speed * 60:.3f}", doing)
             fastest = self._limits(way_mm, distance_mm, None)[0]
             self.session.watch.expect(Way(start_mm, tuple(target_mm), min(MOST_OVERRIDE * speed, fastest)))
             dwell = self._link.send_line(DWELL_LINE)

@@ -22,7 +22,8 @@ RESET, JOG_CANCEL = bytes([RealTime.RESET]), bytes([RealTime.JOG_CANCEL])
 BANNER = b"Grbl"
 MAX_IDLE_POLLS = 5  # repeated answers after which a driver is taken to wait for what will not come
 _PREPARATION = (b"\n", b"$I\n", b"$$\n", b"$#\n", b"$G\n", RESET)
-_MOVE = re.compile(rb"G21 G90 G94 G1 X(\S+) Y(\S+) Z(\S+) F(\S+)\n")
+_BARE, _MACHINE = b"G21 G90 G94 G1 ", b"G21 G90 G94 G53 G1 "  # moves as they were sent once, and are now
+_MOVE = re.compile(rb"G21 G90 G94 G53 G1 X(\S+) Y(\S+) Z(\S+) F(\S+)\n")
 _JOG = re.compile(rb"\$J=G91 G21 (.*) F(\S+)\n")
 _REPORT = re.compile(rb"<[^<>]*>\r\n")
 _SPEED_STEP_MM_PER_S = 0.0005 / 60  # F has three decimals
@@ -51,7 +52,10 @@ def split(data: bytes) -> tuple[list[bytes], bytes]:
 
 
 def sessions_of(entries: Sequence[WireEntry]) -> list[list[Step]]:
-    """The recorded conversations, one for each opening of the port, which is their first step."""
+    """The recorded conversations, one for each opening of the port, which is their first step.
+
+    Older logs move without G53, which is the same where no work offset is set.
+    """
     sessions: list[list[Step]] = []
     rest = b""
     for time_s, direction, data in entries:
@@ -60,7 +64,7 @@ def sessions_of(entries: Sequence[WireEntry]) -> list[list[Step]]:
             rest = b""
         if direction == "sent":
             pieces, rest = split(rest + data)
-            sessions[-1] += [Step(time_s, piece) for piece in pieces]
+            sessions[-1] += [Step(time_s, piece.replace(_BARE, _MACHINE)) for piece in pieces]
         elif direction == "received":
             sessions[-1][-1].said += data
     return sessions

@@ -120,6 +120,14 @@ def test_a_move_ends_at_its_target_and_takes_its_time(gantry, clock):
     assert not gantry.is_moving()
 
 
+def test_a_zero_that_another_program_has_set_moves_nothing_elsewhere(gantry, driver):
+    """What `set zero` of a sender leaves in the controller: every target is one of the machine."""
+    driver.session.command("G92 X-5 Y3 Z-2", "testing")
+    gantry.move_to(1410.0, 1425.0, 165.0, speed_mm_per_s=40)
+    assert gantry.position_mm() == pytest.approx((1410.0, 1425.0, 165.0), abs=0.01)
+    driver.session.command("G92.1", "testing")
+
+
 def test_a_lift_is_even_and_stops_anywhere(gantry, clock):
     """A sample holds for a moment within `late_s` of its time: on a busy machine it tells less, but nothing false."""
     speed_mm_per_s, samples = 5, []

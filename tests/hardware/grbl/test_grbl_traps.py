@@ -206,7 +206,7 @@ def test_trap_10_a_soft_reset_clears_the_modal_state_which_every_motion_line_sta
     homed.driver.session.command("G20 G91", "testing")
     homed.driver.move(FAR_MM, 40)
     assert homed.driver.position_mm() == pytest.approx(FAR_MM)
-    assert b"G21 G90 G94 G1 X-803.000 Y-703.000 Z-63.000 F2400.000\n" in homed.traffic("sent")
+    assert b"G21 G90 G94 G53 G1 X-803.000 Y-703.000 Z-63.000 F2400.000\n" in homed.traffic("sent")
 
 
 def test_trap_11_a_jog_needs_its_own_feed_and_stops_without_a_reset(homed):

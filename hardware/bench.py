@@ -41,7 +41,7 @@ from fast.hardware.parts.safe_state import StopAskedError, Verb
 from fast.hardware.questions import Ask
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
 from fast.hardware.safety.supervisor import MayVent, Supervisor
-from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, ZeroWatch
+from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, TravelWatch, ZeroWatch
 from fast.hardware.tools.changer import ToolChanger
 from fast.hardware.tools.journal import Journal
 from fast.hardware.tools.mounted import MountedTool
@@ -371,7 +371,8 @@ def _open(
     }
     watch = GraspWatch(AirWatch(pneumatics, clock), ZeroWatch(force), ReleaseWatch(force, pneumatics, clock))
     supervisor = Supervisor(gantry, plc, pneumatics, settings.layout.top_z_mm)
-    clock.listen(supervisor.hear, lambda: supervisor.is_ok)
+    travel = TravelWatch(gantry, force, clock, lambda: supervisor.is_ok and supervisor.rest_z_mm is None)
+    clock.listen((supervisor.hear, travel.look), lambda: supervisor.is_ok)
     with ExitStack() as stack:
         stack.enter_context(_terminable())
         if logs.on_a_fault is not None:

@@ -130,6 +130,22 @@ class ForceSensor:
             )
         return forces
 
+    def check_load(self) -> None:
+        """One look at what the head carries on its way; any other fault is found before the next grasp.
+
+        Raises:
+            OverloadError: the gross is at the cell's full scale.
+            DeviceError: the transmitter does not answer.
+        """
+        for reading in self._transmitter.read_new():
+            gross_n = reading.gross * self._transmitter.newton_per_unit
+            is_fault = bool(reading.fault)
+            if (is_fault and reading.is_overload) or (not is_fault and abs(gross_n) >= self.full_scale_n):
+                raise OverloadError(
+                    f"The head is stopped on its way: the load cell carries {gross_n:.0f} N, its full scale is "
+                    f"{self.full_scale_n:.0f} N. Look what it has met or what hangs on it, then free it by hand."
+                )
+
     def tare(self) -> None:
         """Tare as well as the line allows, from one reading or a quarter of a second; the gripper must hang free.
 

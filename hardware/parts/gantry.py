@@ -66,6 +66,7 @@ class Gantry:
         self._workspace = Workspace.nominal(self._profile, size_mm)
         self._homed_place: Place = (0.0, 0.0, 0.0)
         self.require_leave: Callable[[], object] = lambda: None
+        self.is_travelling = False  # in `move_to`
 
     def __enter__(self) -> "Gantry":
         self.connect()
@@ -184,7 +185,11 @@ class Gantry:
         else:
             target = tuple(place for place in asked if place is not None)
         self._workspace.check(target)
-        self._driver.move(self._workspace.to_machine(target), speed_mm_per_s)
+        self.is_travelling = True
+        try:
+            self._driver.move(self._workspace.to_machine(target), speed_mm_per_s)
+        finally:
+            self.is_travelling = False
 
     def start_lift(self, distance_mm: float, speed_mm_per_s: float) -> None:
         """Begin to raise (distance > 0) or lower the head; returns at once, `stop_lift` ends it anywhere.

@@ -7,7 +7,7 @@ is raised once, in the sleep of whoever works with the bench, and no more beats 
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import Clock, Listener
@@ -27,11 +27,11 @@ class BeatingClock:
         self.now_s: Callable[[], float] = inner.now_s  # asked seven times for each reading of the load cell
         self._plc: ClickPlc | None = None
         self._lost: DeviceError | None = None
-        self._hear: Callable[[], None] = lambda: None
+        self._hear: Sequence[Callable[[], None]] = ()
         self._is_ok: Callable[[], bool] = lambda: True
 
-    def listen(self, hear: Callable[[], None], is_ok: Callable[[], bool]) -> None:
-        """Call `hear` after every wait; it may raise. While not `is_ok()` a lost beat stops nothing."""
+    def listen(self, hear: Sequence[Callable[[], None]], is_ok: Callable[[], bool]) -> None:
+        """Call each of `hear` after every wait; they may raise. While not `is_ok()` a lost beat stops nothing."""
         self._hear, self._is_ok = hear, is_ok
 
     def start(self, plc: ClickPlc) -> None:
@@ -69,7 +69,8 @@ class BeatingClock:
                     self._lost = error
             if self._lost is not None:
                 self._tell_lost()
-            self._hear()
+            for hear in self._hear:
+                hear()
             remaining_s = end_s - self.now_s()
 
     def _tell_lost(self) -> None:

@@ -5,10 +5,13 @@ the safe state.
 """
 
 import logging
+import math
 from collections import deque
+from collections.abc import Callable
 
 from fast.hardware.clock import Clock
-from fast.hardware.parts.force_sensor import Baseline, ForceSensor
+from fast.hardware.parts.force_sensor import Baseline, ForceSensor, OverloadError
+from fast.hardware.parts.gantry import Gantry
 from fast.hardware.parts.pneumatics import Pneumatics
 from fast.models.errors import DeviceError, InterlockError
 from fast.models.units import force_n_from_kg
@@ -19,6 +22,8 @@ LEAK_PSI_PER_S = 1.0
 LEAK_WINDOW_S = 1.0
 AIR_WAIT_S = 60.0  # a compressor that has just started again is back by then
 AIR_POLL_S = 1.0
+TRAVEL_LOOK_S = 0.25  # 50 mm at full speed
+SILENT_LOOK_S = 30.0
 DRIFT_WARN_N = 0.05  # between two grasps
 DRIFT_STOP_N = 0.3  # since the tool was first weighed
 DROPPED_KG = 0.020
@@ -94,6 +99,42 @@ class AirWatch:
                 f"The closed gripper loses {rate:.1f} psi/s, limit {LEAK_PSI_PER_S:g}; it was lowered and opened. The "
                 "grasp is not counted; look at the gripper's hose and jaws."
             )
+
+
+class TravelWatch:
+    """The load cell while the head travels: what it meets there stops it at the cell's full scale."""
+
+    def __init__(self, gantry: Gantry, force: ForceSensor, clock: Clock, is_free: Callable[[], bool]) -> None:
+        """`is_free`: whether no grasp is in progress, in which the cell itself says what an overload ends in."""
+        self._gantry = gantry
+        self._force = force
+        self._clock = clock
+        self._is_free = is_free
+        self._next_s = -math.inf
+        self._is_looking = False
+
+    def look(self) -> None:
+        """Look, if it is time; called around every wait, those of this look among them.
+
+        A transmitter that does not answer is left alone for a while: each of its time-outs holds up the watch on the
+        move itself, and the next grasp finds the fault.
+
+        Raises:
+            OverloadError: the head carries the full scale of the load cell.
+        """
+        now_s = self._clock.now_s()
+        if self._is_looking or not self._gantry.is_travelling or now_s < self._next_s or not self._is_free():
+            return
+        self._is_looking, self._next_s = True, now_s + TRAVEL_LOOK_S
+        try:
+            self._force.check_load()
+        except OverloadError:
+            raise
+        except DeviceError as error:
+            logger.warning("The load cell is not watched on this way: %s", error)
+            self._next_s = now_s + SILENT_LOOK_S
+        finally:
+            self._is_looking = False
 
 
 class ZeroWatch:

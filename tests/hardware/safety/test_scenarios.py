@@ -96,7 +96,8 @@ TABLE = [
     # Load cell
     Row("cell_unplugged", is_pulling, SensorFaultError, "cable", ("failed",)),
     Row("cell_saturated", is_pulling, SensorFaultError, "out of range", ("failed",)),
-    Row("overload", is_pulling, OverloadError, "The head goes no higher", ("failed",)),
+    Row("overload", is_pulling, OverloadError, "The head is stopped on its way", ("failed",)),
+    Row("overload", is_travelling, OverloadError, "head is stopped on its way: .* carries 2", ("failed",)),
     Row("transmitter_frozen", is_pulling, SensorFaultError, "it is frozen", ("failed",)),
     Row("transmitter_unplugged", is_pulling, LinkLostError, "Weight transmitter", ("failed",), KEPT, place="held"),
     Row("zero_drift", None, InterlockError, r"has drifted by \+0\.[34]", ("ok", "failed")),

@@ -8,7 +8,7 @@ from fast.hardware.checkup.findings import Findings
 from fast.hardware.checkup.ports import check_serial_port
 from fast.hardware.clock import Clock
 from fast.hardware.grbl.messages import Feedback, Setting, StatusReport
-from fast.hardware.grbl.profile import GrblProfile
+from fast.hardware.grbl.profile import MACHINE_SETTINGS, GrblProfile
 from fast.hardware.grbl.session import BOOT_POLL_S, BOOT_WAIT_S, REPLY_TIMEOUT_S, GrblSession
 from fast.hardware.wire.serial import Transport
 
@@ -72,9 +72,15 @@ def _check_settings(findings: Findings, session: GrblSession, profile: GrblProfi
         findings.add(_SETTINGS, f"{len(found)} read, none that matters differs from the profile")
         return
     lines = [f"      {line or '(none)':<16} {text}" for text, line in corrections]
+    numbers = [line.partition("=")[0] for _, line in corrections if line]
+    built = ", ".join(number for number in numbers if int(number[1:]) in MACHINE_SETTINGS)
+    first = (
+        f"a machine that is built another way keeps {built}, since a longer travel than it has lifts the soft limit: "
+        "write what it has into `[gantry_settings]` of the bench file. Else "
+    )
     findings.add(
         _SETTINGS,
         f"{len(corrections)} of {len(found)} differ from the profile",
-        "send these lines one at a time, each after the `ok` of the one before (a setting that one side lacks means "
-        "another firmware), then check again:\n" + "\n".join(lines),
+        f"{first if built else ''}send these lines one at a time, each after the `ok` of the one before (a setting "
+        "that one side lacks means another firmware), then check again:\n" + "\n".join(lines),
     )

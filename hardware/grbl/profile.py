@@ -73,6 +73,7 @@ _TABLE: tuple[tuple[int, float | None, float | None, str], ...] = (
 )
 LAB_SETTINGS: Mapping[int, float] = MappingProxyType({row[0]: row[1] for row in _TABLE if row[1] is not None})
 SAFE_SETTINGS = frozenset({1, 10, 13, 20, 21, 22, 32})  # of the same value on every machine: the driver relies on them
+MACHINE_SETTINGS = frozenset({3, 23, *range(100, 133)}) & LAB_SETTINGS.keys()  # of how a machine is built
 _ONLY_HAL = frozenset({row[0] for row in _TABLE} - set(LAB_SETTINGS))
 HAL_BUILD = "FIRMWARE:grblHAL"  # in the answer to `$I`
 

@@ -81,7 +81,8 @@ def fault(name, *note, ok_but=()):
 FAULTS = {
     "settings": (
         lambda virtual: virtual.grbl._machine.settings.update({110: 500.0, 22: 0.0}),
-        fault("gantry settings", "2 of 34 differ", "$22=1", "$110=12000       $110 is 500, profile 12000"),
+        fault("gantry settings", "2 of 34 differ", "keeps $110, since", "`[gantry_settings]` of the bench file. Else",
+              "$22=1", "$110=12000       $110 is 500, profile 12000"),
     ),
     "limit": (lambda virtual: virtual.grbl.inject("limit", axis="y"), fault("limit switches", "Y closed; free the")),
     "silent": (

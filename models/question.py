@@ -13,7 +13,7 @@ from fast.models.errors import UsageError
 Kind = Literal[
     "decimal point", "outlier", "copied", "unit", "exchanged tools", "exchanged objects", "told twice",
     "exchanged walls", "another quantity", "sign", "impossible",
-    "no grip", "lost early", "pressed down", "cut off", "exchanged axes", "zero",
+    "no grip", "lost early", "pressed down", "cut off", "exchanged axes", "zero", "saturated",
 ]  # fmt: skip
 _SHOWN = 10  # questions of one answer that are named
 _LIKELY_SD = 3.0  # a slip explains a number that it would bring so near to what is expected

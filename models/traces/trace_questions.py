@@ -32,6 +32,12 @@ _EXCHANGE_NATS = 6.0
 _EVEN = 0.005  # of its range, that a lift at constant speed departs from a straight line over time
 _ZERO_N = 0.4  # a force with the object free that is no noise
 _ZERO_SPREAD = 0.3  # of that force, from trace to trace
+_LEAST_VALUES = 50  # different forces, of which two traces with all of them are one
+_LEAST_FLAT = 12  # samples in a row at the largest force
+_MOST_EQUAL = (
+    0.2  # of the other samples, that are as the one before: with more the channel is coarse, and tops are flat
+)
+_TOP = 0.9  # of the largest amount, that a channel that wraps around shows of either sign
 _OF_CELLS: dict[flags.Kind, Kind] = {
     "stuck_valve": "no grip", "ejection": "lost early", "early_loss": "lost early", "negative_preload": "pressed down",
 }  # fmt: skip
@@ -57,8 +63,45 @@ def find_trace_questions(told: Sequence[ToldTrace]) -> list[Question]:
     whole = _ask_of_file(told, measured, expected)
     if whole is not None:
         return [whole]
-    cut = _find_cut(told)
-    return cut + _ask_of_cells(told, measured, expected, {number for question in cut for number in question.numbers})
+    found = [*_find_doubles(told), *_find_saturated(told), *_find_cut(told)]
+    return found + _ask_of_cells(told, measured, expected, {number for one in found for number in one.numbers})
+
+
+def _find_doubles(told: Sequence[ToldTrace]) -> list[Question]:
+    """Traces with the very samples of another: one file under two names. No two pulls have the same noise."""
+    found, first = [], dict[bytes, int]()
+    for number, one in enumerate(told):
+        before = first.setdefault(one.trace.force_n.tobytes(), number)
+        if before != number and len(np.unique(one.trace.force_n)) >= _LEAST_VALUES:
+            sentence = f"{one.place}: {_name(one)} has the samples of {told[before].place}, one file under two names?"
+            found.append(Question("told twice", sentence, (number,)))
+    return found
+
+
+def _find_saturated(told: Sequence[ToldTrace]) -> list[Question]:
+    """Traces that stand still at their largest force, or leap from it to the largest negative one."""
+    found = []
+    for number, one in enumerate(told):
+        force_n, most_n = one.trace.force_n, float(one.trace.force_n.max(initial=0.0))
+        is_top = np.abs(force_n) >= _TOP * float(np.abs(force_n).max(initial=0.0))
+        leaps = is_top[:-1] & is_top[1:] & (force_n[:-1] > NOISE_N) & (force_n[1:] < -NOISE_N)
+        flat = _longest_run(force_n == most_n) if most_n > NOISE_N else 0
+        others_n = force_n[(force_n > NOISE_N) & (force_n < most_n)]
+        is_fine = float((np.diff(others_n) == 0.0).mean()) < _MOST_EQUAL if len(others_n) > 1 else False
+        if leaps.any():
+            words = f"leaps from {spell_number(most_n, 3)} N to as much below 0, beyond what the channel can show?"
+        elif flat >= _LEAST_FLAT and is_fine:
+            words = f"stands at {spell_number(most_n, 3)} N over {flat} samples, the end of the load cell's range?"
+        else:
+            continue
+        found.append(Question("saturated", f"{one.place}: {_name(one)} {words}", (number,)))
+    return found
+
+
+def _longest_run(is_there: np.ndarray) -> int:
+    """Most samples in a row for which it is so."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]]).astype(int)))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def _ask_of_file(told: Sequence[ToldTrace], measured: TraceFeatures, expected: TraceFeatures) -> Question | None:

@@ -3,6 +3,7 @@
 The reference finger of a config is one of them, in the first slot of the first batch.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from fast.tasks.campaign.settings import Schedule
 OWN = "own"  # what `proposals.acquisition` says of them
 REFERENCE = "reference"  # and of a reference finger
 NAME, BATCH = "name", "batch"
+_LIKE_A_TOOL = re.compile(r"B\d+T\d", re.IGNORECASE)
 _LONGEST_NAME = 60
 
 
@@ -75,6 +77,8 @@ def _read(row: CsvRow, number: int, rules: PrintingRules | None, family: type[De
     name = row.get(NAME) or f"own {number}"
     if len(name) > _LONGEST_NAME or not name.isprintable():
         raise row.wrong(NAME, f"it must be printable and at most {_LONGEST_NAME} characters long")
+    if _LIKE_A_TOOL.fullmatch(name):
+        raise row.wrong(NAME, "tools are called so by batch and slot, and it may lie in another one; take another name")
     batch = row.integer(BATCH) if row.get(BATCH) else None
     if batch is not None and batch < 1:
         raise row.wrong(BATCH, "it must be at least 1")

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from fast.models.question import Question
 from fast.models.records import Trace
 from fast.models.traces.trace_questions import ToldTrace, find_trace_questions
 
@@ -82,3 +83,26 @@ def test_a_cell_whose_repeats_all_went_wrong_is_named(change: Callable[[Trace], 
     assert question.kind == kind
     assert "B01T2 on object 1" in question.sentence
     assert {(told[n].tool, told[n].object_id) for n in question.numbers} == {("B01T2", 1)}
+
+
+def change_one(told: list[ToldTrace], number: int, trace: Trace) -> list[Question]:
+    return find_trace_questions([*told[:number], told[number]._replace(trace=trace), *told[number + 1 :]])
+
+
+def test_one_file_under_two_names_is_asked_about() -> None:
+    told = file_of()
+    (question,) = change_one(told, 7, told[3].trace)
+    assert (question.kind, question.numbers) == ("told twice", (7,))
+    assert question.sentence == "row 9: B01T0 on object 2 has the samples of row 5, one file under two names?"
+
+
+def test_a_load_cell_at_the_end_of_its_range_is_asked_about() -> None:
+    told = file_of()
+    force_n = told[5].trace.force_n
+    (flat,) = change_one(told, 5, with_force(told[5].trace, np.minimum(force_n, 0.9 * force_n.max())))
+    assert flat.sentence.startswith("row 7: B01T0 on object 1 stands at ")
+    wrapped_n = np.where(force_n > 0.9 * force_n.max(), force_n - 1.8 * force_n.max(), force_n)
+    (wraps,) = change_one(told, 5, with_force(told[5].trace, wrapped_n))
+    assert "to as much below 0" in wraps.sentence
+    coarse = [one._replace(trace=with_force(one.trace, np.round(one.trace.force_n / 0.5) * 0.5)) for one in told]
+    assert [one for one in find_trace_questions(coarse) if one.kind == "saturated"] == []

@@ -129,6 +129,7 @@ def test_rows_of_proposed_batches_may_not_change(tmp_path: Path) -> None:
         (PUBLISHED.replace("2.4", ""), "front_thickness_mm is ``, it must be a finite number"),
         (PUBLISHED.replace("published", "x" * 61), "at most 60 characters"),
         ("", "has no usable rows"),
+        (PUBLISHED.replace("published", "b01t1"), "tools are called so by batch and slot"),
     ],
 )
 def test_a_wrong_file_is_one_sentence(tmp_path: Path, row: str, words: str) -> None:

@@ -124,6 +124,8 @@ def _check_lock(findings: Findings, is_closed: bool, is_open: bool, is_present: 
         findings.add("tool lock", both, "the lock is half way, without air, or a sensor is off its place")
     elif is_present and is_open:
         findings.add("tool lock", "open under a tool", "hold the tool, then close the lock at the panel")
+    elif is_closed and not is_present:
+        findings.add("tool lock", "closed without a tool", "no tool could be seated: open the lock at the panel")
     else:
         findings.add("tool lock", f"{state}, {tool}")
 

@@ -11,6 +11,7 @@ from fast.hardware.bench import BenchSettings, open_virtual_bench, open_virtual_
 from fast.hardware.checkup.bench import check_bench, check_open_bench, check_tool_masses
 from fast.hardware.checkup.findings import Findings
 from fast.hardware.checkup.load_cell import check_load_cell
+from fast.hardware.checkup.plc import _check_lock
 from fast.hardware.checkup.ports import check_address, check_serial_port, holders
 from fast.hardware.click import tags
 from fast.hardware.clock import VirtualClock
@@ -271,3 +272,21 @@ def test_ports(tmp_path, monkeypatch):
         check_serial_port(str(path))
     with pytest.raises(LinkLostError, match="no known host"):
         check_address("no-such-host.invalid", 502, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("is_closed", "is_open", "is_present", "note", "is_fault"),
+    [
+        (True, False, True, "closed, with a tool", False),
+        (False, True, False, "open, without a tool", False),
+        (True, False, False, "closed without a tool; no tool could be seated", True),
+        (False, True, True, "open under a tool; hold the tool", True),
+        (True, True, False, "both on; the lock is half way", True),
+    ],
+)
+def test_the_lock_and_the_tool_fit_together(is_closed, is_open, is_present, note, is_fault):
+    findings = Findings()
+    _check_lock(findings, is_closed, is_open, is_present)
+    (found,) = findings.found
+    assert note in found.note
+    assert found.ok is not is_fault

@@ -2,12 +2,15 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from fast.tasks.bench.machine_files.numbers import Marks, find_marks, is_like_number, is_number, read_number
 from fast.tasks.bench.machine_files.words import Quantity, quantity_of_name, quantity_of_unit, scale_of, split_unit
 
 _LEAST_ROWS = 3  # of numbers in a row: fewer are results above or below the samples
+_LEAST_PULL = 10  # samples below a head of other names: fewer are results
+_LARGEST_STEP = 0.15  # mean of a pull, of the whole lift; results in any order have more
 _MOST_EMPTY = 3  # samples in a row that may lack a cell
 _HEAD_ROWS = 6  # above the samples in which names and units are looked for
 _OTHER_UNITS = frozenset({"%", "mpa", "pa", "kpa", "psi", "°c", "v", "mv", "a", "hz", "j", "mj", "1", "mm/mm", "mm/min",
@@ -23,7 +26,7 @@ class BrokenRow(ValueError):
 
 
 class Block(NamedTuple):
-    """The samples of a file: all of its tables that have the same columns, one below the other."""
+    """Samples of a file below one head: tables that have the same columns and units, one below the other."""
 
     names: list[str]
     """Of the columns; empty where the file has none."""
@@ -36,7 +39,7 @@ class Block(NamedTuple):
     starts: list[int]
     """Places of rows below a head of their own."""
     n_left_out: int
-    """Filled rows between and below the samples."""
+    """Filled rows between and below all samples of the file; those of its first block."""
     marks: Marks
     """How the file separates cells and decimals."""
     said_units: dict[Quantity, str]
@@ -55,51 +58,121 @@ class _Table(NamedTuple):
     def n_rows(self) -> int:
         return sum(last - first for first, last in self.runs)
 
+    @property
+    def places(self) -> list[int]:
+        return [place for run in self.runs for place in range(*run)]
 
-def find_block(grid: Sequence[Sequence[str]], decimal: str | None = None, wanted: Sequence[str] = ()) -> Block | None:
-    """The longest run of rows of numbers with the names and units above it, and further runs of the same columns.
 
-    wanted: names of columns that a person has given. None where there are no numbers.
+def find_blocks(grid: Sequence[Sequence[str]], decimal: str | None = None, wanted: Sequence[str] = ()) -> list[Block]:
+    """The longest run of rows of numbers with the names and units above it, and the other pulls, as the file has them.
+
+    Other pulls are tables with the same names, and those below another head that names a force and a lift. Empty where
+    there are no numbers. wanted: names of columns that a person has given.
 
     Raises:
         BrokenRow: a cell between the samples is no number.
     """
-    loose = _find_runs([_looks_like_samples(row) for row in grid])
-    if not loose:
-        return None
-    first, last = max(loose, key=lambda run: run[1] - run[0])
-    marks = find_marks((cell for row in grid[first:last] for cell in row), decimal)
-    columns = _find_number_columns(grid[first:last], marks)
-    if len(columns) < 2:
-        return None
-    width = max(max(columns) + 1, len(grid[first]))
-    tables = _find_tables(grid, columns, marks, width, wanted)
-    longest = max(tables, key=lambda table: table.n_rows, default=None)
-    if longest is None or longest.n_rows < _LEAST_ROWS:
-        return None
-    chosen = [table for table in tables if table is longest or (table.names and table.names == longest.names)]
-    for table in chosen:
+    tables, marks = _find_alike(grid, 0, len(grid), decimal, wanted)
+    todo = _find_gaps(tables, 0, len(grid)) if tables else []
+    while todo:
+        first, last = todo.pop()
+        others, _ = _find_alike(grid, first, last, marks.decimal, wanted)
+        todo += _find_gaps(others, first, last) if others else []
+        tables += others if others and is_pull(_make_blocks(grid, others, marks, first)[0], wanted) else []
+    tables.sort(key=lambda table: table.runs[0])
+    for table in tables:
         if table.broken:
             raise BrokenRow(table.broken[0])
-    places = [place for table in chosen for run in table.runs for place in range(*run)]
-    beside = _read_units_beside([grid[place] for place in places], columns)
-    n_heads = sum(2 if any(table.units) else 1 for table in chosen[1:])
-    return Block(
-        longest.names,
-        [beside.get(column, unit) for column, unit in enumerate(longest.units)],
-        [list(grid[place]) for place in places],
-        [place + 1 for place in places],
-        [places.index(table.runs[0][0]) for table in chosen],
-        max(sum(any(row) for row in grid[places[0] :]) - len(places) - n_heads, 0),
-        marks,
-        _find_said_units(grid[: places[0]]),
-    )
+    blocks = _make_blocks(grid, tables, marks)
+    if blocks:
+        n_heads = sum(2 if any(table.units) else 1 for table in tables[1:])
+        n_below = sum(any(row) for row in grid[tables[0].runs[0][0] :]) - sum(table.n_rows for table in tables)
+        blocks[0] = blocks[0]._replace(n_left_out=max(n_below - n_heads, 0))
+    return blocks
+
+
+def is_pull(block: Block, wanted: Sequence[str] = ()) -> bool:
+    """Whether the head names a force and a lift, and the lift goes on from row to row, as in no table of results."""
+    chosen = choose_columns(block) if block.names or any(block.units) else {}
+    given = {name.strip().casefold() for name in wanted} & {name.casefold() for name in block.names}
+    if len(block.rows) < _LEAST_PULL or not ({"lift", "force"} <= chosen.keys() or len(given) > 1):
+        return False
+    if "lift" not in chosen:
+        return True
+    cells = [read_number(row[chosen["lift"]], block.marks) for row in block.rows if chosen["lift"] < len(row)]
+    values = [value for value in cells if value is not None]
+    path = sum(abs(b - a) for a, b in pairwise(values))
+    return bool(values) and 0 < path <= _LARGEST_STEP * len(values) * (max(values) - min(values))
+
+
+def _find_gaps(tables: Sequence[_Table], first: int, last: int) -> list[tuple[int, int]]:
+    """Rows of a part of the file that are above, between and below the tables."""
+    edges = [first, *(place for table in tables for run in table.runs for place in run), last]
+    return [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _LEAST_PULL]
+
+
+def _find_alike(
+    grid: Sequence[Sequence[str]], start: int, stop: int, decimal: str | None, wanted: Sequence[str]
+) -> tuple[list[_Table], Marks]:
+    """The longest table of a part of the file, and those with its names."""
+    part = grid[start:stop]
+    loose = _find_runs([_looks_like_samples(row) for row in part])
+    if not loose:
+        return [], Marks()
+    first, last = max(loose, key=lambda run: run[1] - run[0])
+    marks = find_marks((cell for row in part[first:last] for cell in row), decimal)
+    columns = _find_number_columns(part[first:last], marks)
+    if len(columns) < 2:
+        return [], marks
+    width = max(max(columns) + 1, len(part[first]))
+    tables = _find_tables(part, start, columns, marks, width, wanted)
+    longest = max(tables, key=lambda table: table.n_rows, default=None)
+    if longest is None or longest.n_rows < _LEAST_ROWS:
+        return [], marks
+    alike = [table for table in tables if table is longest or (table.names and table.names == longest.names)]
+    for table in alike:
+        for column, unit in _read_units_beside([grid[place] for place in table.places], columns).items():
+            table.units[column] = unit
+    return alike, marks
+
+
+def _make_blocks(grid: Sequence[Sequence[str]], tables: Sequence[_Table], marks: Marks, start: int = 0) -> list[Block]:
+    """Tables in the order of the file, those that follow each other with the same columns and units as one block.
+
+    start: first row that can be of a head.
+    """
+    blocks: list[Block] = []
+    end = start
+    said: dict[Quantity, str] = {}
+    for table in tables:
+        more = _find_said_units(grid[end : table.runs[0][0]])
+        units = table.units if more else _fill_units(table, tables)
+        said = {**said, **more}
+        end = table.runs[-1][1]
+        if not (blocks and (blocks[-1].names, blocks[-1].units, blocks[-1].said_units) == (table.names, units, said)):
+            blocks.append(Block(table.names, units, [], [], [], 0, marks, said))
+        blocks[-1].starts.append(len(blocks[-1].rows))
+        blocks[-1].rows.extend(list(grid[place]) for place in table.places)
+        blocks[-1].numbers.extend(place + 1 for place in table.places)
+    return blocks
+
+
+def _fill_units(table: _Table, tables: Sequence[_Table]) -> list[str | None]:
+    """Units of a table; what it does not say is as in those with the same names, if they agree."""
+    others = [other.units for other in tables if other.names == table.names and len(other.units) == len(table.units)]
+    found = [{unit for unit in units if unit} for units in zip(*others, strict=True)]
+    return [
+        unit or (next(iter(all_)) if len(all_) == 1 else None) for unit, all_ in zip(table.units, found, strict=True)
+    ]
 
 
 def _find_tables(
-    grid: Sequence[Sequence[str]], columns: Sequence[int], marks: Marks, width: int, wanted: Sequence[str]
+    grid: Sequence[Sequence[str]], start: int, columns: Sequence[int], marks: Marks, width: int, wanted: Sequence[str]
 ) -> list[_Table]:
-    """Rows of numbers below their heads; rows without a head of their own go on with those above."""
+    """Rows of numbers below their heads; rows without a head of their own go on with those above.
+
+    start: place of the first of these rows in the file.
+    """
     tables: list[_Table] = []
     end = 0
     for first, last in _find_runs([_is_sample(row, columns, marks) for row in grid]):
@@ -107,11 +180,11 @@ def _find_tables(
         names, units = _read_head(gap, width, wanted)
         broken = _find_broken(gap, columns, marks) if tables else None
         if broken is not None:
-            tables[-1].broken.append(f"row {end + 1 + broken[0]} has `{broken[1][:40]}`, which is no number")
+            tables[-1].broken.append(f"row {start + end + 1 + broken[0]} has `{broken[1][:40]}`, which is no number")
         if tables and (broken is not None or not (names or any(map(any, gap)))):
-            tables[-1].runs.append((first, last))
+            tables[-1].runs.append((start + first, start + last))
         else:
-            tables.append(_Table(names, units, [(first, last)], []))
+            tables.append(_Table(names, units, [(start + first, start + last)], []))
         end = last
     return tables
 

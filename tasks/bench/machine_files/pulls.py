@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from fast.models.records import Trace
 from fast.tasks.bench.machine_files.cells import Grid, read_grids
 from fast.tasks.bench.machine_files.channels import Channels, find_columns, read_channels
 from fast.tasks.bench.machine_files.format import MachineFormat
-from fast.tasks.bench.machine_files.head import Block, BrokenRow, find_block
+from fast.tasks.bench.machine_files.head import Block, BrokenRow, choose_columns, find_blocks, is_pull
 from fast.tasks.bench.machine_files.numbers import Marks, read_number
 from fast.tasks.bench.machine_files.split import split_pulls
 from fast.tasks.bench.machine_files.words import Quantity
@@ -126,11 +127,13 @@ def _read_file(named: Named, machine: MachineFormat) -> tuple[list[ToldGrasp], l
     path = named.path
     notes: list[str] = []
     traces: list[Trace] = []
-    for grid, block, columns in _find_tables(path, machine):
+    tables = list(_find_tables(path, machine))
+    for grid, block, columns in tables:
         for places in columns:
-            channels = read_channels(path, block, places, machine)
-            parts, n_back = split_pulls(channels.lift_mm, channels.cycle, channels.starts)
-            traces += _make_traces(path, grid, block, channels, parts, machine)
+            with _saying_where(grid, block, len(tables)):
+                channels = read_channels(path, block, places, machine)
+                parts, n_back = split_pulls(channels.lift_mm, channels.cycle, channels.starts)
+                traces += _make_traces(path, grid, block, channels, parts, machine)
             notes += [f"{channels.n_empty} samples lack a number and were left out"] if channels.n_empty else []
             notes += [f"{n_back} samples of the way back were left out"] if n_back else []
         notes += [f"{block.n_left_out} rows below the samples were left out"] if block.n_left_out else []
@@ -156,24 +159,61 @@ def find_table(path: Path, machine: MachineFormat) -> tuple[Grid, Block, dict[Qu
 
 
 def _find_tables(path: Path, machine: MachineFormat) -> Iterator[tuple[Grid, Block, list[dict[Quantity, int]]]]:
-    """The longest table of samples, and those of other sheets that have its columns."""
+    """The longest table of samples, and the other pulls of the file and its sheets."""
     wanted = [column.name for column in machine.columns().values() if column.name]
     found: list[tuple[Grid, Block]] = []
     for grid in read_grids(path, machine.separator, machine.encoding):
         try:
-            block = find_block(grid.rows, machine.decimal, wanted)
+            found += [(grid, block) for block in find_blocks(grid.rows, machine.decimal, wanted)]
         except BrokenRow as error:
             raise UsageError(f"{path}: {error}; nothing was written: correct it.") from error
-        found += [] if block is None else [(grid, block)]
     if not found:
         raise UsageError(
             f"{path} has no samples, which are rows of numbers; nothing was written: export the samples of the pull, "
             "or correct separator, decimal and encoding of the format file."
         )
     _, main = max(found, key=lambda table: len(table[1].rows))
-    for grid, block in found:
-        if block is main or (main.names and (block.names, block.units) == (main.names, main.units)):
-            yield grid, block, find_columns(path, block, machine)
+    pulls = [
+        (grid, block)
+        for grid, block in found
+        if block is main or (main.names and block.names == main.names) or is_pull(block, wanted)
+    ]
+    for grid, block in pulls:
+        with _saying_where(grid, block, len(pulls)):
+            columns = find_columns(path, block, machine)
+            _check_numbers(path, block, main, machine)
+        yield grid, block, columns
+
+
+def _check_numbers(path: Path, block: Block, main: Block, machine: MachineFormat) -> None:
+    """Refuse columns that a person has counted where another head has others in these places."""
+    for quantity, column in machine.columns().items():
+        if column.number is None or not (main.names or any(main.units)):
+            continue
+        names = [part.names[column.number - 1 : column.number] for part in (block, main)]
+        chosen = [choose_columns(part).get(quantity) for part in (block, main)]
+        if names[0] != names[1] or chosen[0] != chosen[1]:
+            raise UsageError(
+                f"{path} has heads that differ, and the format file counts columns (number {column.number} is the "
+                f"{quantity}); nothing was written: leave [{quantity}] out, or give a file for each head."
+            )
+
+
+@contextmanager
+def _saying_where(grid: Grid, block: Block, n_blocks: int) -> Iterator[None]:
+    """Add to a refusal which samples of several it is about, and the head above them."""
+    try:
+        yield
+    except UsageError as error:
+        if n_blocks == 1:
+            raise
+        sheet = f"of sheet `{grid.sheet}` " if grid.sheet else ""
+        heads = [name + (f" ({unit})" if unit else "") for name, unit in zip(block.names, block.units, strict=False)]
+        below = f" below `{', '.join(filter(None, heads))}`" if heads else ""
+        raise UsageError(
+            f"{error} These are the samples {sheet}from row {block.numbers[0]} on{below}; where heads differ, give a "
+            "format file without [time], [lift] and [force], or a file for each head."
+        ) from error
 
 
 def _make_traces(

@@ -135,6 +135,93 @@ def test_each_sheet_of_a_spreadsheet_is_a_pull(tmp_path: Path) -> None:
     assert peaks(read(tmp_path, out.getvalue(), "B01T0_2.xlsx")) == pytest.approx([PEAK_N] * 2, abs=1e-3)
 
 
+def other(names: str, units: str, order: tuple[int, int, int] = (0, 1, 2), scale: float = 1.0) -> str:
+    """A pull of 0.5 of the usual force below a head of its own."""
+    rows = [line.split(",") for line in table(scale=0.5 * scale).splitlines()]
+    return f"{names}\n{units}\n" + "".join(",".join(row[i] for i in order) + "\n" for row in rows)
+
+
+OTHERS = {
+    "unit": other("Time,Extension,Load", "(s),(mm),(kgf)", scale=1 / 9.80665),
+    "unit-in-names": other("Time (s),Extension (mm),Load (kgf)", ",,", scale=1 / 9.80665),
+    "order": other("Time,Load,Extension", "(s),(N),(mm)", (0, 2, 1)),
+    "names": other("Time,Travel,Force", "s,mm,N"),
+    "wider": other("Time,No,Travel,Force", "(s),-,(mm),(N)", (0, 0, 1, 2)),
+}
+SUMMARY = "No,Extension at maximum (mm),Maximum Load (N)\n" + "".join(
+    f"{n},{12 + 5 * (n * 7 % 5)}.5,{6 + n % 3}.25\n" for n in range(30)
+)
+
+
+def write_sheets(**sheets: str) -> bytes:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, text in sheets.items():
+        sheet = book.create_sheet(name)
+        for line in text.splitlines():
+            sheet.append([float(cell) if cell[:1].isdigit() else cell for cell in line.split(",")])
+    out = io.BytesIO()
+    book.save(out)
+    return out.getvalue()
+
+
+def read_as_is(folder: Path, content: str | bytes, machine: str = "") -> Pulls:
+    """The pulls of a file by what it says itself, or by what a format file says."""
+    path = folder / ("B01T0_2.csv" if isinstance(content, str) else "B01T0_2.xlsx")
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_pulls([path], parse_format('file_name = "{tool}_{object}.*"\n' + machine, "utm.toml"))
+
+
+@pytest.mark.parametrize("text", OTHERS.values(), ids=OTHERS)
+def test_each_head_says_what_is_below_it(tmp_path: Path, text: str) -> None:
+    usual = PLAIN + table()
+    for tables, shares in (
+        ([usual, text], [1, 0.5]),
+        ([text, usual], [0.5, 1]),
+        ([usual, text, usual, SUMMARY], [1, 0.5, 1]),
+    ):
+        below = "\n".join(f"Specimen {n}\n{part}" for n, part in enumerate(tables))
+        sheets = write_sheets(**{f"Sheet {n}": part for n, part in enumerate(tables)}, Notes="", Summary=SUMMARY)
+        for content in (below, sheets):
+            found = read_as_is(tmp_path, content)
+            assert peaks(found) == pytest.approx([share * PEAK_N for share in shares], abs=2e-3)
+            assert [grasp.repeat for grasp in found.grasps] == list(range(len(shares)))
+            for grasp in found.grasps:
+                assert grasp.trace.lift_mm == pytest.approx(LIFT_MM)
+
+
+@pytest.mark.parametrize(
+    ("kind", "machine", "words"),
+    [
+        ("unit", '[force]\nname = "Load"\nunit = "N"', r"the force is in kgf, the format file says N.*row 48 on"),
+        ("names", '[force]\nname = "Load"', r"no column `Load`.*row 48 on below `Time \(s\), Travel \(mm\), Force"),
+        ("order", '[lift]\nnumber = 2\nunit = "mm"', "heads that differ, and the format file counts columns"),
+    ],
+)
+def test_a_head_that_the_format_file_does_not_fit_is_refused_by_its_place(
+    tmp_path: Path, kind: str, machine: str, words: str
+) -> None:
+    with pytest.raises(UsageError, match=words) as refused:
+        read_as_is(tmp_path, "Specimen 1\n" + PLAIN + table() + "\nSpecimen 2\n" + OTHERS[kind], machine)
+    assert "\n" not in str(refused.value)
+    with pytest.raises(UsageError, match="of sheet `Second` from row 3 on"):
+        read_as_is(tmp_path, write_sheets(First=PLAIN + table(), Second=OTHERS[kind]), machine)
+
+
+def test_a_unit_in_the_lines_above_a_head_is_that_of_its_samples(tmp_path: Path) -> None:
+    names = "X-Axis,Travel\nTravel Unit,mm\nTime (s),Travel,Load\n"
+    text = "Units: N\n" + names + table() + "\nUnits: kgf\n" + names + table(scale=0.5 / 9.80665)
+    assert peaks(read_as_is(tmp_path, text)) == pytest.approx([PEAK_N, 0.5 * PEAK_N], abs=2e-3)
+
+
+def test_a_head_without_units_has_those_of_the_others_if_they_agree(tmp_path: Path) -> None:
+    bare = "\nTime,Extension,Load\n" + table(scale=0.5)
+    assert peaks(read_as_is(tmp_path, PLAIN + table() + bare)) == pytest.approx([PEAK_N, 0.5 * PEAK_N], abs=1e-3)
+    with pytest.raises(UsageError, match="does not say the unit of the force.*from row 89 on"):
+        read_as_is(tmp_path, PLAIN + table() + "\n" + OTHERS["unit"] + "\n" + bare)
+
+
 def test_a_gauge_that_writes_the_unit_beside_each_number(tmp_path: Path) -> None:
     path = tmp_path / "B01T0_2_0.csv"
     path.write_text(

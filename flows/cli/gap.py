@@ -277,7 +277,7 @@ def answer(
     from fast.models.gap.ask.answers import Reading
     from fast.models.validation import load_record
     from fast.tasks.gap.findings import find_newest_run
-    from fast.tasks.gap.readings import NO_SEARCH, take_back_reading, write_reading
+    from fast.tasks.gap.readings import name_unasked, take_back_reading, write_reading
 
     if undo == (value is not None):
         raise UsageError("give a number, or --undo and no number; nothing was changed.")
@@ -288,7 +288,7 @@ def answer(
     is_asked = asked is not None and asked.kind == kind
     if not is_asked:
         _check_unasked(found, kind)
-    search_id = NO_SEARCH if run is None else run.gap_id
+    search_id = run.gap_id if run is not None and is_asked else name_unasked(campaign_id)
     data = {"search": search_id, "kind": kind, "value": value}
     if value is None:
         take_back_reading(found, campaign_id, search_id, kind, operator)

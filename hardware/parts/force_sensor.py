@@ -139,8 +139,7 @@ class ForceSensor:
         """
         for reading in self._transmitter.read_new():
             gross_n = reading.gross * self._transmitter.newton_per_unit
-            is_fault = bool(reading.fault)
-            if (is_fault and reading.is_overload) or (not is_fault and abs(gross_n) >= self.full_scale_n):
+            if self._is_overload(reading):
                 raise OverloadError(
                     f"The head is stopped on its way: the load cell carries {gross_n:.0f} N, its full scale is "
                     f"{self.full_scale_n:.0f} N. Look what it has met or what hangs on it, then free it by hand."
@@ -205,10 +204,15 @@ class ForceSensor:
             return {"transmitter_peak_n": self._peak_n, "peak_check": contradiction}
         return {"transmitter_peak_n": self._peak_n}
 
+    def _is_overload(self, reading: Reading) -> bool:
+        """Whether the cell carries its full scale, by what it reports, or else by the gross."""
+        if reading.fault:
+            return reading.is_overload
+        return abs(reading.gross * self._transmitter.newton_per_unit) >= self.full_scale_n
+
     def _force(self, reading: Reading) -> ForceReading:
         newton = self._transmitter.newton_per_unit
-        fault = reading.fault
-        is_overload = bool(fault) and reading.is_overload
+        fault, is_overload = reading.fault, self._is_overload(reading)
         if fault and not is_overload:
             raise SensorFaultError(
                 f"The load cell reports a fault: {fault}. The grasp is abandoned; check the cell's cable and "
@@ -223,7 +227,7 @@ class ForceSensor:
         self._peak_n = None if reading.peak is None else reading.peak * newton
         if not reading.alarm:
             self._watch.add(gross_n, net_n)
-        if is_overload or abs(gross_n) >= self.full_scale_n:
+        if is_overload:
             carried = "more than can be shown" if reading.alarm else f"{gross_n:.0f} N"
             raise OverloadError(
                 f"The load cell is overloaded: it carries {carried}, its full scale is {self.full_scale_n:.0f} N"

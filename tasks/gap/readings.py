@@ -23,10 +23,14 @@ from fast.tasks.campaign.campaign import stored_provenance
 from fast.tasks.campaign.state import THICKNESSES, load_designs
 
 KIND = "gap_reading"
-NO_SEARCH = "none"  # of a reading of before the first search
 BAR, WALLS = "tensile_bar", "walls"
 _LEAST_WALLS = 6  # measured ones that say what a reading of them should be
 _READING_SD_MM = 0.05  # of the mean over three fingers about that over all
+
+
+def name_unasked(campaign_id: str | None) -> str:
+    """What stands for the search of a reading that none asked for; of each campaign, and of the lake, another."""
+    return f"unasked/{campaign_id or ''}"
 
 
 def write_reading(
@@ -57,7 +61,8 @@ def write_reading(
     rows: list[Row] = [_event(campaign_id, gap_id, reading.kind, text, said)]
     lot = _find_lot(lake, campaign_id) if reading.kind == BAR else ""
     if lot:
-        bar = _describe_bar(reading, f"{operator}, asked by search {gap_id}")
+        asked = "" if gap_id == name_unasked(campaign_id) else f", asked by search {gap_id}"
+        bar = _describe_bar(reading, f"{operator}{asked}")
         rows.append(MaterialRow.of(lot, LAYER_EXCESS, bar, sure))
     lake.append(rows, stored_provenance(lake, campaign_id or ""))
 
@@ -69,7 +74,8 @@ def take_back_reading(lake: Lake, campaign_id: str | None, gap_id: str, kind: st
         UsageError: nobody has measured it.
     """
     if not is_answered(lake, gap_id, kind):
-        raise UsageError(f"nobody has answered `{kind}` of search {gap_id}; nothing was changed.")
+        of_search = "" if gap_id == name_unasked(campaign_id) else f" of search {gap_id}"
+        raise UsageError(f"nobody has answered `{kind}`{of_search}; nothing was changed.")
     text = f"{operator} took back {kind.replace('_', ' ')}"
     rows: list[Row] = [_event(campaign_id, gap_id, kind, text, {"kind": kind, "taken_back_by": operator})]
     lot = _find_lot(lake, campaign_id) if kind == BAR else ""

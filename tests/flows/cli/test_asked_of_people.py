@@ -14,7 +14,7 @@ from fast.models.gap.ask.answers import Reading
 from fast.models.records import GraspRequest
 from fast.tasks.bench.asked import MOUNTED, Mounting, read_mounting, write_requests
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
-from fast.tasks.gap.readings import KIND, read_readings
+from fast.tasks.gap.readings import KIND, name_unasked, read_readings, write_reading
 from tests.flows.campaign.made_up_search import FAST, ask_person, search_made_up
 from tests.flows.cli.cli_lakes import Fast, everything_in, proposed_lake
 
@@ -144,6 +144,9 @@ def test_a_number_that_no_search_asked_for_is_kept_too(fast: Fast, lake: Lake) -
     assert read_readings(Lake.open(lake.root), "quick") == (Reading(kind="dead_weight", value=0.1),)
     assert fast(*answer_words("dead_weight"), "--undo", "--lake", lake.root).status == 0
     assert read_readings(Lake.open(lake.root), "quick") == ()
+    for campaign, number in (("one", 0.1), ("two", 0.2)):  # neither takes the place of the other
+        write_reading(lake, campaign, name_unasked(campaign), Reading(kind="dead_weight", value=number), "ada")
+    assert read_readings(lake, "one") == (Reading(kind="dead_weight", value=0.1),)
     assert "no search `P9` has ended in this lake; leave out --search" in refuse(
         fast, lake, "gap", "next", "--search", "P9"
     )

@@ -56,10 +56,18 @@ class Bound:
     def _measure_distance(self, key: WorldKey, grasps: Grasps) -> float:
         """Standard deviations by which a world is from one with nothing hidden, at the best theta and moduli."""
         change_n, force_n = self._list_changes(key, grasps)
-        known = np.flatnonzero(np.isfinite(change_n).all(axis=1) & np.isfinite(force_n).all(axis=1))
+        return float(np.sqrt(max(self.multiply(key, grasps, change_n[None], force_n)[0, 0], 0.0)))
+
+    def multiply(self, key: WorldKey, grasps: Grasps, changes_n: np.ndarray, force_n: np.ndarray) -> np.ndarray:
+        """Multiply changes of forces with each other, over their errors and with theta and moduli fitted, k x k.
+
+        changes_n: k x n x 120, in the grasps of a world; force_n: n x 120, of these grasps with nothing hidden. Grasps
+        of which either is not known (NaN) are left out.
+        """
+        known = np.flatnonzero(np.isfinite(changes_n).all(axis=(0, 2)) & np.isfinite(force_n).all(axis=1))
         if not len(known):
-            return 0.0
-        grasps, change_n, force_n = grasps.select(known), change_n[known], force_n[known]
+            return np.zeros((len(changes_n), len(changes_n)))
+        grasps, changes_n, force_n = grasps.select(known), changes_n[:, known], force_n[known]
         own, how, reading = self.worlds.of(key), key.nuisance, Reading.of(grasps)
         rows, n_repeats = reading.rows, reading.n_repeats[:, None, None]
         tool, obj = grasps.tool[rows], grasps.obj[rows]
@@ -72,23 +80,22 @@ class Bound:
             + (how.cell_sd**2 + how.repeat_sd**2 / n_repeats) * squares
             + (OF_BINS @ of_steps @ OF_BINS.T + tare) / n_repeats
         )
-        roots = np.linalg.cholesky(covariances)
         theta = self.worlds.panels.sets[key.base].theta
         factor = modulus_factor(key.young_modulus_mpa) * _rescale(own)
         slopes = [factor * np.nan_to_num(slope[tool, obj]) @ OF_BINS.T for slope in bank_slopes(own.bank, theta)]
         prints = [how.tool_sd * means_n * (tool == one)[:, None] for one in np.unique(tool)]
-        columns = np.array([reading.average(change_n), means_n, *slopes, *prints])
-        white = np.linalg.solve(roots, np.moveaxis(columns, 0, 2)).transpose(2, 0, 1).reshape(len(columns), -1)
-        target, free = white[0], white[1:]
+        changes = [reading.average(change_n) for change_n in changes_n]
+        white = _whiten(covariances, np.array([*changes, means_n, *slopes, *prints]))
+        target, free = white[: len(changes)], white[len(changes) :]
         held = np.diag([1e-9] * (1 + len(slopes)) + [1.0] * len(prints))
-        along = free @ target
-        squared = target @ target - along @ np.linalg.solve(free @ free.T + held, along)
-        contrasts = reading.contrast(change_n)
-        if len(contrasts):
+        along = free @ target.T
+        products = target @ target.T - along.T @ np.linalg.solve(free @ free.T + held, along)
+        contrasts = np.array([reading.contrast(change_n) for change_n in changes_n])
+        if contrasts.shape[1]:
             scatter = how.repeat_sd**2 * own_n[:, :, None] * own_n[:, None]
-            roots = np.linalg.cholesky(scatter + OF_CONTRASTS @ of_steps @ OF_CONTRASTS.T + tare)
-            squared += float((np.linalg.solve(roots, contrasts[:, :, None]) ** 2).sum())
-        return float(np.sqrt(max(squared, 0.0)))
+            white = _whiten(scatter + OF_CONTRASTS @ of_steps @ OF_CONTRASTS.T + tare, contrasts)
+            products = products + white @ white.T
+        return np.asarray(products)
 
     def _list_changes(self, key: WorldKey, grasps: Grasps) -> tuple[np.ndarray, np.ndarray]:
         """What all that is hidden changes in these grasps, and their forces without it (n x 120 each)."""
@@ -98,6 +105,12 @@ class Bound:
         sites = zip(grasps.tool.tolist(), grasps.obj.tolist(), grasps.contexts, strict=True)
         rows = [places[tool, obj, context.repeat] for tool, obj, context in sites]
         return np.sum([change.change_n for change in changes], axis=0)[rows], changes[0].force_n[rows]
+
+
+def _whiten(covariances: np.ndarray, changes_n: np.ndarray) -> np.ndarray:
+    """Divide changes (k x m x b) by the errors of their parts, of covariances m x b x b; k x (m b)."""
+    white = np.linalg.solve(np.linalg.cholesky(covariances), np.moveaxis(changes_n, 0, 2))
+    return np.asarray(white.transpose(2, 0, 1).reshape(len(changes_n), -1))
 
 
 def _rescale(worlds: Worlds) -> float:

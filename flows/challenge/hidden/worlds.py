@@ -46,8 +46,9 @@ UNLISTED = (
 )
 N_DESIGNS, N_OBJECTS = 8, 6
 _HELD_OUT_TOOLS, _HELD_OUT_OBJECTS = 4, 3
+OF_RESPONDING = ("friction_wear", "pressure_droop", "warm_posts")  # laws that need panels of other settings
 # Largest amplitude that is plausible, and whether it may be negative.
-_LIMITS: Mapping[str, tuple[float, bool]] = {
+LIMITS: Mapping[str, tuple[float, bool]] = {
     "stress_relaxation": (0.3, False),
     "mullins_softening": (0.35, False),
     "temperature_softening": (0.4, True),
@@ -229,9 +230,9 @@ class Worlds:
             return own.with_effect(key, name, strength, rng)
         if name in self.panels.sets:
             return self._with_set(key, name)
-        if name in ("friction_wear", "pressure_droop", "warm_posts"):
+        if name in OF_RESPONDING:
             key = key.model_copy(update={"base": RESPONDING})
-        largest, has_sign = _LIMITS[name]
+        largest, has_sign = LIMITS[name]
         sign = -1.0 if has_sign and rng.uniform() < 0.5 else 1.0
         is_other = self.has_other_laws and name in OTHER_LAB_LAWS and rng.uniform() < 0.5
         amplitude = sign * 0.1 * largest

@@ -27,11 +27,13 @@ from tests.studies.benchmarks.outcomes import RecordFile, read_records
 from tests.studies.gap.answers import Answer, answer, measure_twin
 from tests.studies.gap.development import interleave, rehearse_worlds
 from tests.studies.gap.judgement import Judged
+from tests.studies.gap.oracle import AtBest, measure_at_best
 from tests.studies.gap.truth import results_folder
 
 SHAPES = ((7, 5), (8, 6), (12, 10))  # designs and objects of a world; no more than the panel has
 SHARES: Mapping[Group, float] = {"null": 0.33, "single": 0.33, "unlisted": 0.2, "pair": 0.14}
 N_WORLDS, N_ROUNDS = 100, 2
+_ORACLES = ("null", "single", "unlisted")  # worlds that are told apart by an oracle
 _BINS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of stated probabilities
 _FEWEST = 10  # answers in a bin, and worlds of a size, that are compared
 _SIZES = (0.0, 0.01, 0.02, 0.04, 0.1, 1.0)
@@ -43,6 +45,7 @@ class ShapeOutcome(Record):
 
     bound: with what probability the likelihood ratio sees that something is hidden. seen_size: from which on the
     rehearsal says that nine in ten are seen. rehearsed: shares of alarms of rehearsed causes of `_SIZES`; None of few.
+    at_best: what an oracle names; None for two causes, and without the truth in the catalogue.
     """
 
     shape: tuple[int, int]
@@ -53,6 +56,7 @@ class ShapeOutcome(Record):
     bound: float = 0.0
     seen_size: float | None = None
     rehearsed: tuple[float | None, ...] = ()
+    at_best: AtBest | None = None
 
     @property
     def judged(self) -> Judged:
@@ -101,6 +105,9 @@ def measure_gap_shapes(options: Options) -> Tables:
                     known[place] = _answer(worlds, rehearsal, bound, place)
                     file.append(known[place])
                     options.tell(f"{size[0]} x {size[1]}: {group} {number}, {known[place].answer.rounds[0].kind}")
+                if known[place].at_best is None and group in _ORACLES and not is_left_out:
+                    known[place] = _ask_oracle(bound, known[place])
+                    file.append(known[place])
                 found.append(known[place])
     tables = make_tables(found)
     (folder / "table.json").write_text(json.dumps({"worlds": n, "rows": tables["figures"]}, indent=1) + "\n")
@@ -136,6 +143,11 @@ def _answer(
         seen_size=rehearsal.find_seen_size(),
         rehearsed=_list_rehearsed(rehearsal),
     )
+
+
+def _ask_oracle(bound: Bound, known: ShapeOutcome) -> ShapeOutcome:
+    grasps = bound.worlds.problem(known.key).grasps
+    return known.model_copy(update={"at_best": measure_at_best(bound, known.key, grasps, SHARES)})
 
 
 def _list_rehearsed(rehearsal: Rehearsal) -> tuple[float | None, ...]:
@@ -186,14 +198,18 @@ def _list_figures(outcomes: Sequence[ShapeOutcome]) -> Rows:
             rows.append(_count(f"{words} {least:.0%}", own, _is_alarm, asked, bound=_see_at_best))
     missed = _count("“none” said at 10 % or more", hidden, lambda one: not one.is_alarm, "0")
     rows.append(missed | ({"bound": round(1.0 - _see_at_best(hidden), 3)} if hidden else {}))
-    rows.append(_count("family right, given an alarm", alarmed, _is_family_right, "92 %"))
-    rows.append(_count("wrong family, in no catalogue", unlisted, _is_wrong, "8 %"))
+    rows.append(_count("family right, given an alarm", alarmed, _is_family_right, "92 %", bound=_name_at_best))
+    rows.append(_count("wrong family, in no catalogue", unlisted, _is_wrong, "8 %", bound=_err_at_best))
     rows.append(_count("wrong family, left out of the catalogue", left_out, _is_wrong, "8 %"))
     rows.append(_count("two effects, both families", of("pair", least=NAMEABLE), _has_both, "75 %"))
     rows.append(_count("truth still possible, catalogued", alarmed, _is_possible, "90 %"))
     rows.append(_count("truth still possible, others", [*unlisted, *left_out], _is_possible, "90 %"))
     misses = [(one.answer.rounds[0].probability - one.judged.is_right) ** 2 for one in outcomes]
-    rows.append(_summarise("Brier score", misses, np.mean, "0.10"))
+    brier = [one.at_best.brier for one in outcomes if one.at_best is not None]
+    rows.append(
+        _summarise("Brier score", misses, np.mean, "0.10")
+        | ({"bound": round(float(np.mean(brier)), 3)} if brier else {})
+    )
     rows.append(_summarise("largest difference of stated and true probability", *_compare_bins(outcomes), "0.07"))
     size = outcomes[0].seen_size
     large = (
@@ -260,16 +276,31 @@ def _count(
     counts: Callable[[ShapeOutcome], bool],
     asked: str,
     *,
-    bound: Callable[[Sequence[ShapeOutcome]], float] | None = None,
+    bound: Callable[[Sequence[ShapeOutcome]], float | None] | None = None,
 ) -> dict[str, object]:
     """A share of worlds. bound: what nobody can beat; None: not known."""
     row = _row(figure, sum(map(counts, worlds)), len(worlds), asked)
-    return row if bound is None or not worlds else row | {"bound": round(bound(worlds), 3)}
+    best = bound(worlds) if bound is not None and worlds else None
+    return row if best is None else row | {"bound": round(best, 3)}
 
 
 def _see_at_best(worlds: Sequence[ShapeOutcome]) -> float:
     """Share of these worlds in which the likelihood ratio sees something."""
     return float(np.mean([one.bound for one in worlds]))
+
+
+def _ask_of_oracle(worlds: Sequence[ShapeOutcome], name: str) -> float | None:
+    """The mean of what the oracle reaches in these worlds, a field of `AtBest`; None of none that it was asked of."""
+    known = [getattr(one.at_best, name) for one in worlds if one.at_best is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _name_at_best(worlds: Sequence[ShapeOutcome]) -> float | None:
+    return _ask_of_oracle(worlds, "names")
+
+
+def _err_at_best(worlds: Sequence[ShapeOutcome]) -> float | None:
+    return _ask_of_oracle(worlds, "is_wrong")
 
 
 def _row(figure: str, k: int, n: int, asked: str) -> dict[str, object]:
@@ -291,6 +322,7 @@ def _tell(row: Mapping[str, object]) -> str:
     if row["value"] is None:
         return "-"
     if "seen" not in row:
-        return f"{row['value']} ({row['worlds']})"
+        bound = f", bound {row['bound']:.3f}" if "bound" in row else ""
+        return f"{row['value']} ({row['worlds']}){bound}"
     bound = f", bound {row['bound']:.0%}" if "bound" in row else ""
     return f"{row['seen']} of {row['worlds']} [{row['low95']:.0%}, {row['high95']:.0%}]{bound}"

@@ -4,6 +4,7 @@ import pytest
 
 from fast.flows.challenge.hidden.worlds import Group, Hidden, WorldKey
 from tests.studies.gap.answers import Answer, Closing, Said
+from tests.studies.gap.oracle import AtBest
 from tests.studies.gap.shapes import ShapeOutcome, make_tables
 
 
@@ -38,6 +39,7 @@ def outcome(
         bound=0.9 if hidden else 0.0,
         seen_size=0.03,
         rehearsed=(None, 0.5, 0.9, 1.0, None),
+        at_best=AtBest(names=0.95, is_wrong=0.05, brier=0.04) if group != "pair" and not left_out else None,
     )
 
 
@@ -86,7 +88,14 @@ def test_figures_are_counts(rows: dict[str, dict[str, object]], figure: str, see
 def test_alarms_have_the_bound_of_the_same_worlds(rows: dict[str, dict[str, object]]) -> None:
     assert rows["alarm, catalogued, visible 2 %"]["bound"] == pytest.approx(0.9)
     assert rows["“none” said at 10 % or more"]["bound"] == pytest.approx(0.1)
-    assert "bound" not in rows["family right, given an alarm"]
+
+
+def test_names_and_probabilities_have_the_bound_of_an_oracle(rows: dict[str, dict[str, object]]) -> None:
+    assert rows["family right, given an alarm"]["bound"] == pytest.approx(0.95)
+    assert rows["wrong family, in no catalogue"]["bound"] == pytest.approx(0.05)
+    assert rows["Brier score"]["bound"] == pytest.approx(0.04)
+    assert "bound" not in rows["two effects, both families"]
+    assert "bound" not in rows["wrong family, left out of the catalogue"]
 
 
 def test_what_can_be_closed_is_told_apart_from_what_nobody_can(rows: dict[str, dict[str, object]]) -> None:

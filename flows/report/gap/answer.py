@@ -191,9 +191,10 @@ def describe_size(one: SizeTold) -> str:
 
 def describe_lines(lines: Mapping[str, float]) -> str:
     """What counts as a sign of a gap, in a sentence. lines: of `PanelTold`."""
+    sure = f", or {lines['sure_nats']:.0f} where no solver differs by its like" if "sure_nats" in lines else ""
     return (
         f"An effect counts as a sign beyond {lines['full_nats']:.0f}, or {lines['spread_nats']:.0f} without the tool "
-        f"on the object that it helps most; a pattern without a name beyond {lines['nats']:.0f}."
+        f"on the object that it helps most; a pattern without a name beyond {lines['nats']:.0f}{sure}."
     )
 
 

@@ -1,13 +1,13 @@
 """What may be missing, each candidate with its evidence: effects, patterns without a name, and drifts.
 
 An effect is tried at its secants: what it changes at single amplitudes, scaled by a factor of about 1, its law free. A
-pattern is a smooth force or factor over the lift that all grasps, an object, or a
-tool have for themselves. A drift is a quantity that changes from grasp to grasp along a clock. The evidence is the log
-of how much more probable the data are than with nothing missing, in nats; sizes and laws are integrated out.
+pattern is a smooth force or factor over the lift that all grasps, an object, or a tool have for themselves, or a
+friction of their own. A drift is a quantity that changes from grasp to grasp along a clock. The evidence is the log of
+how much more probable the data are than with nothing missing, in nats; sizes and laws are integrated out.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from fast.models.gap.evidence.laws import find_level, has_memory, list_law_chang
 from fast.models.gap.evidence.likelihood import EvidenceFit
 from fast.models.gap.evidence.reading import OF_BINS, OF_CONTRASTS, SMOOTH, compute_rms
 from fast.models.records import EffectValue
+from fast.models.simulation.effects.catalogue import CATALOGUE
 from fast.models.traces.step_features import STEP_MM
 
 SCALES = np.array([0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.3, 1.7])  # of a secant's amplitude, as probable as each other
@@ -24,7 +25,9 @@ SIZES = (0.003, 0.01, 0.03, 0.1, 0.3)  # of patterns and drifts, of the force
 ALIKE = 0.9  # correlation of an object's or a tool's coefficients along the lift, where they are alike
 QUANTITY = "quantity"  # kind of a pattern that is as if a quantity were otherwise than told
 STATIC = ("closing", "height", "delay")  # quantities of a pattern that repeats share
+_FRICTION = "a factor on friction"
 _LEAST_FIELD = 1e-9  # of the force: below it a quantity changes nothing
+STIFFER = (1.5, 2.0, 3.0)  # than fitted, of a finger whose force something keeps from growing
 _N_FREED = 2  # secants of an effect whose law is freed: those that fit best
 
 
@@ -35,6 +38,8 @@ class Candidate:
     name: of an effect, or a pattern or drift in words. effect: of the catalogue, also of a drift that one of them
     makes; empty without one. value: the effect at its likeliest. change_n: c x b, what it then changes in the means, in
     N; None for a drift. visible: of an effect, the share of its change that theta, prints and variants cannot make.
+    is_sure: whether solvers of the same physics do not differ by such a thing, so that less evidence is an alarm.
+    starts: values of the effect from which it is fitted, and how many times stiffer than fitted the finger is then.
     """
 
     name: str
@@ -44,6 +49,8 @@ class Candidate:
     value: EffectValue | None = None
     change_n: np.ndarray | None = None
     visible: float | None = None
+    is_sure: bool = False
+    starts: tuple[tuple[EffectValue, float], ...] = ()
 
 
 def weigh_candidates(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
@@ -62,8 +69,6 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
     means_n, contrasts_n = predict_changes(fit, values)
     white = fit.whiten(means_n, contrasts_n)
     products, along = fit.multiply(white)
-    whole = (white**2 * fit.value_weights).sum(axis=1)
-    visible = np.sqrt(np.diag(products) / np.maximum(whole, 1e-12))
     gains = _weigh_facts(fit, values)
     plain = along[:, None] * SCALES - 0.5 * np.diag(products)[:, None] * SCALES**2 + gains
     places, tried = np.argsort(-plain.max(axis=1))[:_N_FREED].tolist(), []
@@ -77,15 +82,54 @@ def _weigh_effect(fit: EvidenceFit, name: str) -> Candidate:
             tried.append((nats + _integrate(scale**2 * freed[1:, 1:], pull), place, scale))
     all_nats = np.array([nats for nats, _, _ in tried])
     _, place, scale = tried[int(np.argmax(all_nats))]
-    return Candidate(
+    whole = float((white[place] ** 2 * fit.value_weights).sum())
+    value = scale_value(values[place], float(scale))
+    found = Candidate(
         name=name,
         kind="effect",
         nats=float(np.logaddexp.reduce(all_nats) - np.log(len(tried) * len(values) / len(places))),
         effect=name,
-        value=scale_value(values[place], float(scale)),
+        value=value,
         change_n=scale * means_n[place],
-        visible=float(visible[place]),
+        visible=_see(products[place, place], whole),
+        starts=((value, 1.0),),
     )
+    if not CATALOGUE[name].softens:
+        return found
+    stiffer = _weigh_stiffer(fit, values)
+    return replace(max(found, stiffer, key=lambda one: one.nats), starts=(*found.starts, *stiffer.starts))
+
+
+def _weigh_stiffer(fit: EvidenceFit, values: Sequence[EffectValue]) -> Candidate:
+    """Weigh an effect together with a stiffer finger: what keeps force from growing makes a fit without it soft."""
+    problem, tried = fit.problem, [(value, by) for value in values for by in STIFFER]
+    means_n = [
+        problem.predict_cells(fit.theta * np.array([by, 1.0, 1.0]), [*fit.effects, value]) @ OF_BINS.T
+        for value, by in tried
+    ]
+    changes_n = fit.factor[:, None] * np.array(means_n) - fit.force_n
+    white = fit.whiten(changes_n)
+    products, along = fit.multiply(white)
+    nats = along - 0.5 * np.diag(products)
+    of_values = nats.reshape(len(values), len(STIFFER))
+    places = np.argsort(-of_values.max(axis=1))[:_N_FREED] * len(STIFFER)
+    places = [int(at + np.argmax(of_values[at // len(STIFFER)])) for at in places]
+    best = places[0]
+    return Candidate(
+        name=values[0].effect,
+        kind="effect",
+        nats=float(np.logaddexp.reduce(nats) - np.log(len(nats))),
+        effect=values[0].effect,
+        value=tried[best][0],
+        change_n=changes_n[best],
+        visible=_see(products[best, best], float((white[best] ** 2 * fit.value_weights).sum())),
+        starts=tuple(tried[place] for place in places),
+    )
+
+
+def _see(product: float, whole: float) -> float:
+    """Return the share of a change that is left of its whole square, what is free integrated out."""
+    return float(np.sqrt(product / max(whole, 1e-12)))
 
 
 def _weigh_facts(fit: EvidenceFit, values: Sequence[EffectValue]) -> np.ndarray:
@@ -112,11 +156,15 @@ def predict_changes(fit: EvidenceFit, values: Sequence[EffectValue]) -> tuple[np
 
 
 def weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
-    """Smooth forces and factors over the lift, of all grasps, of objects, and of tools."""
+    """Smooth forces and factors over the lift, of all grasps, of objects, and of tools; friction of these two.
 
-    def weigh(name: str, kind: str, columns_n: np.ndarray) -> Candidate:
+    By a force or factor of each object, solvers of the same physics differ: their contact and meshes do.
+    """
+
+    def weigh(name: str, kind: str, columns_n: np.ndarray, is_sure: bool) -> Candidate:
         nats, coefficients = _weigh_sizes(*fit.multiply(fit.whiten(columns_n)))
-        return Candidate(name, kind, nats, change_n=np.tensordot(coefficients, columns_n, 1))
+        change_n = np.tensordot(coefficients, columns_n, 1)
+        return Candidate(name, kind, nats, change_n=change_n, is_sure=is_sure)
 
     problem, force_n = fit.problem, fit.force_n
     peak_n = float(np.median(np.abs(force_n).max(axis=1)))
@@ -127,16 +175,19 @@ def weigh_patterns(fit: EvidenceFit) -> list[Candidate]:
     changes = {"a factor on the force": factor_n, "a force": constant_n}
     found = []
     for words, change_n in changes.items():
-        found.append(weigh(f"{words} over the lift, in every grasp", "common", change_n))
-        found.append(weigh(f"{words} over the lift, growing with the force", "common", change_n * level))
+        found.append(weigh(f"{words} over the lift, in every grasp", "common", change_n, True))
+        found.append(weigh(f"{words} over the lift, growing with the force", "common", change_n * level, True))
     changes["a steady factor on the force"] = np.tensordot(alike.T, factor_n, 1)
+    slope_n = _find_friction_slope(fit) @ OF_BINS.T
+    changes[_FRICTION] = (slope_n * compute_rms(force_n) / compute_rms(slope_n))[None]
     for kind, group, how in (
         ("by object", problem.obj, "another on each object"),
         ("by tool", problem.tool, "another for each tool"),
     ):
         for words, change_n in changes.items():
             rows_n = np.concatenate([change_n * (group == one)[:, None] for one in np.unique(group)])
-            found.append(weigh(f"{words}, {how}", kind, rows_n))
+            is_sure = kind == "by tool" or words == _FRICTION
+            found.append(weigh(f"{words}, {how}", kind, rows_n, is_sure))
     return found
 
 
@@ -166,17 +217,24 @@ def _list_fields(fit: EvidenceFit) -> list[tuple[str, np.ndarray]]:
     """What a unit more of each quantity changes in the cells, c x 120; of the closing at several strokes."""
     problem, theta, cells, known = fit.problem, fit.theta, fit.problem.of_cells, fit.effects
     force_n = fit.factor[:, None] * problem.predict_cells(theta, known)
-    more_n, less_n = (problem.predict_cells(theta * np.array([1.0, by, 1.0]), known) for by in (1.01, 0.99))
     tool, column = cells.grasps.tool, cells.column
     closing_n = np.nan_to_num(cells.wider_n[tool, column, 1:]) * theta[0] / cells.centre.young_modulus_mpa
     return [
         ("modulus", force_n),
-        ("friction", fit.factor[:, None] * (more_n - less_n) / 0.02),
+        ("friction", _find_friction_slope(fit)),
         ("zero", np.ones_like(force_n)),
         *(("closing", secant_n) for secant_n in np.moveaxis(closing_n, 1, 0)),
         ("height", -problem.errors.placed_n * problem.errors.grow(fit.force_n)[:, None]),
         ("delay", -np.gradient(force_n, STEP_MM, axis=1)),
     ]
+
+
+def _find_friction_slope(fit: EvidenceFit) -> np.ndarray:
+    """What a share of friction changes in the cells, c x 120."""
+    more_n, less_n = (
+        fit.problem.predict_cells(fit.theta * np.array([1.0, by, 1.0]), fit.effects) for by in (1.01, 0.99)
+    )
+    return np.asarray(fit.factor[:, None] * (more_n - less_n) / 0.02)
 
 
 def weigh_drifts(fit: EvidenceFit) -> list[Candidate]:

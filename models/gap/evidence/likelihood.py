@@ -243,11 +243,15 @@ def fit_evidence(problem: Problem) -> EvidenceFit:
     return replace(found, misfit=fit.misfit)
 
 
-def add_effect(fit: EvidenceFit, value: EffectValue) -> EvidenceFit:
-    """The fit with one more effect in the simulator, everything fitted again but scatters; value: where it starts."""
+def add_effect(fit: EvidenceFit, value: EffectValue, stiffer: float = 1.0) -> EvidenceFit:
+    """The fit with one more effect in the simulator, everything fitted again but scatters.
+
+    value: where it starts; stiffer: how many times stiffer than fitted the finger is then.
+    """
     problem = replace(fit.problem, effects=(*fit.problem.effects, value))
     start = _Start.of(fit)
-    return _fit(problem, fit.scatter, replace(start, scales=np.append(start.scales, 1.0)))
+    theta = start.theta * np.array([stiffer, 1.0, 1.0])
+    return _fit(problem, fit.scatter, replace(start, theta=theta, scales=np.append(start.scales, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,13 +40,19 @@ class Signs:
 
     nats: the most evidence of any candidate at the fit without it. omnibus: how much is left as a whole. full_nats: the
     most evidence of an effect that is fitted in full; spread_nats: the same less that of the cell that it helps most,
-    for a snap that another mesh has elsewhere is in a single cell.
+    for a snap that another mesh has elsewhere is in a single cell. sure_nats: the most evidence of a pattern by which
+    solvers do not differ.
     """
 
     nats: float
     omnibus: float
     full_nats: float = 0.0
     spread_nats: float = 0.0
+    sure_nats: float = 0.0
+
+    def find_line(self, pattern: Candidate) -> float:
+        """Return the evidence beyond which a pattern is an alarm, if these are the lines."""
+        return self.sure_nats if pattern.is_sure else self.nats
 
     def measure_over(self, lines: "Signs") -> float:
         """How many times over its line the one is that is most over it."""
@@ -55,8 +61,9 @@ class Signs:
 
 # Below these nothing is an alarm, however few worlds were rehearsed: another solver of the same physics, with nothing
 # hidden, gave up to 31 nats, and 4.3 of what is left on three objects, 2.5 on six (190 worlds, decision 086); an effect
-# in full 77, and 23 without one cell, but for 2 of 840 worlds of 2 to 20 cells (decision 052).
-LEAST = Signs(nats=45.0, omnibus=4.5, full_nats=90.0, spread_nats=25.0)
+# in full 77, and 23 without one cell, but for 2 of 840 worlds of 2 to 20 cells (decision 052); patterns that are sure
+# 23 in 3,600 worlds of five panels (decision 075).
+LEAST = Signs(nats=45.0, omnibus=4.5, full_nats=90.0, spread_nats=25.0, sure_nats=25.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +85,17 @@ class Trial:
 
     @staticmethod
     def of(fit: EvidenceFit, candidate: Candidate, family: str) -> "Trial":
-        """A candidate in the simulator of a fit, over which its evidence is."""
-        with_it = add_effect(fit, candidate.value) if candidate.value is not None else fit
+        """A candidate in the simulator of a fit, over which its evidence is: the best of where it may start.
+
+        A start with a stiffer finger counts if the finger stays stiffer; else its law alone cancels the effect.
+        """
+        fits = [
+            with_it
+            for value, stiffer in candidate.starts
+            if (with_it := add_effect(fit, value, stiffer)).theta[0] >= np.sqrt(stiffer) * fit.theta[0]
+            or stiffer == 1.0
+        ]
+        with_it = max(fits, key=lambda one: one.nats, default=fit)
         nats, most = with_it.nats - fit.nats, (with_it.cell_nats - fit.cell_nats).max()
         return Trial(candidate.name, family, nats, nats - max(float(most), 0.0), with_it)
 
@@ -137,7 +153,8 @@ class Trials:
         """What may raise an alarm."""
         full_nats = max((one.nats for one in self.tried), default=0.0)
         spread_nats = max((one.spread_nats for one in self.tried), default=0.0)
-        return Signs(self.weighed[0].nats, self.fit.omnibus, full_nats, spread_nats)
+        sure_nats = max((one.nats for one in self.weighed if one.is_sure), default=0.0)
+        return Signs(self.weighed[0].nats, self.fit.omnibus, full_nats, spread_nats, sure_nats)
 
     def look_after_best(self, families: Mapping[str, str]) -> "Trials":
         """The same with what the best trial leaves for patterns, drifts, and effects of other families."""

@@ -76,7 +76,7 @@ def make_world(problem: Problem, names: Sequence[str], rng: np.random.Generator,
             change_n = change_n + (own_n * _draw_law(problem, rng) if has_other_law else own_n)
     elif group == UNLISTED:
         cause = tuple(_UNLISTED)[(number // 4) % len(_UNLISTED)]
-        change_n = _UNLISTED[cause](_Draw.of(problem, base_n, rng))
+        change_n = _UNLISTED[cause](_Draw.of(problem, theta, base_n, rng))
         change_n = change_n * size * compute_rms(base_n) / max(compute_rms(change_n), 1e-9)
     steps_n = _measure(problem, base_n + change_n, base_n, rng)
     visible = _measure_visible(problem, theta, base_n, change_n) if cause else 0.0
@@ -178,15 +178,16 @@ class _Draw:
     """What causes of no catalogue are drawn from. base_n: n x 120; rising: n x 1, from 0 to 1 over the batch."""
 
     problem: Problem
+    theta: np.ndarray
     base_n: np.ndarray
     rng: np.random.Generator
     rising: np.ndarray
 
     @staticmethod
-    def of(problem: Problem, base_n: np.ndarray, rng: np.random.Generator) -> "_Draw":
+    def of(problem: Problem, theta: np.ndarray, base_n: np.ndarray, rng: np.random.Generator) -> "_Draw":
         clock = np.array([context.batch_grasps for context in problem.reading.grasps.contexts], dtype=float)
         scale = max(float(clock.max()) * rng.uniform(0.15, 0.6), 1.0)
-        return _Draw(problem, base_n, rng, (1.0 - np.exp(-clock / scale))[:, None])
+        return _Draw(problem, theta, base_n, rng, (1.0 - np.exp(-clock / scale))[:, None])
 
     @property
     def peak_n(self) -> float:
@@ -225,6 +226,14 @@ def _delay_objects(draw: _Draw) -> np.ndarray:
     return np.asarray(-np.gradient(draw.base_n, STEP_MM, axis=1) * late[draw.obj][:, None])
 
 
+def _rub_objects(draw: _Draw) -> np.ndarray:
+    """Draw surfaces that differ: on each object another friction, by as much for all grasps of it."""
+    problem, by = draw.problem, np.array([0.0, THETA_STEPS[0], 0.0])
+    more_n, less_n = (problem.predict_cells(draw.theta + side * by, problem.effects) for side in (1.0, -1.0))
+    own = draw.rng.standard_normal(len(problem.reading.grasps.objects))[draw.obj][:, None]
+    return np.asarray((more_n - less_n)[draw.cell] * own)
+
+
 def _bend_tools(draw: _Draw) -> np.ndarray:
     grasps = draw.problem.reading.grasps
     return np.asarray(draw.base_n * _draw_smooth(draw.rng, len(grasps.tools))[grasps.tool])
@@ -249,6 +258,7 @@ _UNLISTED: Mapping[str, Callable[[_Draw], np.ndarray]] = {
     "a factor of each object": lambda draw: draw.base_n * draw.draw_each(draw.obj),
     "a force of each object": lambda draw: draw.peak_n * draw.draw_each(draw.obj),
     "a delay of each object": _delay_objects,
+    "a friction of each object": _rub_objects,
     "a factor of each tool over the lift": _bend_tools,
     "a force that grows with the force": _grow_with_force,
     "a zero that wanders": lambda draw: np.ones_like(draw.base_n) * draw.rising,

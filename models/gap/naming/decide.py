@@ -131,7 +131,7 @@ class Decider:
     def _find_pattern(self) -> Candidate | None:
         """The pattern or drift with most evidence, if that is an alarm of its own."""
         best = next((one for one in self.trials.weighed if one.kind != "effect"), None)
-        return best if best is not None and best.nats > self.rehearsal.lines.nats else None
+        return best if best is not None and best.nats > self.rehearsal.lines.find_line(best) else None
 
     def _find_drift(self) -> str:
         """What repeats of the same grasps differ by, in words, where most of the evidence is theirs."""

@@ -140,6 +140,13 @@ class EffectSpec(Record):
         return self.kind.overrides("modify_setup") and not self.bank_runs
 
     @property
+    def softens(self) -> bool:
+        """Whether jaws or mounts give way more to a stiffer finger, so that a fit without it finds a soft one."""
+        return bool(self.bank_runs) and any(
+            self.kind.overrides(name) for name in ("closing_force_limit_n", "base_compliance_mm_per_n")
+        )
+
+    @property
     def scales_with_modulus(self) -> bool:
         """Whether forces stay in exact proportion to Young's modulus."""
         return self.kind.scales_with_modulus

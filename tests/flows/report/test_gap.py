@@ -122,7 +122,7 @@ def _findings(evaluation: Evaluation, rounds: tuple[RoundFindings, ...]) -> Find
         budget={"bank_simulations": 100.0},
         warnings=("<Few> designs.",),
         panel=PanelTold(
-            lines={"nats": 45.0, "omnibus": 4.5, "full_nats": 97.3, "spread_nats": 25.0},
+            lines={"nats": 45.0, "omnibus": 4.5, "full_nats": 97.3, "spread_nats": 25.0, "sure_nats": 25.0},
             families=(
                 FamilyTold(family="delay between lift and force", n=12, n_alarms=10, n_right=8, n_unknown=1,
                            taken_for=("compliance in series",), seen_size=0.02),

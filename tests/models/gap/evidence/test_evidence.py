@@ -241,7 +241,7 @@ def test_objects_may_differ_as_solvers_do_by_a_force_or_a_factor(fit: EvidenceFi
 def test_jaws_that_stall_are_fitted_from_where_a_stiffer_finger_would_stall(problem: Problem) -> None:
     """Force that stops growing looks like a soft material, in which no jaw would stall."""
     theta = np.array([9.2, 0.6, 0.42])
-    stalls = EffectValue(effect="force_limited_closing", parameters={"max_force_n": 1.5})
+    stalls = EffectValue(effect="force_limited_closing", parameters={"max_force_n": 2.0})
     fit = fit_evidence(problem.measured(problem.predict_steps(theta, [stalls])))
     assert fit.theta[0] < 0.75 * theta[0]
     (found,) = weigh_effects(fit, [stalls.effect])

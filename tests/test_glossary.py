@@ -10,6 +10,17 @@ import pytest
 ROOT = Path(__file__).parents[1]
 LAYERS = ("flows", "tasks", "lake", "hardware", "models")
 MOST_WORDS = 60
+# Everyday words that mean one thing here, and where they may name what other code sees: a folder, a file, a file:name.
+PLACES: dict[str, tuple[str, ...]] = {
+    "answer": ("flows/campaign/", "flows/challenge/", "flows/cli/", "flows/page/words.py", "flows/page/answers.py")
+    + ("hardware/questions.py", "lake/handoff/", "models/gap/ask/", "tasks/bench/questions.py", "tasks/gap/"),
+    "bank": ("flows/challenge/", "flows/gap/", "models/gap/", "models/simulation/effects/", "tasks/gap/"),
+    "lead": ("models/gap/",),
+}
+# Names that columns, keys of files, commands, their options and public arguments have.
+STORED = ("flows/page/interface.py:answer", "lake/tables/inference.py:answer")
+# Terms of their own fields.
+COMPOUNDS = ("load cell",)
 
 
 def rows_under(title: str) -> list[list[str]]:
@@ -29,15 +40,44 @@ def words_of(identifier: str) -> tuple[str, ...]:
     return tuple(part.lower() for part in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", identifier))
 
 
-def identifiers_in(path: Path) -> Iterator[str]:
-    """What a file defines: its name and folders, functions, classes, arguments, variables and attributes."""
+def hidden_in(tree: ast.AST) -> Iterator[ast.AST]:
+    """Variables of functions, and what lambdas call their arguments."""
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            yield from (part for part in ast.walk(function) if isinstance(part, ast.Name))
+        if isinstance(function, ast.Lambda):
+            yield from (part for part in ast.walk(function.args) if isinstance(part, ast.arg))
+
+
+def identifiers_in(path: Path, *, is_seen: bool = False) -> Iterator[str]:
+    """What a file defines: its name and folders, functions, classes, arguments, variables and attributes.
+
+    is_seen: without the variables of functions, which no other code sees.
+    """
     yield from path.relative_to(ROOT).with_suffix("").parts
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    hidden = set(hidden_in(tree)) if is_seen else set()
+    for node in ast.walk(tree):
         match node:
+            case _ if node in hidden:
+                pass
             case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
                 yield name
             case ast.arg(arg=name) | ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
                 yield name
+
+
+def places_of(word: str, seen: dict[str, list[str]]) -> list[str]:
+    """Where a word or its plural names something that other code sees, as file:name."""
+    plural = word[:-1] + "ies" if word.endswith("y") else word + "s"
+    found = []
+    for name, files in seen.items():
+        bare = " ".join(words_of(name))
+        for compound in COMPOUNDS:
+            bare = bare.replace(compound, "")
+        if {word, plural} & set(bare.split()):
+            found += [f"{file}:{name}" for file in files]
+    return sorted(found)
 
 
 def has_part(identifier: str, retired: str) -> bool:
@@ -46,15 +86,24 @@ def has_part(identifier: str, retired: str) -> bool:
     return any(parts[start : start + len(wanted)] == wanted for start in range(len(parts)))
 
 
-@pytest.fixture(scope="module")
-def identifiers() -> dict[str, list[str]]:
+def find_identifiers(*, is_seen: bool) -> dict[str, list[str]]:
     """Identifiers of all layers, with the files that define them."""
     found: dict[str, list[str]] = {}
     for layer in LAYERS:
         for path in sorted((ROOT / layer).rglob("*.py")):
-            for name in set(identifiers_in(path)):
+            for name in set(identifiers_in(path, is_seen=is_seen)):
                 found.setdefault(name, []).append(str(path.relative_to(ROOT)))
     return found
+
+
+@pytest.fixture(scope="module")
+def identifiers() -> dict[str, list[str]]:
+    return find_identifiers(is_seen=False)
+
+
+@pytest.fixture(scope="module")
+def seen() -> dict[str, list[str]]:
+    return find_identifiers(is_seen=True)
 
 
 def test_the_glossary_is_short_and_in_order():
@@ -85,9 +134,18 @@ def test_a_retired_word_names_nothing(identifiers: dict[str, list[str]], retired
     assert found == {}, f"`{retired}` is retired, see docs/glossary.md"
 
 
-def test_a_bank_is_one_of_simulations(identifiers: dict[str, list[str]]):
-    """One word, one thing: a PLC has blocks of addresses, and folders of effects say what the bank simulates."""
-    chapters = {"gap", "challenge", "effects"}
-    found = {name: files for name, files in identifiers.items() if has_part(name, "bank") or has_part(name, "banks")}
-    assert found
-    assert {file for files in found.values() for file in files if not chapters & set(Path(file).parts)} == set()
+def test_words_of_one_meaning_are_in_the_glossary():
+    assert set(PLACES) <= {row[0] for row in WORDS}
+
+
+@pytest.mark.parametrize("word", PLACES)
+def test_a_word_keeps_its_one_meaning(seen: dict[str, list[str]], word: str):
+    """The wire replies and people answer; a table has fields and a grasp is of a cell: see the glossary."""
+    found = places_of(word, seen)
+    assert [place for place in found if not place.startswith(PLACES[word] + STORED)] == []
+    assert [place for place in PLACES[word] if not any(one.startswith(place) for one in found)] == [], "not needed"
+
+
+def test_every_stored_name_is_needed(seen: dict[str, list[str]]):
+    found = {place for word in PLACES for place in places_of(word, seen)}
+    assert set(STORED) - found == set()

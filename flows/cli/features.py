@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from fast.lake.store import Lake
     from fast.models.traces.quality import Interval
     from fast.tasks.traces.features import ClassQuality, FeatureUpdate
-    from fast.tasks.traces.identify import Answer
+    from fast.tasks.traces.identify import Likeliest
 
 N_FLAGS = 20  # shown
 LEAST_SHOWN = 0.005  # probability
@@ -59,14 +59,14 @@ def _show_identification(lake: "Lake", grasp_id: str, as_json: bool) -> None:
         f"{grasp_id}, recorded as {found.recorded}; learnt from {found.n_learnt} grasps of {found.n_tools} other tools"
         f"{accuracy}"
     )
-    show(data, "\n\n".join([head, *(_answer_text(answer) for answer in answers)]), as_json)
+    show(data, "\n\n".join([head, *(_likeliest_text(answer) for answer in answers)]), as_json)
 
 
-def _answer_text(answer: "Answer") -> str:
-    title = "from this grasp alone" if answer.n_grasps == 1 else f"from {answer.n_grasps} repeats together"
+def _likeliest_text(likeliest: "Likeliest") -> str:
+    title = "from this grasp alone" if likeliest.n_grasps == 1 else f"from {likeliest.n_grasps} repeats together"
     rows = [
         {"": what, "probability": spell_share(probability), "it is": name}
-        for what, found in answer._asdict().items()
+        for what, found in likeliest._asdict().items()
         if what != "n_grasps"
         for name, probability in found
         if probability >= LEAST_SHOWN

@@ -143,7 +143,7 @@ def _weigh(
             "leave out --out (`--json > FILE` keeps the answer)."
         )
     from fast.flows.gap.weigh import describe_cost, weigh_panel
-    from fast.flows.report.gap.answer import describe_lines
+    from fast.flows.report.gap.sentences import describe_lines
 
     with open_reporter() as reporter:
         told = (describe_cost if is_dry else weigh_panel)(lake, order, reporter, simulated)
@@ -181,7 +181,7 @@ def plan_(
     tensile bar.
     """
     from fast.flows.gap.plan import choose_size, look_ahead
-    from fast.flows.report.gap.answer import list_families
+    from fast.flows.report.gap.sentences import list_families
     from fast.tasks.campaign.config import load_config
 
     choose_size(load_config(config), tools, objects)  # what is wrong is named before a lake is made
@@ -329,7 +329,7 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 
 
 def _text(outcome: "GapOutcome", page: Path) -> str:
-    from fast.flows.report.gap.answer import (
+    from fast.flows.report.gap.sentences import (
         describe_in_use,
         describe_lines,
         describe_notes,

@@ -11,7 +11,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
 
 if TYPE_CHECKING:
-    from fast.flows.report.gap.answer import GapPage, ThetaRow
+    from fast.flows.report.gap.sentences import GapPage, ThetaRow
     from fast.tasks.gap.calibrate import CalibratedSimulator
 
 RECORDING = "held_out.rrd"
@@ -48,7 +48,7 @@ def write_folder(lake: Lake, outcome: GapOutcome, out: Path | None = None) -> Pa
 
 
 def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
-    from fast.flows.report.gap.answer import GapPage
+    from fast.flows.report.gap.sentences import GapPage
     from fast.models.gap.where.cells import find_unsure_cells
 
     rounds, evaluation = outcome.rounds, outcome.evaluation
@@ -71,7 +71,7 @@ def _collect_page(lake: Lake, outcome: GapOutcome) -> "GapPage":
 
 def _theta_rows(before: "CalibratedSimulator", after: "CalibratedSimulator", is_real: bool) -> "tuple[ThetaRow, ...]":
     """Constants before and after; no instrument has measured the material of a virtual bench."""
-    from fast.flows.report.gap.answer import INDEPENDENT, ThetaRow
+    from fast.flows.report.gap.sentences import INDEPENDENT, ThetaRow
     from fast.models.calibration.means.problem import THETA
 
     known = INDEPENDENT if is_real else {}

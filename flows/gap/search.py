@@ -103,8 +103,8 @@ class GapOutcome:
         """What was found, for people and for the state of a flow run."""
         run = self.run
         if not self.is_new:
-            return f"nothing new since gap search {run.gap_id}: {write_answer(run.findings)}"
-        return f"gap search {run.gap_id} of {run.n_grasps} grasps: {write_answer(run.findings)}"
+            return f"nothing new since gap search {run.gap_id}: {describe_outcome(run.findings)}"
+        return f"gap search {run.gap_id} of {run.n_grasps} grasps: {describe_outcome(run.findings)}"
 
 
 def run_gap(
@@ -299,7 +299,7 @@ def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: Pro
     budget = _spent(simulator, time.monotonic() - began - simulator.spent_s)
     told = {"budget": budget, "warnings": tuple(dict.fromkeys(warnings))}
     findings = _sum_up(order.seed, start, rounds, following, verdict, evaluation).model_copy(update=told)
-    return GapOutcome(_keep_answer(lake, search, rounds, findings), True, tuple(rounds), evaluation)
+    return GapOutcome(_keep_findings(lake, search, rounds, findings), True, tuple(rounds), evaluation)
 
 
 def _gather_inputs(
@@ -351,7 +351,7 @@ def _sum_up(
     )
 
 
-def _keep_answer(lake: Lake, search: _Search, rounds: "Sequence[Round]", findings: Findings) -> GapRun:
+def _keep_findings(lake: Lake, search: _Search, rounds: "Sequence[Round]", findings: Findings) -> GapRun:
     """Write a search's answer and the grasps that it asks for."""
     from fast.tasks.gap.ask import list_requests
 
@@ -372,7 +372,7 @@ def _keep_answer(lake: Lake, search: _Search, rounds: "Sequence[Round]", finding
     provenance = current_provenance(content_id("H", search.gap_id), order.seed, parents)
     if asked is not None and not read_requests(lake, search.gap_id):
         write_requests(lake, search.gap_id, list_requests(asked.grasps), order.campaign_id, provenance, asked.parameter)
-    write_run(lake, run, write_answer(findings), provenance)
+    write_run(lake, run, describe_outcome(findings), provenance)
     return run
 
 
@@ -432,7 +432,7 @@ def _spent(simulator: Simulator, seconds: float) -> dict[str, float]:
     }
 
 
-def write_answer(findings: Findings) -> str:
+def describe_outcome(findings: Findings) -> str:
     """What was found, in a sentence."""
     named = [found.named for found in findings.rounds]
     effects = [(place, one) for place, one in enumerate(findings.rounds) if one.named.kind == "effect"]

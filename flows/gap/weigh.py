@@ -13,7 +13,7 @@ import numpy as np
 
 from fast.flows.gap.search import GapOrder, Simulator, describe_cpu, probe_costs
 from fast.flows.progress import ProgressReporter
-from fast.flows.report.gap.answer import describe_probability
+from fast.flows.report.gap.sentences import describe_probability
 from fast.flows.simulation.progress import n_missing
 from fast.lake.leases import exclusive
 from fast.lake.store import Lake

@@ -117,14 +117,14 @@ def _describe(fault: dict[str, Any]) -> str:
     return f"{'.'.join(str(part) for part in fault['loc'][1:])}: {fault['msg']}"
 
 
-def _read(answer: httpx.Response) -> Any:
+def _read(response: httpx.Response) -> Any:
     """An answer as data.
 
     Raises:
         FastError: the page refused, in its sentence.
     """
-    if answer.is_error:
-        is_json = answer.headers.get("content-type", "").startswith("application/json")
-        detail = answer.json()["detail"] if is_json else answer.text
+    if response.is_error:
+        is_json = response.headers.get("content-type", "").startswith("application/json")
+        detail = response.json()["detail"] if is_json else response.text
         raise FastError(detail if isinstance(detail, str) else "; ".join(_describe(fault) for fault in detail))
-    return answer.json()
+    return response.json()

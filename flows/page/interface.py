@@ -76,7 +76,7 @@ class SqlQuestion(BaseModel):
     sql: str = Field(max_length=20_000)
 
 
-class SqlAnswer(BaseModel):
+class SqlRows(BaseModel):
     """The first rows of an answer."""
 
     columns: list[str]
@@ -173,10 +173,10 @@ def _add_reads(router: APIRouter, page: LabPage) -> None:
         return _list_findings(page)
 
     @router.post("/sql")
-    def ask(question: SqlQuestion) -> SqlAnswer:
+    def ask(question: SqlQuestion) -> SqlRows:
         """The answer to a question; reads only, within the limits of the page."""
-        found = results.answer_sql(page.lake, question.sql, results.for_programs)
-        return SqlAnswer(columns=list(found.columns), rows=[list(row) for row in found.rows], n_rows=found.n_rows)
+        found = results.query_sql(page.lake, question.sql, results.for_programs)
+        return SqlRows(columns=list(found.columns), rows=[list(row) for row in found.rows], n_rows=found.n_rows)
 
     @router.get("/me")
     def read_me(request: Request) -> Visit:
@@ -238,13 +238,13 @@ def _describe_state(page: LabPage, campaign_id: str) -> CampaignState:
 
 
 def _list_findings(page: LabPage) -> list[Finding]:
-    from fast.flows.report.gap.answer import describe_answer
+    from fast.flows.report.gap.sentences import describe_findings
 
     return [
         Finding(
             gap_id=run.gap_id,
             campaign_id=run.campaign_id,
-            answer=describe_answer(run.findings),
+            answer=describe_findings(run.findings),
             rmse_before_n=run.findings.gap.rmse_before_n,
             rmse_after_n=run.findings.gap.rmse_after_n,
             rmse_floor_n=run.findings.gap.rmse_floor_n,

@@ -397,9 +397,9 @@ def _say_left(
 
 def _say_misses(findings: Findings) -> str:
     # A second of imports, which a lake without searches does without.
-    from fast.flows.report.gap.answer import shorten_answer
+    from fast.flows.report.gap.sentences import shorten_findings
 
-    return f"{shorten_answer(findings)}; error {findings.gap.rmse_after_n:.2f} N"
+    return f"{shorten_findings(findings)}; error {findings.gap.rmse_after_n:.2f} N"
 
 
 def _is_owed(campaign: Campaign, state: CampaignState, batch: int) -> bool:

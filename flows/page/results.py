@@ -98,7 +98,7 @@ class ToolObject:
 
 
 @dataclass(frozen=True)
-class Answer:
+class SqlResult:
     """The answer to a question in SQL. `points`: of the first two columns of numbers, for a plot."""
 
     columns: tuple[str, ...]
@@ -214,7 +214,7 @@ def find_tool_of(lake: Lake, grasp_id: str) -> str:
     return rows[-1].tool_id
 
 
-def answer_sql(lake: Lake, sql: str, cell: Callable[[object], object] | None = None) -> Answer:
+def query_sql(lake: Lake, sql: str, cell: Callable[[object], object] | None = None) -> SqlResult:
     """The answer to a question, as far as a page shows it; `cell` makes a value of it, by default for a person.
 
     Raises:
@@ -223,7 +223,7 @@ def answer_sql(lake: Lake, sql: str, cell: Callable[[object], object] | None = N
     table = run_sql(lake, sql, LIMITS)
     shown = table.slice(0, MOST_ROWS)
     rows = tuple(zip(*(map(cell or _plain, column.to_pylist()) for column in shown.columns), strict=True))
-    return Answer(tuple(table.column_names), rows, table.num_rows, _find_points(shown))
+    return SqlResult(tuple(table.column_names), rows, table.num_rows, _find_points(shown))
 
 
 def read_notes(lake: Lake, about: str) -> list[dict[str, Any]]:

@@ -79,19 +79,19 @@ def _compare(page: LabPage, request: Request) -> dict[str, Any]:
     return {"tools": tools, "found": results.compare_tools(page.lake, tools)}
 
 
-def _answer_sql(page: LabPage, request: Request) -> dict[str, Any]:
+def _query_sql(page: LabPage, request: Request) -> dict[str, Any]:
     question, answer, fault = request.query_params.get("q", ""), None, ""
     try:
-        answer = results.answer_sql(page.lake, question) if question else None
+        answer = results.query_sql(page.lake, question) if question else None
     except FastError as error:
         fault = str(error)
     return {"question": question or "FROM tool_quality", "answer": answer, "fault": fault, "catalogue": catalogue()}
 
 
 def _read_searches(page: LabPage, _: Request) -> dict[str, Any]:
-    from fast.flows.report.gap.answer import describe_answer
+    from fast.flows.report.gap.sentences import describe_findings
 
-    return {"searches": results.list_searches(page.lake), "describe": describe_answer}
+    return {"searches": results.list_searches(page.lake), "describe": describe_findings}
 
 
 def _read_start(page: LabPage, request: Request) -> dict[str, Any]:
@@ -143,7 +143,7 @@ PAGES: Mapping[str, tuple[str, str, Read]] = {
     "/results/tool": ("tool.html", "results", _read_tool),
     "/results/grasp": ("tool.html", "results", _read_tool_of_grasp),
     "/results/compare": ("compare.html", "results", _compare),
-    "/results/sql": ("sql.html", "results", _answer_sql),
+    "/results/sql": ("sql.html", "results", _query_sql),
     "/gap": ("gap.html", "gap", _read_searches),
     "/start": ("start.html", "start", _read_start),
     "/bench": ("by_hand.html", "start", _read_nothing),

@@ -60,14 +60,14 @@ class _Tree:
     def _next(self, node: Node) -> list[Node]:
         """Rows beside this one, without those that another of them leads to."""
         beside = dict.fromkeys(self._beside.get(node, []))
-        return [one for one in beside if not any(self._leads(other, one) for other in beside)]
+        return [one for one in beside if not any(self._reaches(other, one) for other in beside)]
 
     def _own_groups(self, node: Node) -> list[Group]:
         """Rows that are only counted, without those that are counted again further on."""
         beyond = {group[1:2] + group[3:] for far in self._behind(node) - {node} for group in self._groups.get(far, [])}
         return [group for group in self._groups.get(node, []) if group[1:2] + group[3:] not in beyond]
 
-    def _leads(self, one: Node, other: Node) -> bool:
+    def _reaches(self, one: Node, other: Node) -> bool:
         return other in self._behind(one) and one not in self._behind(other)
 
     def _behind(self, node: Node) -> set[Node]:

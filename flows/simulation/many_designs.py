@@ -16,7 +16,7 @@ from fast.models.records import GraspSetup, Placement
 from fast.models.show import html_table, load_pandas
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.own_designs import OwnDesign
-from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
+from fast.tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp, await_attempt
 from fast.tasks.simulation.pool import WorkerPool
 
 if TYPE_CHECKING:
@@ -156,6 +156,6 @@ def _simulate(
     with pool.lend() as worker:
         for obj in objects:
             wanted = job(own.design, obj)
-            attempts.append(answer(worker, wanted, worker.submit(attempt_grasp, wanted)))
+            attempts.append(await_attempt(worker, wanted, worker.submit(attempt_grasp, wanted)))
             tell(own, obj, attempts[-1])
     return SimulatedDesign(own, objects, tuple(attempts))

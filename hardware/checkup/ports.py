@@ -40,7 +40,7 @@ def holders(port: str) -> list[str]:
     target = os.path.realpath(port)
     found = []
     for process in sorted(Path("/proc").glob("[0-9]*")):
-        if process.name != str(os.getpid()) and any(_leads_to(handle, target) for handle in _handles(process)):
+        if process.name != str(os.getpid()) and any(_points_to(handle, target) for handle in _handles(process)):
             found.append(f"{_name(process)} (process {process.name})")
     return found
 
@@ -74,7 +74,7 @@ def _handles(process: Path) -> list[Path]:
         return []  # another user's, or gone
 
 
-def _leads_to(handle: Path, target: str) -> bool:
+def _points_to(handle: Path, target: str) -> bool:
     try:
         return os.readlink(handle) == target
     except OSError:

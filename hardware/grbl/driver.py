@@ -124,7 +124,7 @@ class GrblDriver:
         with self._alone("home"):
             self.session.clear_alarm()
             self.session.prepare_again_if_needed()
-            if self._link.is_answer_due:
+            if self._link.is_reply_due:
                 self.abort()
             report = self.session.poll("homing")
             self._refuse_closed_switches(report, "home")

@@ -217,7 +217,7 @@ class GrblLink:
             self._is_reset_asked = False
 
     @property
-    def is_answer_due(self) -> bool:
+    def is_reply_due(self) -> bool:
         """Whether a line is still unanswered; a new one would take its answer."""
         return bool(self._pending)
 

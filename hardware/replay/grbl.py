@@ -88,10 +88,10 @@ class Controller(Recording):
         """Whether the host asked for the status next."""
         return not self.is_over and self.steps[self.next].sent == POLL
 
-    def answer(self, data: bytes) -> bytes:
+    def reply(self, data: bytes) -> bytes:
         """What the controller says to `data`."""
         pieces, self._rest = split(self._rest + data)
-        return b"".join(self._answer(piece) for piece in pieces)
+        return b"".join(self._reply_to(piece) for piece in pieces)
 
     def skip_poll(self) -> bytes:
         """Play a recorded status question that the driver does not ask; what else was said then is kept."""
@@ -109,7 +109,7 @@ class Controller(Recording):
             return super().ask(doing, act)
         return ""
 
-    def _answer(self, piece: bytes) -> bytes:
+    def _reply_to(self, piece: bytes) -> bytes:
         if self.is_ended:
             return b""
         if piece == POLL:
@@ -121,10 +121,10 @@ class Controller(Recording):
         if self.is_over:
             self.is_ended = True  # the recording stops here; what the driver does next was never seen
             return said
-        answer = self.compare(piece)
-        if answer is None:
+        reply = self.compare(piece)
+        if reply is None:
             return b""
-        said += answer
+        said += reply
         if piece == RESET:
             said += self._until_banner(said)
         self._keep_report(said)
@@ -176,7 +176,7 @@ class ReplayTransport:
 
     def write(self, data: bytes) -> None:
         """Send, and hear the answer; raises `ReplayEnded` when the recording has ended."""
-        self.say(self.controller.answer(data))
+        self.say(self.controller.reply(data))
         if self.controller.is_ended:
             raise ReplayEnded
 

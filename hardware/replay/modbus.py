@@ -77,7 +77,7 @@ class Device(Recording):
         super().__init__(steps_of(entries), outcome)
         self.is_tcp = is_tcp(entries)
 
-    def answer(self, data: bytes) -> bytes | None:
+    def reply(self, data: bytes) -> bytes | None:
         """The recorded answer; None (hang up) where none came, or at a difference."""
         number, sent = (data[:2], data[2:]) if self.is_tcp else (b"", data)
         if self.outcome.difference is not None or self.is_over:
@@ -112,7 +112,7 @@ class _ReplayClient(ModbusTcpClient):
 
     def send(self, request: bytes, addr: tuple | None = None) -> int:
         """Have the recorded device take a frame."""
-        self._said = self._recorded.answer(request) or b""
+        self._said = self._recorded.reply(request) or b""
         return len(request)
 
     def recv(self, size: int | None) -> bytes:

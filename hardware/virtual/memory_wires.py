@@ -25,7 +25,7 @@ _WRITE_MANY = struct.Struct(">BHHB")
 
 
 @dataclass(slots=True)
-class Answer:
+class Reply:
     """What a Modbus device answered, with the names that pymodbus gives it."""
 
     bits: list[bool] = field(default_factory=list)
@@ -57,36 +57,36 @@ class MemoryModbusClient:
     def close(self) -> None:
         """Nothing to close."""
 
-    def send(self, answer: bytes) -> None:
+    def send(self, reply: bytes) -> None:
         """Called by the server: the frame of its answer."""
-        self._frame = answer
+        self._frame = reply
 
-    def read_coils(self, address: int, *, count: int, device_id: int) -> Answer:
+    def read_coils(self, address: int, *, count: int, device_id: int) -> Reply:
         """FC01."""
         return self._ask(_READ.pack(1, address, count), device_id)
 
-    def read_discrete_inputs(self, address: int, *, count: int, device_id: int) -> Answer:
+    def read_discrete_inputs(self, address: int, *, count: int, device_id: int) -> Reply:
         """FC02."""
         return self._ask(_READ.pack(2, address, count), device_id)
 
-    def read_holding_registers(self, address: int, *, count: int, device_id: int) -> Answer:
+    def read_holding_registers(self, address: int, *, count: int, device_id: int) -> Reply:
         """FC03."""
         return self._ask(_READ.pack(3, address, count), device_id)
 
-    def read_input_registers(self, address: int, *, count: int, device_id: int) -> Answer:
+    def read_input_registers(self, address: int, *, count: int, device_id: int) -> Reply:
         """FC04."""
         return self._ask(_READ.pack(4, address, count), device_id)
 
-    def write_coil(self, address: int, value: bool, *, device_id: int) -> Answer:
+    def write_coil(self, address: int, value: bool, *, device_id: int) -> Reply:
         """FC05."""
         return self._ask(_READ.pack(5, address, 0xFF00 if value else 0), device_id)
 
-    def write_registers(self, address: int, values: list[int], *, device_id: int) -> Answer:
+    def write_registers(self, address: int, values: list[int], *, device_id: int) -> Reply:
         """FC16."""
         n = len(values)
         return self._ask(_WRITE_MANY.pack(16, address, n, 2 * n) + struct.pack(f">{n}H", *values), device_id)
 
-    def _ask(self, pdu: bytes, unit: int) -> Answer:
+    def _ask(self, pdu: bytes, unit: int) -> Reply:
         """Send a frame, take the answer apart."""
         self._transaction = transaction = (self._transaction + 1) & 0xFFFF
         self._frame = b""
@@ -104,16 +104,16 @@ def memory_link(name: str, server: ModbusServerThread) -> ModbusLink:
     return ModbusLink(name, lambda trace: cast(Client, MemoryModbusClient(server, trace)))
 
 
-def _decoded(pdu: bytes) -> Answer:
+def _decoded(pdu: bytes) -> Reply:
     function = pdu[0]
     if function & 0x80:
-        return Answer(exception_code=pdu[1], function_code=function)
+        return Reply(exception_code=pdu[1], function_code=function)
     if function in (1, 2):
-        return Answer(bits=unpack_bits(pdu[2:], 8 * pdu[1]), function_code=function)
+        return Reply(bits=unpack_bits(pdu[2:], 8 * pdu[1]), function_code=function)
     if function in (3, 4):
         registers = list(struct.unpack_from(f">{pdu[1] // 2}H", pdu, 2))
-        return Answer(registers=registers, function_code=function)
-    return Answer(function_code=function)
+        return Reply(registers=registers, function_code=function)
+    return Reply(function_code=function)
 
 
 class MemoryTransport:

@@ -46,7 +46,7 @@ class _RefusedError(Exception):
         self.code = code
 
 
-def answer_pdu(registers: RegisterMap, pdu: bytes) -> bytes:
+def reply_to_pdu(registers: RegisterMap, pdu: bytes) -> bytes:
     """Answer to the PDU of one request; an empty one gets no answer."""
     if not pdu:
         return b""

@@ -12,7 +12,7 @@ import struct
 import threading
 import tty
 
-from fast.hardware.virtual.modbus_pdu import WRITE_COILS, WRITE_REGISTERS, RegisterMap, answer_pdu
+from fast.hardware.virtual.modbus_pdu import WRITE_COILS, WRITE_REGISTERS, RegisterMap, reply_to_pdu
 
 _POLYNOMIAL = 0xA001
 _SILENCE_S = 0.05  # real: after this much silence an unfinished frame is thrown away
@@ -79,27 +79,27 @@ class RtuServerThread:
             if self._wake_read in ready:
                 return
             if not ready:
-                self._send(self.answer(received))  # a function of unknown length ends with the line's silence
+                self._send(self.reply(received))  # a function of unknown length ends with the line's silence
                 received = b""
                 continue
             received += os.read(self._master, 512)
             length = _frame_length(received)
             while length is not None and len(received) >= length:
-                self._send(self.answer(received[:length]))
+                self._send(self.reply(received[:length]))
                 received = received[length:] if has_crc(received[:length]) else b""
                 length = _frame_length(received)
             if len(received) > _LONGEST_FRAME:
                 received = b""
 
-    def answer(self, frame: bytes) -> bytes:
+    def reply(self, frame: bytes) -> bytes:
         """Answer to one frame; none to a damaged frame or one for another device."""
         if len(frame) < _SHORTEST_FRAME or not has_crc(frame) or frame[0] != self._device_id:
             return b""
-        return with_crc(frame[:1] + answer_pdu(self._registers, frame[1:-2]))
+        return with_crc(frame[:1] + reply_to_pdu(self._registers, frame[1:-2]))
 
-    def _send(self, answer: bytes) -> None:
-        if answer:
-            os.write(self._master, answer)
+    def _send(self, reply: bytes) -> None:
+        if reply:
+            os.write(self._master, reply)
 
 
 def _frame_length(received: bytes) -> int | None:

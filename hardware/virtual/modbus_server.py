@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
-from fast.hardware.virtual.modbus_pdu import RegisterMap, answer_pdu
+from fast.hardware.virtual.modbus_pdu import RegisterMap, reply_to_pdu
 from fast.models.errors import DeviceError, UsageError
 
 logger = logging.getLogger(__name__)
@@ -22,7 +22,7 @@ _START_TIME_OUT_S = 10.0
 class Asker(Protocol):
     """Who gets the answer to a request."""
 
-    def send(self, answer: bytes) -> None:
+    def send(self, reply: bytes) -> None:
         """Take the whole frame of an answer."""
 
 
@@ -62,10 +62,10 @@ class _Connection(asyncio.Protocol):
             self.n_requests += 1
             self._owner.handle(self, transaction, unit, pdu)
 
-    def send(self, answer: bytes) -> None:
+    def send(self, reply: bytes) -> None:
         """Send an answer unless the client has gone meanwhile."""
         if self.transport is not None and not self.transport.is_closing():
-            self.transport.write(answer)
+            self.transport.write(reply)
 
     def _hang_up(self) -> None:
         self._received = b""
@@ -171,11 +171,11 @@ class ModbusServerThread:
         if self.n_to_swallow > 0:
             self.n_to_swallow -= 1
             return
-        answer = answer_pdu(self.registers, pdu)
+        reply = reply_to_pdu(self.registers, pdu)
         if self.n_to_leave > 0:
             self.n_to_leave -= 1
             return
-        frame = _HEADER.pack(transaction, 0, len(answer) + 1, unit) + answer
+        frame = _HEADER.pack(transaction, 0, len(reply) + 1, unit) + reply
         if self.delay_s:
             asyncio.get_running_loop().call_later(self.delay_s, connection.send, frame)
         else:

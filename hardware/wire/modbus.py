@@ -43,7 +43,7 @@ _PASSING = (6, 11)  # the same request may be answered a moment later
 _PASSES_S = 0.1
 
 
-class ModbusAnswerError(LinkLostError):
+class ModbusReplyError(LinkLostError):
     """The device answered something else than what it was asked: nothing of it is believed."""
 
 
@@ -91,9 +91,9 @@ class ModbusLink:
 
         def ask(client: Client) -> ModbusPDU:
             read = client.read_coils if function_code == 1 else client.read_discrete_inputs
-            answer = read(address, count=count, device_id=self._device_id)
-            self._check_answer(answer, function_code, len(answer.bits) // 8, (count + 7) // 8)
-            return answer
+            reply = read(address, count=count, device_id=self._device_id)
+            self._check_reply(reply, function_code, len(reply.bits) // 8, (count + 7) // 8)
+            return reply
 
         return list(self._repeat(ask).bits[:count])
 
@@ -102,9 +102,9 @@ class ModbusLink:
 
         def ask(client: Client) -> ModbusPDU:
             read = client.read_holding_registers if function_code == 3 else client.read_input_registers
-            answer = read(address, count=count, device_id=self._device_id)
-            self._check_answer(answer, function_code, len(answer.registers), count)
-            return answer
+            reply = read(address, count=count, device_id=self._device_id)
+            self._check_reply(reply, function_code, len(reply.registers), count)
+            return reply
 
         return list(self._repeat(ask).registers)
 
@@ -112,9 +112,9 @@ class ModbusLink:
         """Write one coil with FC05, exactly once."""
 
         def ask(client: Client) -> ModbusPDU:
-            answer = client.write_coil(address, value, device_id=self._device_id)
-            self._check_answer(answer, 5)
-            return answer
+            reply = client.write_coil(address, value, device_id=self._device_id)
+            self._check_reply(reply, 5)
+            return reply
 
         self._once(ask)
 
@@ -122,9 +122,9 @@ class ModbusLink:
         """Write registers with FC16, exactly once."""
 
         def ask(client: Client) -> ModbusPDU:
-            answer = client.write_registers(address, values, device_id=self._device_id)
-            self._check_answer(answer, 16)
-            return answer
+            reply = client.write_registers(address, values, device_id=self._device_id)
+            self._check_reply(reply, 16)
+            return reply
 
         self._once(ask)
 
@@ -145,8 +145,8 @@ class ModbusLink:
         with self._lock:
             client = self._client or self._connected_client()
             try:
-                answer = request(client)
-            except ModbusAnswerError:
+                reply = request(client)
+            except ModbusReplyError:
                 self.close()  # out of step, or another device: no answer on this connection counts any more
                 raise
             except Exception as error:  # pymodbus lets struct.error and others out when bytes make no sense
@@ -162,13 +162,13 @@ class ModbusLink:
             except BaseException:
                 self.close()  # interrupted between request and answer: the old answer must not meet the next request
                 raise
-        if answer.isError():
-            code = int(answer.exception_code)
+        if reply.isError():
+            code = int(reply.exception_code)
             words = _EXCEPTION_WORDS.get(code, "unknown")
             if code in _PASSING:
                 self.close()
                 time.sleep(_PASSES_S)
-                raise ModbusAnswerError(
+                raise ModbusReplyError(
                     f"{self.name} answered Modbus exception {code} ({words}) and the connection was reset. Check what "
                     "else asks it, and the line behind a gateway."
                 )
@@ -176,7 +176,7 @@ class ModbusLink:
                 f"{self.name} refused a request with Modbus exception {code} ({words}); "
                 "check that its model and register map are those of docs/how-to/set-up-a-bench.md."
             )
-        return answer
+        return reply
 
     def _connected_client(self) -> Client:
         if self._client is None:
@@ -201,17 +201,17 @@ class ModbusLink:
             self._traced = data
         return data
 
-    def _check_answer(self, answer: ModbusPDU, function_code: int, received: int = 0, expected: int = 0) -> None:
+    def _check_reply(self, reply: ModbusPDU, function_code: int, received: int = 0, expected: int = 0) -> None:
         """Refuse an answer to another function than the one asked, or with another number of values."""
-        if answer.isError():
+        if reply.isError():
             expected = received
             function_code |= _REFUSAL
-        if answer.function_code == function_code and received == expected:
+        if reply.function_code == function_code and received == expected:
             return
         what = f"{received} values instead of {expected}"
-        if answer.function_code != function_code:
-            what = f"function {answer.function_code} to function {function_code & ~_REFUSAL}"
-        raise ModbusAnswerError(
+        if reply.function_code != function_code:
+            what = f"function {reply.function_code} to function {function_code & ~_REFUSAL}"
+        raise ModbusReplyError(
             f"{self.name} answered {what}; the answer is refused and the connection was reset. Check that nothing else "
             "is at its address."
         )

@@ -39,7 +39,7 @@ from fast.models.errors import LakeError, UsageError
 
 _LOG = logging.getLogger(__name__)
 _READ_ATTEMPTS = 50  # a file may be merged into another between listing and reading
-_N_ANSWERS, _ANSWER_BYTES = 128, 100_000  # that are kept: how many, and how large at most
+_N_RESULTS, _RESULT_BYTES = 128, 100_000  # that are kept: how many, and how large at most
 _LOOSE_ROWS = 5_000  # merged files bring their rows again: 33 MB at 3,200 grasps, where 50,000 may be loose
 _MEMORY_LIMIT = "1500MB"  # tables held and queries at work; what is over goes to temporary files
 _TIMES_VIEW = {"traces": "trace_times"}  # views.sql says what it is for
@@ -81,7 +81,7 @@ class Engine:
         self._old_views: set[str] = set()  # tables whose view does not show all that was read
         self._defined = set(_TIMES_VIEW.values())  # names of `views.sql` that the connection has
         self._n_loose = 0  # rows held that are not compressed yet
-        self._answers: OrderedDict[tuple[str, bytes], tuple[list[Mark], pa.Table]] = OrderedDict()  # last asked last
+        self._results: OrderedDict[tuple[str, bytes], tuple[list[Mark], pa.Table]] = OrderedDict()  # last asked last
         self.connection = duckdb.connect(":memory:")
         self.connection.execute("ATTACH ':memory:' AS held (COMPRESS)")
         self.connection.execute("USE held")
@@ -132,13 +132,13 @@ class Engine:
     def read_kept(self, sql: str, params: Sequence[Any] | dict[str, Any] | None, tables: Collection[str]) -> pa.Table:
         """The same as `read`, for an answer that follows from these tables alone: kept until one of them changes."""
         question, marks = (sql, pickle.dumps(params)), [self.mark(table) for table in sorted(tables)]
-        known_marks, answer = self._answers.pop(question, (None, None))
+        known_marks, answer = self._results.pop(question, (None, None))
         if answer is None or known_marks != marks:
             answer = self.read(sql, params)
-        if answer.nbytes <= _ANSWER_BYTES:
-            self._answers[question] = marks, answer
-        if len(self._answers) > _N_ANSWERS:
-            self._answers.popitem(last=False)
+        if answer.nbytes <= _RESULT_BYTES:
+            self._results[question] = marks, answer
+        if len(self._results) > _N_RESULTS:
+            self._results.popitem(last=False)
         return answer
 
     def _read(self, sql: str, params: Sequence[Any] | dict[str, Any] | None) -> pa.Table:

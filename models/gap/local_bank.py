@@ -28,8 +28,8 @@ MOST_RUNS = 2  # that are added for named effects, one after another
 _NEAR_RUN = 0.1  # of its amplitude and its shape: a run as near as that to another says nothing new of their slope
 
 
-def answer_locally(
-    proposed: NamingResult, former: BankPlan | None, answer: Callable[[BankPlan], tuple[_T, NamingResult]]
+def name_locally(
+    proposed: NamingResult, former: BankPlan | None, name_in: Callable[[BankPlan], tuple[_T, NamingResult]]
 ) -> tuple[_T, NamingResult, BankPlan]:
     """The answer in the bank around the theta that the wide one proposes, what comes with it, and the bank.
 
@@ -37,16 +37,16 @@ def answer_locally(
     answer names a simulated effect gets runs at its fitted parameters. answer: simulates a bank and answers in it.
     """
     plan = choose_bank(proposed, former)
-    rest, found = answer(plan)
+    rest, found = name_in(plan)
     if has_left(found, plan):
         plan = move_bank(found, plan)
-        rest, found = answer(plan)
+        rest, found = name_in(plan)
     for _ in range(MOST_RUNS):
         finer = add_runs(found, plan)
         if finer == plan:
             break
         plan = finer
-        rest, found = answer(plan)
+        rest, found = name_in(plan)
     return rest, found, plan
 
 

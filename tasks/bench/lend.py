@@ -35,7 +35,7 @@ from fast.tasks.campaign.requests import GANTRY_LEASE, append_event
 
 LENT, ORDER, DONE = "bench_lent", "bench_order", "bench_order_done"  # kinds of the events
 LEASE = "lent-bench"
-ANSWER_S = 60.0  # a holder who does not answer for so long is asked no more
+REPLY_S = 60.0  # a holder who does not answer for so long is asked no more
 IDLE_S = 600.0  # without an order, the bench is given back
 LOOK_S = 0.2
 PEOPLE = ("take", "want", "give", "keep", "release")
@@ -84,7 +84,7 @@ class LentBench:
         if self.holder in ("", operator):
             return True
         now = now or datetime.now(UTC)
-        is_late = self.wanted_at is not None and (now - self.wanted_at).total_seconds() > ANSWER_S
+        is_late = self.wanted_at is not None and (now - self.wanted_at).total_seconds() > REPLY_S
         return self.wanted_by == operator and is_late
 
 
@@ -200,14 +200,14 @@ class Lender:
                     order = orders.next()
                     if order is None:
                         continue
-                    sentence = self._answer(order, orders)
+                    sentence = self._fulfil(order, orders)
                     if sentence:
                         self._tell(session, sentence, is_over=True)
                     if first_holder and order.verb == "take":
                         break
         return f"{self.name} is lent no more"
 
-    def _answer(self, order: Order, orders: "_Orders") -> str:
+    def _fulfil(self, order: Order, orders: "_Orders") -> str:
         """Do what an order to a bench that nobody holds asks for; why not, or how it ended."""
         try:
             if order.verb == "take":

@@ -25,7 +25,7 @@ from fast.models.gap.evaluation.rest import describe_rest
 from fast.models.gap.findings import Asked, Confound, Decision, RoundFindings, Verdict
 from fast.models.gap.fit.fit import Fit
 from fast.models.gap.fit.whitened_features import PLACEMENT_SHARE, REPEAT_SD
-from fast.models.gap.local_bank import answer_locally
+from fast.models.gap.local_bank import name_locally
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.gap.where.locate import Where, locate
 from fast.models.gap.where.residuals import Residuals
@@ -116,12 +116,12 @@ def settle_bank(wide: SearchInputs, in_model: Sequence[EffectValue], former: Ban
         FastError: the bank could not be simulated as a whole.
     """
 
-    def answer(plan: BankPlan) -> tuple[SearchInputs, NamingResult]:
+    def name_in(plan: BankPlan) -> tuple[SearchInputs, NamingResult]:
         search = _with_bank(wide, plan)
         return search, name_effect(search.data, wide.rehearsal, in_model, proposed.raised_alarm)
 
     proposed = name_effect(wide.data, wide.rehearsal, in_model)
-    search, naming, _ = answer_locally(proposed, former, answer)
+    search, naming, _ = name_locally(proposed, former, name_in)
     naming, asked = settle_answers(search, naming)
     return Settled(search, proposed, naming, asked)
 

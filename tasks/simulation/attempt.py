@@ -180,7 +180,7 @@ def _store_mesh(path: Path, mesh: SolidMesh) -> None:
     os.replace(temporary, path)
 
 
-def answer(worker: EngineWorker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
+def await_attempt(worker: EngineWorker, job: GraspJob, future: "Future[Attempt]") -> Attempt:
     """What the worker says; one that hangs is killed, one that died (once may be bad luck) is asked again."""
     started = time.monotonic()
     limit_s = hang_limit_s(job.deadline_s)

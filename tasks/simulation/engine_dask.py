@@ -192,20 +192,20 @@ def lost(address: str) -> EngineError:
     )
 
 
-def _pass_on(engine: DaskEngine, done: "DaskFuture", answer: "Future[Any]") -> None:
+def _pass_on(engine: DaskEngine, done: "DaskFuture", promised: "Future[Any]") -> None:
     """Give the outcome of a call to who waits for it, in the words of `concurrent.futures`."""
     from distributed.scheduler import KilledWorker
 
     engine.let_go(done)
     try:
-        answer.set_result(done.result())
+        promised.set_result(done.result())
     except KilledWorker as error:
-        answer.set_exception(BrokenExecutor(str(error)))
+        promised.set_exception(BrokenExecutor(str(error)))
     except EngineError as error:
-        answer.set_exception(error)
+        promised.set_exception(error)
     except BaseException as error:
         was_cancelled = done.status in ("cancelled", "lost", "pending")
-        answer.set_exception(lost(engine.address) if was_cancelled else error)
+        promised.set_exception(lost(engine.address) if was_cancelled else error)
 
 
 def _connect(address: str) -> "Client":

@@ -15,7 +15,7 @@ from fast.models.objects.catalogue import get_object
 from fast.models.records import Design, GraspSetup, Placement, find_setup_id
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.campaign.state import tuples
-from fast.tasks.simulation.attempt import GraspJob, answer, attempt_grasp
+from fast.tasks.simulation.attempt import GraspJob, attempt_grasp, await_attempt
 from fast.tasks.simulation.pool import WorkerPool
 from fast.tasks.simulation.simulate import simulation_rows
 
@@ -151,7 +151,7 @@ def _simulate_point(
             job = GraspJob(
                 design, get_object(object_id), version, plan.setup, plan.deadline_s, lake.root, placement=plan.placement
             )
-            attempt = answer(worker, job, worker.submit(attempt_grasp, job))
+            attempt = await_attempt(worker, job, worker.submit(attempt_grasp, job))
             n_made += 1
             if attempt.result is None:
                 n_failed += 1

@@ -12,7 +12,7 @@ from fast.models.ids import canonical_json
 from fast.models.objects.catalogue import get_object
 from fast.models.records import Design
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
+from fast.tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp, await_attempt
 from fast.tasks.simulation.engine import Engine
 
 logger = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ def simulate_design(
             future = worker.submit(attempt_grasp, job)
             if last is not None:
                 n_failed += writer.add(*last)
-            last = job, answer(worker, job, future)
+            last = job, await_attempt(worker, job, future)
         if last is not None:
             n_failed += writer.add(*last)
     return n_failed

@@ -38,7 +38,7 @@ _SAMPLES = """
 """
 
 
-class Answer(NamedTuple):
+class Likeliest(NamedTuple):
     """What is believed of the object, most probable first; `n_grasps` of it were looked at together."""
 
     n_grasps: int
@@ -60,8 +60,8 @@ class Identification(NamedTuple):
     n_tools: int
     n_learnt: int
     accuracy: float | None
-    alone: Answer
-    together: Answer
+    alone: Likeliest
+    together: Likeliest
 
 
 def identify(lake: Lake, grasp_id: str) -> Identification:
@@ -91,8 +91,8 @@ def identify(lake: Lake, grasp_id: str) -> Identification:
         len(np.unique(tool)),
         len(others),
         _accuracy(inputs, object_id, tool),
-        _answer(Beliefs(beliefs.objects[[place]]), 1, own),
-        _answer(beliefs.combined(), len(same), own),
+        _find_likeliest(Beliefs(beliefs.objects[[place]]), 1, own),
+        _find_likeliest(beliefs.combined(), len(same), own),
     )
 
 
@@ -126,10 +126,10 @@ def _accuracy(inputs: np.ndarray, object_id: np.ndarray, tool: np.ndarray) -> fl
     return float((rank_of_truth(beliefs.objects, object_id) == 1).mean())
 
 
-def _answer(beliefs: Beliefs, n_grasps: int, own: Sequence[int]) -> Answer:
+def _find_likeliest(beliefs: Beliefs, n_grasps: int, own: Sequence[int]) -> Likeliest:
     sides = [f"{name}: {MEANINGS[name]}" for name in SIDES]
     names = [obj.name for obj in (*OBJECTS, *map(get_object, own))]
-    return Answer(
+    return Likeliest(
         n_grasps,
         _best(beliefs.objects[0], names),
         _best(beliefs.classes[0], (*CLASSES, _OWN)),

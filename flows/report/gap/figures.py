@@ -9,7 +9,7 @@ import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fast.flows.report.gap.answer import describe_effect, shorten_tool
+from fast.flows.report.gap.sentences import describe_effect, shorten_tool
 from fast.flows.report.style import BEST, FAINT, FIRST, INK, MUTED, WIDTH_IN, new_axes
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation
 from fast.models.gap.findings import Candidate, Decision, LawCurve, Rest

@@ -11,23 +11,6 @@ from typing import Any
 import numpy as np
 
 from fast.flows.report.folder import Folder, write_page
-from fast.flows.report.gap.answer import (
-    GapPage,
-    ThetaRow,
-    describe_answer,
-    describe_closed,
-    describe_decision,
-    describe_effect,
-    describe_lines,
-    describe_notes,
-    describe_probability,
-    describe_size,
-    describe_smallness,
-    describe_sureness,
-    list_families,
-    shorten_answer,
-    shorten_tool,
-)
 from fast.flows.report.gap.figures import (
     choose_cells,
     draw_classes,
@@ -40,6 +23,23 @@ from fast.flows.report.gap.figures import (
     name_cell,
 )
 from fast.flows.report.gap.question import prepare_next
+from fast.flows.report.gap.sentences import (
+    GapPage,
+    ThetaRow,
+    describe_closed,
+    describe_decision,
+    describe_effect,
+    describe_findings,
+    describe_lines,
+    describe_notes,
+    describe_probability,
+    describe_size,
+    describe_smallness,
+    describe_sureness,
+    list_families,
+    shorten_findings,
+    shorten_tool,
+)
 from fast.models.gap.evaluation.evaluate import Evaluation
 from fast.models.gap.findings import Findings, RoundFindings
 from fast.models.gap.where.cells import find_heaviest_cells
@@ -86,8 +86,8 @@ def _prepare_page(content: GapPage, folder: Folder) -> dict[str, Any]:
         "findings": findings,
         "describe_effect": describe_effect,
         "describe_probability": describe_probability,
-        "answer": describe_answer(findings),
-        "short_answer": shorten_answer(findings),
+        "answer": describe_findings(findings),
+        "short_answer": shorten_findings(findings),
         "sureness": describe_sureness(findings),
         "closed": describe_closed(findings.gap),
         "smallness": describe_smallness(findings.gap),

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fast.flows.report.folder import Folder
-from fast.flows.report.gap.answer import GapPage, describe_effect, describe_odds, describe_probability, shorten_tool
+from fast.flows.report.gap.sentences import GapPage, describe_effect, describe_odds, describe_probability, shorten_tool
 from fast.flows.report.style import BEST, FIRST, INK, SIMULATED, WIDTH_IN, new_axes
 from fast.models.gap.ask.outcomes import MEANS
 from fast.models.gap.findings import UNKNOWN, NextExperiment

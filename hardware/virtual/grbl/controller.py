@@ -127,7 +127,7 @@ class GrblController:
             else:
                 self._take(code)
         self._go_on()
-        self._answer_status()
+        self._reply_status()
 
     def _take(self, code: int) -> None:
         """One byte in the receive interrupt; a full buffer drops it without a word."""
@@ -159,7 +159,7 @@ class GrblController:
             self._handle_event()
             self._go_on()
             self._drain_uart()
-            self._answer_status()
+            self._reply_status()
         if now_s > self._now_s:
             self._now_s = now_s
 
@@ -341,7 +341,7 @@ class GrblController:
         if code is RealTime.STATUS:
             self._is_status_due = True
             return
-        self._answer_status()
+        self._reply_status()
         if code is RealTime.RESET:
             self._soft_reset()
         elif self._is_alarming or self._is_deaf:
@@ -438,7 +438,7 @@ class GrblController:
     def _can_report(self) -> bool:
         return self._is_status_due and self._state != "Home" and not (self._is_alarming or self._is_deaf)
 
-    def _answer_status(self, is_homed: bool = False) -> None:
+    def _reply_status(self, is_homed: bool = False) -> None:
         """Answer a `?` heard before; homing answers only at its end, a critical alarm never."""
         if is_homed and self._is_status_due:
             self._say_status()

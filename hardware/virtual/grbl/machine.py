@@ -213,5 +213,5 @@ class GrblMachine(GrblController):
         except HomingFailed as failure:
             raise Alarmed(failure.alarm) from None
         self._end_mm = self.carriage.count_mm(self._now_s)
-        self._answer_status(is_homed=True)
+        self._reply_status(is_homed=True)
         self._state = "Idle"

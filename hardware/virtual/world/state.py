@@ -66,7 +66,7 @@ Solver = Callable[[PhysicsRequest], "Future[GraspSimulation]"]
 class _Grasp:
     """A grasp in progress: solving, then closing, then held."""
 
-    answer: "Future[GraspSimulation] | None"
+    solved: "Future[GraspSimulation] | None"
     """Of the solver; None where nothing is between the jaws."""
     request: PhysicsRequest | None
     """What the solver was asked; None as above."""
@@ -268,7 +268,7 @@ class WorldState:
 
     def _move_air(self, duration_s: float) -> None:
         grasp = self._grasp
-        is_waiting = grasp is not None and grasp.answer is not None and not grasp.answer.done()
+        is_waiting = grasp is not None and grasp.solved is not None and not grasp.solved.done()
         if "leak" in self.faults and self._grip_output:
             self.pressure_psi = max(self.pressure_psi - LEAK_PSI_PER_S * duration_s, 0.0)
             return
@@ -289,9 +289,9 @@ class WorldState:
         if not self._grip_output and self.pressure_psi < RESTING_PRESSURE_PSI:
             self._grasp = None
             return
-        if grasp.answer is not None and grasp.answer.done():
-            self._take_answer(grasp, grasp.answer)
-            grasp.answer = None
+        if grasp.solved is not None and grasp.solved.done():
+            self._take_result(grasp, grasp.solved)
+            grasp.solved = None
         if grasp.closing_since_s is None and self.pressure_psi >= self._closing_psi:
             grasp.closing_since_s = now_s
 
@@ -319,12 +319,12 @@ class WorldState:
         )
         return _Grasp(self._solver(request), request, setup, z_mm)
 
-    def _take_answer(self, grasp: _Grasp, answer: "Future[GraspSimulation]") -> None:
+    def _take_result(self, grasp: _Grasp, solved: "Future[GraspSimulation]") -> None:
         request = grasp.request
         if request is None:
             return
         try:
-            simulation = answer.result()
+            simulation = solved.result()
         except SimulationFailed as failure:
             logger.warning("Virtual bench: no physics for %d (%s): %s", request.object_id, failure.reason, failure)
             grasp.is_failed = True

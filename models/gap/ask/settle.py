@@ -25,10 +25,10 @@ def settle(naming: NamingResult, believed: Sequence[Hypothesis]) -> NamingResult
     if chance.get(NONE, 0.0) > 0.5:
         decision = Decision(kind="none", probability=chance[NONE], sentence="What was asked for shows no gap.")
     elif not effects or chance.get(UNKNOWN, 0.0) > named:
-        decision = naming.decider.answer_unknown(chance.get(UNKNOWN, 0.0))
+        decision = naming.decider.decide_unknown(chance.get(UNKNOWN, 0.0))
     else:
         alike = [name for name in effects if chance[name] > chance[effects[0]] * np.exp(-ENOUGH_NATS)]
-        decision = naming.decider.answer_effects(alike, sum(chance[name] for name in alike))
+        decision = naming.decider.decide_effects(alike, sum(chance[name] for name in alike))
     candidates = tuple(row.model_copy(update={"probability": chance.get(row.effect, 0.0)}) for row in naming.candidates)
     alarm = replace(naming.alarm, gap=gap)
     return replace(

@@ -41,13 +41,13 @@ class Decider:
     def decide(self, gap: float, is_alarm: bool) -> tuple[Decision, float]:
         """The answer, and the probability that the best name is right if there is a gap. gap: that there is one."""
         if not is_alarm:
-            return self.answer_none(1.0 - gap), 0.0
+            return self.decide_none(1.0 - gap), 0.0
         if not self.trials.tried:
             left = (UNKNOWN,) if self.trials.refused else ()
-            return self.answer_unknown(gap).model_copy(update={"possible": left}), 0.0
+            return self.decide_unknown(gap).model_copy(update={"possible": left}), 0.0
         name = self.rehearsal.name.judge(self.trials.describe())
         chosen = choose_alike(self.trials, self.rehearsal)
-        named = self.answer_unknown(gap * (1.0 - name)) if name <= EVEN else self.answer_effects(chosen, gap * name)
+        named = self.decide_unknown(gap * (1.0 - name)) if name <= EVEN else self.decide_effects(chosen, gap * name)
         possible = self._list_possible(chosen, name)
         return named.model_copy(update={"possible": possible}), name
 
@@ -66,7 +66,7 @@ class Decider:
             trials = trials.without(family)
         return found
 
-    def answer_none(self, probability: float) -> Decision:
+    def decide_none(self, probability: float) -> Decision:
         """Nothing, with what could still hide, and what there is some evidence for."""
         hides = self.rehearsal.tell_seen_size(compute_rms(self.trials.fit.force_n))
         near = ""
@@ -75,7 +75,7 @@ class Decider:
         sentence = f"Nothing is left that is larger than what honest simulators differ by.{near} {hides}"
         return Decision(kind="none", probability=probability, sentence=sentence)
 
-    def answer_effects(self, chosen: Sequence[str], probability: float) -> Decision:
+    def decide_effects(self, chosen: Sequence[str], probability: float) -> Decision:
         """One effect with its parameters, or several that are not told apart, the likeliest first; its law is shown."""
         first, trial = chosen[0], self.trials.find(chosen[0])
         fit = self.fit_with(first)
@@ -97,7 +97,7 @@ class Decider:
         sentence = f"{CATALOGUE[first].title}: {name} = {parameters[name].median:.3g} [{low:.3g}, {high:.3g}]."
         return Decision(kind="effect", sentence=sentence, parameters=parameters, **common)
 
-    def answer_unknown(self, probability: float) -> Decision:
+    def decide_unknown(self, probability: float) -> Decision:
         """Not in the catalogue: what it is like, how large it is, and where; and which effect comes nearest."""
         fit, pattern = self.trials.fit, self._find_pattern()
         change_n = fit.rest_n if pattern is None or pattern.change_n is None else pattern.change_n

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from fast.flows.gap.bench_plan import describe_command
-from fast.flows.gap.search import write_answer
-from fast.flows.report.gap import answer
-from fast.flows.report.gap.answer import INDEPENDENT, GapPage, ThetaRow
+from fast.flows.gap.search import describe_outcome
+from fast.flows.report.gap import sentences
 from fast.flows.report.gap.page import write_findings, write_gap_report
+from fast.flows.report.gap.sentences import INDEPENDENT, GapPage, ThetaRow
 from fast.flows.viewer.gap import write_gap_recording
 from fast.models.gap.evaluation.evaluate import AFTER, BEFORE, Evaluation, evaluate
 from fast.models.gap.evaluation.held_out import HeldOut, add_scatter
@@ -242,8 +242,8 @@ def test_what_is_asked_without_an_alarm_is_said_first(content: GapPage, tmp_path
     said = f"An effect may be too weak for an alarm: {asked.promised_grasps} grasps at another setting would show it."
     assert said in page
     assert "No alarm was raised." in page
-    assert write_answer(quiet).endswith("would show an effect that is too weak for an alarm")
-    assert "too weak" not in write_answer(quiet.model_copy(update={"next_experiment": None}))
+    assert describe_outcome(quiet).endswith("would show an effect that is too weak for an alarm")
+    assert "too weak" not in describe_outcome(quiet.model_copy(update={"next_experiment": None}))
 
 
 def test_a_gap_that_no_place_is_sure_of_says_what_so_few_tools_can_show(content: GapPage, tmp_path: Path) -> None:
@@ -276,22 +276,22 @@ def test_what_a_name_leaves_over_is_not_called_found() -> None:
     named = [Decision(kind="effect", effects=(name,), probability=0.9, family="closing") for name in names]
     findings = _told(*map(_round, named[:2]), _round(named[2], refused="it does not help."))
     said = "found force_limited_closing; base_compliance added for what that leaves over; held-out error"
-    assert write_answer(findings).startswith(said)
+    assert describe_outcome(findings).startswith(said)
 
 
 def test_a_set_and_a_name_behind_it_are_both_said() -> None:
     either = Decision(kind="set", effects=("load_cell_lag", "lift_misalignment"), probability=0.9)
     wear = Decision(kind="effect", effects=("friction_wear",), probability=0.95)
     findings = _told(*map(_round, (either, wear, NOTHING)))
-    said = write_answer(findings)
+    said = describe_outcome(findings)
     assert said.startswith("found friction_wear; one of load_cell_lag, lift_misalignment, not told apart; held-out")
-    assert answer.shorten_answer(findings) == "one of 2 causes, friction wear"
-    assert "cannot tell apart, then Friction drifts" in answer.describe_answer(findings)
-    assert answer.describe_sureness(findings) == "is missing; right with probability 0.90, 0.95"
-    assert [answer.describe_notes(found, False) for found in findings.rounds] == [[], [], []]
-    (note,) = answer.describe_notes(_round(either, version="V2"), False)
+    assert sentences.shorten_findings(findings) == "one of 2 causes, friction wear"
+    assert "cannot tell apart, then Friction drifts" in sentences.describe_findings(findings)
+    assert sentences.describe_sureness(findings) == "is missing; right with probability 0.90, 0.95"
+    assert [sentences.describe_notes(found, False) for found in findings.rounds] == [[], [], []]
+    (note,) = sentences.describe_notes(_round(either, version="V2"), False)
     assert note == "The simulator gets load cell lag, since all of them correct alike; which of them it is stays open."
-    (note,) = answer.describe_notes(_round(either, refused="it does not help."), False)
+    (note,) = sentences.describe_notes(_round(either, refused="it does not help."), False)
     assert note == "it does not help."
 
 
@@ -299,17 +299,17 @@ def test_what_an_earlier_search_added_is_said() -> None:
     """A search starts from the simulator in use: that it finds nothing more does not mean that nothing was missing."""
     nothing = _told(_round(NOTHING))
     again = nothing.model_copy(update={"in_use": ("force_limited_closing",)})
-    assert write_answer(again) == "no further gap; the simulator in use already has force_limited_closing"
+    assert describe_outcome(again) == "no further gap; the simulator in use already has force_limited_closing"
     lead = "The simulator in use has force limited closing already, from an earlier search."
-    assert answer.describe_answer(again).startswith(f"{lead} Simulation and measurement agree")
-    assert "show nothing else missing" in answer.describe_answer(again)
-    assert answer.shorten_answer(again) == "no further gap"
-    assert answer.describe_sureness(again).startswith("nothing more is missing")
-    assert answer.describe_in_use(nothing) == ""
-    assert answer.describe_answer(nothing).startswith("Simulation and measurement agree")
+    assert sentences.describe_findings(again).startswith(f"{lead} Simulation and measurement agree")
+    assert "show nothing else missing" in sentences.describe_findings(again)
+    assert sentences.shorten_findings(again) == "no further gap"
+    assert sentences.describe_sureness(again).startswith("nothing more is missing")
+    assert sentences.describe_in_use(nothing) == ""
+    assert sentences.describe_findings(nothing).startswith("Simulation and measurement agree")
     found = _told(_round(Decision(kind="effect", effects=("load_cell_lag",), probability=0.9)))
     found = found.model_copy(update={"in_use": ("force_limited_closing",)})
-    assert answer.describe_answer(found).startswith(f"{lead} Missing: ")
+    assert sentences.describe_findings(found).startswith(f"{lead} Missing: ")
 
 
 def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
@@ -319,18 +319,18 @@ def test_what_a_name_leaves_over_is_no_second_discovery() -> None:
     weak = Candidate(effect="unknown", probability=0.5, nats=1.1)
     strong = weak.model_copy(update={"nats": 1.3})
     little, much = _told(first, _round(unknown, weak)), _told(first, _round(unknown, strong))
-    assert "then" not in answer.describe_answer(little)
-    assert "something else" not in answer.describe_sureness(little)
-    assert "no new discovery" in " ".join(answer.describe_notes(little.rounds[1], little.is_leftover(1)))
-    assert "then something that is not in the catalogue" in answer.describe_answer(much)
-    assert answer.describe_sureness(much).endswith("; something else is missing that the catalogue does not have")
+    assert "then" not in sentences.describe_findings(little)
+    assert "something else" not in sentences.describe_sureness(little)
+    assert "no new discovery" in " ".join(sentences.describe_notes(little.rounds[1], little.is_leftover(1)))
+    assert "then something that is not in the catalogue" in sentences.describe_findings(much)
+    assert sentences.describe_sureness(much).endswith("; something else is missing that the catalogue does not have")
     said = _round(lag.model_copy(update={"left_share": 0.3}), _candidate("load_cell_lag", 0.9))
     assert not _told(said, _round(unknown, weak)).is_leftover(1)  # the round itself says how much is left
     other = Decision(kind="effect", effects=("friction_wear",), probability=0.8, family="wear")
     large = _candidate("friction_wear", 0.9)
     helps, helps_not = (_told(first, _round(other, large, refused=why)) for why in ("", "it does not help."))
-    assert "then" in answer.describe_answer(helps)
-    assert "then" not in answer.describe_answer(helps_not)
+    assert "then" in sentences.describe_findings(helps)
+    assert "then" not in sentences.describe_findings(helps_not)
     assert not helps.is_leftover(1)
     assert helps_not.is_leftover(1)
 
@@ -358,7 +358,7 @@ def test_what_an_alarm_does_not_exclude_is_said(
     kind: Literal["effect", "unknown"], effects: tuple[str, ...], possible: tuple[str, ...], note: str
 ) -> None:
     named = Decision(kind=kind, effects=effects, possible=possible, probability=0.8)
-    assert answer.describe_notes(_round(named), False) == [note]
+    assert sentences.describe_notes(_round(named), False) == [note]
 
 
 def test_what_repeats_tell_most_is_said(tmp_path: Path) -> None:
@@ -372,10 +372,10 @@ def test_what_repeats_tell_most_is_said(tmp_path: Path) -> None:
         high=(1.0, 0.98),
     )
     named = Decision(kind="unknown", probability=0.8, drift=drift, law=law, sentence="Something is missing.")
-    (note,) = answer.describe_notes(_round(named), False)
+    (note,) = sentences.describe_notes(_round(named), False)
     assert note.startswith(f"Most of the evidence: {drift}.")
     possible = named.model_copy(update={"possible": ("unknown",)})
-    assert answer.describe_notes(_round(possible), False)[1] == "All of the catalogue is excluded at 90 %."
+    assert sentences.describe_notes(_round(possible), False)[1] == "All of the catalogue is excluded at 90 %."
     page = write_gap_report(GapPage(_told(_round(named))), tmp_path, "X3").read_text(encoding="utf-8")
     assert "The law as the data have it, with its 90" in page
 
@@ -385,9 +385,9 @@ def test_none_does_not_deny_what_a_test_sees() -> None:
         sentence="Less on the cube.", phase="peak", stratum="cube", effect_size_n=-0.6, ci90=(-0.7, -0.5)
     )
     found = _round(NOTHING, patternless_n=0.2)
-    (note,) = answer.describe_notes(found, False)
+    (note,) = sentences.describe_notes(found, False)
     assert "show no pattern" in note
-    (note,) = answer.describe_notes(found.model_copy(update={"where": (seen,)}), False)
+    (note,) = sentences.describe_notes(found.model_copy(update={"where": (seen,)}), False)
     assert "show no pattern" not in note
     assert "Yet a test of tools and objects sees this: Less on the cube." in note
 
@@ -401,7 +401,7 @@ def test_a_rest_without_a_sign_is_told_by_where_it_is() -> None:
     found = _round(Decision(kind="unknown", probability=0.7, rest=rest))
     assert found.rest_sentence == "No sign."
     assert found.model_copy(update={"where": (seen,)}).rest_sentence == "Less on the cube."
-    assert "Less on the cube." in answer.describe_answer(_told(found.model_copy(update={"where": (seen,)})))
+    assert "Less on the cube." in sentences.describe_findings(_told(found.model_copy(update={"where": (seen,)})))
     signed = found.named.model_copy(update={"rest": rest.model_copy(update={"has_sign": True})})
     assert _round(signed).model_copy(update={"where": (seen,)}).rest_sentence == "No sign."
 
@@ -414,12 +414,12 @@ def test_the_same_family_again_is_no_second_discovery() -> None:
     findings = _told(_round(first), _round(again, _candidate("lift_misalignment", 0.9)))
     assert not findings.is_leftover(0)
     assert findings.is_leftover(1)
-    assert answer.shorten_answer(findings) == delay
-    assert "then" not in answer.describe_answer(findings)
+    assert sentences.shorten_findings(findings) == delay
+    assert "then" not in sentences.describe_findings(findings)
     twice = _told(
         _round(first), _round(first.model_copy(update={"effects": ("lift_misalignment", "lift_start_error")}))
     )
-    assert write_answer(twice).count("not told apart") == 1
+    assert describe_outcome(twice).count("not told apart") == 1
 
 
 def test_a_set_says_which_law_is_whose(tmp_path: Path, content: GapPage) -> None:
@@ -454,7 +454,7 @@ def test_law_rest_and_reserve_are_on_the_page(tmp_path: Path) -> None:
         _round(slips, best, refused="It made held-out grasps worse."), _round(unknown, best, patternless_n=0.104)
     )
     named = _round(slips, patternless_n=0.104)
-    assert "0.1 N are left" in answer.describe_notes(named, False)[-1]
+    assert "0.1 N are left" in sentences.describe_notes(named, False)[-1]
     page = words_of(write_gap_report(GapPage(findings), tmp_path, "X3"))
     for words in (
         "Family: friction laws.",

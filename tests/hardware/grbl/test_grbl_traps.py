@@ -106,7 +106,7 @@ def test_trap_03_the_ok_of_the_line_that_broke_the_soft_limit_comes_with_the_res
     late = homed.traffic()[before:]
     assert late.index(b"ok\r\n") < late.index(b"Grbl 1.1g")
     assert b"'$H'|'$X' to unlock" in late
-    assert not homed.link.is_answer_due
+    assert not homed.link.is_reply_due
     homed.driver.move(FAR_MM)
     assert homed.driver.position_mm() == pytest.approx(FAR_MM)
 

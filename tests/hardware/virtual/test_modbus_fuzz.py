@@ -20,7 +20,7 @@ from fast.hardware.laumas.codec import N_MEASURED, Scale, decode_measured, decod
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.virtual.click import VirtualClick
 from fast.hardware.virtual.laumas import VirtualLaumas
-from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS, answer_pdu
+from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS, reply_to_pdu
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.state import WorldState
 from fast.hardware.wire.modbus import rtu_link, tcp_link
@@ -62,14 +62,14 @@ def test_no_request_breaks_the_virtual_plc_or_its_ladder(requests, is_running):
     clock, world = VirtualClock(), make_world()
     plc = VirtualClick(world, clock.lock, 0.0)
     for i, request in enumerate(requests):
-        answer_pdu(plc, request)
+        reply_to_pdu(plc, request)
         plc.is_running = is_running
         world.step(0.03 * i)
         plc.scan(0.03 * i)
     plc.restart()
     plc.is_running = True
     plc.scan(10.0)
-    assert answer_pdu(plc, struct.pack(">BHH", 2, parse_address(tags.ESTOP_OK_INPUT).wire, 1)) == b"\x02\x01\x01"
+    assert reply_to_pdu(plc, struct.pack(">BHH", 2, parse_address(tags.ESTOP_OK_INPUT).wire, 1)) == b"\x02\x01\x01"
 
 
 @settings(max_examples=100, deadline=None)
@@ -78,10 +78,10 @@ def test_no_request_breaks_the_virtual_transmitter(requests):
     clock, world = VirtualClock(), make_world()
     transmitter = VirtualLaumas(world, clock.lock)
     for i, request in enumerate(requests):
-        answer_pdu(transmitter, request)
+        reply_to_pdu(transmitter, request)
         world.step(0.02 * i)
         transmitter.step(0.02 * i)
-    assert answer_pdu(transmitter, b"\x03\x00\x0d\x00\x01") == b"\x03\x02\x00\x0f"
+    assert reply_to_pdu(transmitter, b"\x03\x00\x0d\x00\x01") == b"\x03\x02\x00\x0f"
 
 
 @given(st.lists(WORD, min_size=N_MEASURED, max_size=N_MEASURED))

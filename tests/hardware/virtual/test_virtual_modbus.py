@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS, answer_pdu, pack_bits, unpack_bits
+from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS, pack_bits, reply_to_pdu, unpack_bits
 from fast.hardware.virtual.modbus_rtu import RtuServerThread, with_crc
 from fast.hardware.virtual.modbus_server import ModbusServerThread
 from fast.hardware.wire.modbus import rtu_link
@@ -82,7 +82,7 @@ def rtu_server():
     ],
 )
 def test_requests_are_answered_as_the_protocol_says(request_hex, answer_hex):
-    assert answer_pdu(Memory(), bytes.fromhex(request_hex)).hex() == answer_hex
+    assert reply_to_pdu(Memory(), bytes.fromhex(request_hex)).hex() == answer_hex
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=40))
@@ -101,23 +101,23 @@ PDUS = st.one_of(
 
 @given(PDUS)
 def test_any_request_gets_an_answer_of_its_function(pdu):
-    answer = answer_pdu(Memory(), pdu)
-    assert len(answer) <= 253
+    reply = reply_to_pdu(Memory(), pdu)
+    assert len(reply) <= 253
     if pdu:
-        assert answer[0] & 0x7F == pdu[0] & 0x7F
+        assert reply[0] & 0x7F == pdu[0] & 0x7F
     else:
-        assert answer == b""
+        assert reply == b""
 
 
 def ask(connection: socket.socket) -> int:
     connection.sendall(struct.pack(">HHHBBHH", 7, 0, 6, 1, 3, 5, 1))
-    answer = b""
-    while len(answer) < 11:
+    reply = b""
+    while len(reply) < 11:
         received = connection.recv(100)
         if not received:
             raise ConnectionResetError
-        answer += received
-    return int.from_bytes(answer[9:11], "big")
+        reply += received
+    return int.from_bytes(reply[9:11], "big")
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
@@ -137,10 +137,10 @@ def test_frames_in_pieces_and_several_at_once_are_answered_in_order(server):
         for byte in request[:-1]:
             client.sendall(bytes([byte]))
         client.sendall(request[-1:] + struct.pack(">HHHBBHH", 2, 0, 6, 1, 3, 6, 1))
-        answer = b""
-        while len(answer) < 22:
-            answer += client.recv(100)
-    assert (answer[:2], answer[11:13]) == (b"\x00\x01", b"\x00\x02")
+        reply = b""
+        while len(reply) < 22:
+            reply += client.recv(100)
+    assert (reply[:2], reply[11:13]) == (b"\x00\x01", b"\x00\x02")
 
 
 def test_a_fourth_connection_is_hung_up_and_a_freed_place_is_given_again(server):
@@ -176,6 +176,6 @@ def test_random_bytes_never_wedge_the_rtu_server(rtu_server, noise):
 @given(st.binary(min_size=1, max_size=40))
 def test_any_frame_is_answered_or_ignored(noise):
     server = RtuServerThread("memory", Memory())
-    assert server.answer(noise) == b"" or with_crc(noise[:-2]) == noise
-    answer = server.answer(with_crc(b"\x01" + noise))
-    assert answer == with_crc(answer[:-2])
+    assert server.reply(noise) == b"" or with_crc(noise[:-2]) == noise
+    reply = server.reply(with_crc(b"\x01" + noise))
+    assert reply == with_crc(reply[:-2])

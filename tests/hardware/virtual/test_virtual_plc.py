@@ -10,7 +10,7 @@ from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.click import VirtualClick
 from fast.hardware.virtual.laumas import VirtualLaumas
-from fast.hardware.virtual.modbus_pdu import answer_pdu
+from fast.hardware.virtual.modbus_pdu import reply_to_pdu
 from fast.hardware.virtual.modbus_rtu import with_crc
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.state import HEAD_MASS_KG, WorldState
@@ -291,7 +291,7 @@ def test_the_transmitter_refuses_the_short_write_and_long_reads(rig):
             link.read_registers(3, 0, 33)
         with pytest.raises(DeviceError, match="illegal address"):
             link.write_registers(100, [7])
-        assert answer_pdu(rig.virtual_transmitter, bytes.fromhex("0600050007")) == bytes([0x86, 1]), "FC06 is unknown"
+        assert reply_to_pdu(rig.virtual_transmitter, bytes.fromhex("0600050007")) == bytes([0x86, 1]), "FC06 is unknown"
     finally:
         link.close()
 

@@ -15,7 +15,7 @@ from fast.hardware.laumas.driver import LaumasTransmitter
 from fast.hardware.virtual import modbus_pdu
 from fast.hardware.virtual.modbus_pdu import ALL_FUNCTIONS
 from fast.hardware.virtual.modbus_server import ModbusServerThread
-from fast.hardware.wire.modbus import ModbusAnswerError, tcp_link
+from fast.hardware.wire.modbus import ModbusReplyError, tcp_link
 from fast.hardware.wire.serial import LinkLostError
 from fast.models.errors import DeviceError, UsageError
 
@@ -239,7 +239,7 @@ def test_an_answer_to_another_function_is_refused(raw_peer, code, read, other):
             assert len(getattr(link, read)(code, 0, count)) == count
         assert peer.n_requests == 1
     else:
-        with pytest.raises(ModbusAnswerError, match=f"function {other} to function {code}; the answer is refused"):
+        with pytest.raises(ModbusReplyError, match=f"function {other} to function {code}; the answer is refused"):
             getattr(link, read)(code, 0, count)
         assert peer.n_requests == 3, "asked again on new connections"
     link.close()
@@ -248,7 +248,7 @@ def test_an_answer_to_another_function_is_refused(raw_peer, code, read, other):
 def test_an_answer_of_another_length_is_refused(raw_peer):
     peer = raw_peer(lambda request: [(0.0, frame(request, bytes([3, 4, 0, 1, 0, 2])))])
     link = tcp_link("PLC", "127.0.0.1", peer.port)
-    with pytest.raises(ModbusAnswerError, match="answered 2 values instead of 3"):
+    with pytest.raises(ModbusReplyError, match="answered 2 values instead of 3"):
         link.read_registers(3, 0, 3)
     link.close()
 
@@ -256,9 +256,9 @@ def test_an_answer_of_another_length_is_refused(raw_peer):
 def test_a_write_answered_as_another_function_is_refused_and_not_repeated(raw_peer):
     peer = raw_peer(lambda request: [(0.0, frame(request, bytes([6, *request[8:12]])))])
     link = tcp_link("PLC", "127.0.0.1", peer.port)
-    with pytest.raises(ModbusAnswerError, match="function 6 to function 16"):
+    with pytest.raises(ModbusReplyError, match="function 6 to function 16"):
         link.write_registers(100, [1])
-    with pytest.raises(ModbusAnswerError, match="function 6 to function 5"):
+    with pytest.raises(ModbusReplyError, match="function 6 to function 5"):
         link.write_coil(100, True)
     assert peer.n_requests == 2
     link.close()

@@ -25,10 +25,10 @@ from fast.models.gap.local_bank import (
     MOST_EFFECTS,
     MOST_RUNS,
     add_runs,
-    answer_locally,
     choose_bank,
     has_left,
     move_bank,
+    name_locally,
 )
 from fast.models.records import EffectValue, Theta
 from fast.models.simulation.effects.catalogue import CATALOGUE
@@ -219,6 +219,6 @@ def test_parameters_come_nearer_run_by_run() -> None:
         return None, naming(found, found, {"static_kinetic_friction": 0.5})
 
     wide = recalibrate(data.training, [hidden])
-    _, _, plan = answer_locally(naming(wide, wide, {"static_kinetic_friction": 0.5}), None, answer)
+    _, _, plan = name_locally(naming(wide, wide, {"static_kinetic_friction": 0.5}), None, answer)
     assert 1 <= len(plan.runs) <= MOST_RUNS
     assert errors[-1] < 0.5 * errors[0]

@@ -104,7 +104,7 @@ def test_effects_that_may_as_well_be_it_are_a_set(lag: NamingResult) -> None:
     assert choose_alike(found.trials, replace(USUAL, behind=0.9 * behind)) == ["load_cell_lag"]
     wide = replace(USUAL, behind=1.1 * behind)
     assert choose_alike(found.trials, wide) == ["load_cell_lag", "lift_misalignment"]
-    decision = found.decider.answer_effects(choose_alike(found.trials, wide), 0.9)
+    decision = found.decider.decide_effects(choose_alike(found.trials, wide), 0.9)
     assert decision.kind == "set"
     assert decision.law is not None
     shares = share_names(found.trials, replace(USUAL, behind=behind))

@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from fast.flows.report.gap.answer import GapPage, describe_answer
 from fast.flows.report.gap.page import write_gap_report
+from fast.flows.report.gap.sentences import GapPage, describe_findings
 from fast.models.gap.findings import Findings, Gap, RoundFindings
 from fast.models.gap.naming.name import NamingResult, name_effect
 from fast.models.records import EffectValue
@@ -87,7 +87,7 @@ def test_a_new_effect_of_one_module_is_named_shown_and_documented(result: Naming
     found = RoundFindings(where=(), candidates=result.candidates, named=named)
     gap = Gap(rmse_before_n=0.5, rmse_after_n=0.2, rmse_floor_n=0.1, closed_fraction=0.75, ci95=None)
     findings = Findings(alarm=True, rounds=(found,), gap=gap, aliases=(), next_experiment=None, seed=0, budget={})
-    assert describe_answer(findings).startswith("Missing: The load cell is not linear.")
+    assert describe_findings(findings).startswith("Missing: The load cell is not linear.")
     page = write_gap_report(GapPage(findings), tmp_path, "X2").read_text(encoding="utf-8")
     assert "The load cell is not linear" in page
     assert any(entry["effect"] == NEW for entry in catalogue_entries())

@@ -16,7 +16,7 @@ from fast.models.records import GraspSetup
 from fast.models.simulation.version import find_tier
 from fast.models.solver_code import solver_id
 from fast.models.traces.step_features import is_usable, step_means
-from fast.tasks.simulation.attempt import Attempt, GraspJob, answer, attempt_grasp
+from fast.tasks.simulation.attempt import Attempt, GraspJob, attempt_grasp, await_attempt
 from fast.tasks.simulation.pool import Worker
 from tests.studies.benchmarks.base import Options
 from tests.studies.benchmarks.outcomes import Outcome, RecordFile, read_outcomes
@@ -104,7 +104,7 @@ class _Part:
     def _warm(self, worker: Worker) -> None:
         for tier in self._tiers:
             job = GraspJob(BEST_PUBLISHED, get_object(WARM_OBJECT), find_tier(tier), WARM_SETUP, DEADLINE_S)
-            answer(worker, job, worker.submit(attempt_grasp, job))
+            await_attempt(worker, job, worker.submit(attempt_grasp, job))
 
     def _use(self, worker: Worker) -> None:
         while not self._is_over() and (chunk := self._next_chunk()):
@@ -123,7 +123,7 @@ class _Part:
 
     def _simulate(self, worker: Worker, case: Case) -> Outcome:
         job = case.job
-        attempt = answer(worker, job, worker.submit(attempt_grasp, job))
+        attempt = await_attempt(worker, job, worker.submit(attempt_grasp, job))
         outcome = self._outcome(case, attempt)
         self._file.append(outcome)
         self._made.append(outcome)

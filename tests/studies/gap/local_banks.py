@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from fast.lake.store import Lake
 from fast.models.gap.bank.bank import BankPlan
 from fast.models.gap.data import GapData
-from fast.models.gap.local_bank import answer_locally
+from fast.models.gap.local_bank import name_locally
 from fast.models.records import EffectValue
 from fast.models.simulation.version import SimulatorVersion
 from fast.tasks.gap.bank import plan_bank, read_bank
@@ -50,7 +50,7 @@ class LocalBanks:
             return data, name_effect(data, rehearsal, in_model, proposed.raised_alarm, catalogue)
 
         proposed = name_effect(wide, rehearsal, in_model, catalogue=catalogue)
-        data, found, plan = answer_locally(proposed, former, answer)
+        data, found, plan = name_locally(proposed, former, answer)
         return found, data, plan
 
     def _with_bank(self, wide: GapData, plan: BankPlan) -> GapData:

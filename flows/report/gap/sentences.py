@@ -76,7 +76,7 @@ def describe_odds(nats: float) -> str:
     return f"{odds:.{0 if odds >= 3.0 else 1}f} to 1"
 
 
-def describe_answer(findings: Findings) -> str:
+def describe_findings(findings: Findings) -> str:
     """The finding that a lab head should read."""
     return f"{describe_in_use(findings)} {_describe_finding(findings)}".strip()
 
@@ -121,7 +121,7 @@ def describe_decision(named: Decision) -> str:
     return "nothing" if named.kind == "none" else "something that is not in the catalogue"
 
 
-def shorten_answer(findings: Findings) -> str:
+def shorten_findings(findings: Findings) -> str:
     """What is missing, for a tile; a rest that has no name stands in the line under it."""
     named = [found.named for found in list_discoveries(findings)]
     if not named:

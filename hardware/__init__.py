@@ -1,1 +1,1 @@
-"""Drivers, the grasp cell, interlocks; virtual devices that speak the real wire protocols."""
+"""Drivers, the grasp station, interlocks; virtual devices that speak the real wire protocols."""

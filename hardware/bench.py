@@ -12,9 +12,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from fast.hardware.cell.cell import CellDevices, GraspCell, Item, MeasuredGrasp
-from fast.hardware.cell.lost_steps import PositionCheck
-from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.click import tags
 from fast.hardware.click.driver import ClickPlc
 from fast.hardware.clock import Clock, RealClock, ScaledClock, VirtualClock
@@ -42,6 +39,9 @@ from fast.hardware.questions import Ask
 from fast.hardware.safety.heartbeat import BeatingClock, HeartbeatThread
 from fast.hardware.safety.supervisor import MayVent, Supervisor
 from fast.hardware.safety.watches import AirWatch, GraspWatch, ReleaseWatch, TravelWatch, ZeroWatch
+from fast.hardware.station.lost_steps import PositionCheck
+from fast.hardware.station.recorder import GraspInView
+from fast.hardware.station.station import GraspStation, Item, MeasuredGrasp, StationDevices
 from fast.hardware.tools.changer import ToolChanger
 from fast.hardware.tools.journal import Journal
 from fast.hardware.tools.mounted import MountedTool
@@ -185,7 +185,7 @@ class Bench:
     """The load cell."""
     supervisor: Supervisor
     """Brings the bench to its safe state."""
-    cell: GraspCell
+    station: GraspStation
     """Makes grasps."""
     position: PositionCheck
     """Finds lost steps."""
@@ -220,12 +220,12 @@ class Bench:
         on_grasp: Callable[[MeasuredGrasp], None],
         should_stop: Callable[[], bool],
     ) -> None:
-        """Take the tool of a slot, make the planned grasps in order, hang the tool back; see `GraspCell`."""
-        self.cell.measure_tool(slot, plan, setup, on_grasp, should_stop)
+        """Take the tool of a slot, make the planned grasps in order, hang the tool back; see `GraspStation`."""
+        self.station.measure_tool(slot, plan, setup, on_grasp, should_stop)
 
     def present_grasp(self) -> GraspInView | None:
         """The grasp that is made now, or the last one."""
-        return self.cell.present
+        return self.station.present
 
     def check_position(self) -> tuple[float, float, float]:
         """Slip of the gantry by axis, mm; see `PositionCheck`."""
@@ -382,8 +382,8 @@ def _open(
             files = WireFiles(logs.always, LIMIT_BYTES if virtual is None else _VIRTUAL_LOG_BYTES)
             wire_session = recorded["wire_log"] = stack.enter_context(files).session
             wires.write_to(files)
-        devices = CellDevices(gantry, pneumatics, changer, force)
-        cell = GraspCell(devices, supervisor, watch, clock, settings.layout, recorded)
+        devices = StationDevices(gantry, pneumatics, changer, force)
+        station = GraspStation(devices, supervisor, watch, clock, settings.layout, recorded)
         stack.callback(_close, force, plc, gantry)
         _connect({"gantry": gantry.connect, "PLC": plc.connect, "load cell": force.connect})
         _start_heartbeat(stack, clock, inner, plc)
@@ -393,7 +393,18 @@ def _open(
         supervisor.home()
         position = PositionCheck(gantry, changer, supervisor)
         yield Bench(
-            gantry, plc, pneumatics, changer, force, supervisor, cell, position, clock, settings, virtual, wire_session
+            gantry,
+            plc,
+            pneumatics,
+            changer,
+            force,
+            supervisor,
+            station,
+            position,
+            clock,
+            settings,
+            virtual,
+            wire_session,
         )
 
 

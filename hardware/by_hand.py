@@ -105,11 +105,11 @@ class ByHand:
         return "the gripper is open"
 
     def _park(self) -> str:
-        self._bench.cell.park()
+        self._bench.station.park()
         return "parked: the head carries no tool, and the air supply is closed"
 
     def _recover(self) -> str:
-        self._bench.cell.recover()
+        self._bench.station.recover()
         return f"the safe state is ended; the head is at {self._place()}"
 
     def _is_gripping(self) -> bool:

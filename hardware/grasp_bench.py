@@ -7,10 +7,10 @@ says how to write another, and `tests/hardware/arm/bench_contract.py` tests one.
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from fast.hardware.cell.cell import Item, MeasuredGrasp
-from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import Ask
+from fast.hardware.station.recorder import GraspInView
+from fast.hardware.station.station import Item, MeasuredGrasp
 from fast.models.records import GraspSetup
 
 Leave = Callable[[], None]

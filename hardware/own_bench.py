@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 
 from pydantic import Field
 
-from fast.hardware.cell.cell import Item, MeasuredGrasp
-from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.grasp_bench import GraspBench, Leave
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import Ask, BenchQuestion
+from fast.hardware.station.recorder import GraspInView
+from fast.hardware.station.station import Item, MeasuredGrasp
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, UsageError
 from fast.models.own_code import load_own
@@ -154,7 +154,7 @@ class OwnBench:
             logger.warning("`%s` does not tell which grasp it was at: %s", self._kind, error)
             return None
         n_done = sum((grasp.object_id, grasp.repeat) == cell for grasp in done)
-        owing = [item for item in plan if _cell_of(item) == cell][n_done:]
+        owing = [item for item in plan if _grasp_of(item) == cell][n_done:]
         if not owing:
             return None
         request = owing[0] if isinstance(owing[0], GraspRequest) else None
@@ -230,5 +230,5 @@ def _call(failed: list[Exception], function: Callable[[], _T]) -> _T:
         raise
 
 
-def _cell_of(item: Item) -> tuple[int, int]:
+def _grasp_of(item: Item) -> tuple[int, int]:
     return (item.object_id, item.repeat) if isinstance(item, GraspRequest) else item

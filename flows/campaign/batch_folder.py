@@ -7,7 +7,7 @@ from pathlib import Path
 from fast.lake.store import Lake
 from fast.models.errors import UsageError, tell_cause
 from fast.models.records import GraspRequest
-from fast.tasks.bench.plan import order_cells
+from fast.tasks.bench.plan import order_grasps
 from fast.tasks.bench.print import write_tray
 from fast.tasks.bench.reference_tools import ask_references, list_owed
 from fast.tasks.campaign.campaign import Campaign
@@ -61,7 +61,7 @@ def plan_batch(campaign: Campaign, state: CampaignState, batch: int) -> tuple[Gr
     for tool in state.tools_of(batch):
         if tool.batch in state.imported or state.confirmed.get(tool.tool_id) == "rejected":
             continue
-        for object_id, repeat in state.owed_grasps(tool, order_cells(campaign, tool), limit):
+        for object_id, repeat in state.owed_grasps(tool, order_grasps(campaign, tool), limit):
             requests.append(GraspRequest(tool_id=tool.tool_id, object_id=object_id, repeat=repeat, setup=setup))
     return tuple(requests)
 

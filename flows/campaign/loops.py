@@ -19,9 +19,9 @@ from fast.flows.campaign.operator_prompts import Prompts
 from fast.flows.campaign.pace import Pace
 from fast.flows.gap.bench_plan import SHEET, plan_next, write_bench_plan
 from fast.flows.progress import ProgressReporter
-from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.safe_state import Verb
+from fast.hardware.station.station import MeasuredGrasp
 from fast.lake.maintenance import LOOSE_BYTES, compact
 from fast.lake.tables.campaign import DesignRow, ProposalRow, SimTraceRow, SimulationRow
 from fast.models.records import Design

@@ -61,7 +61,7 @@ def find_stage(campaign: Campaign, state: CampaignState) -> int:
 
 def count_printed_left(campaign: Campaign, state: CampaignState, stage: int) -> int:
     """Grasps still to be measured with those tools of a stage that are printed."""
-    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
+    plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     batches = campaign.config.schedule.batches_of(stage)
     tools = [tool for batch in batches for tool in unfinished_tools(campaign, state, batch)]
     return sum(len(state.missing_grasps(tool, plan, limit)) for tool in tools)
@@ -69,7 +69,7 @@ def count_printed_left(campaign: Campaign, state: CampaignState, stage: int) -> 
 
 def _count_unprinted_left(campaign: Campaign, state: CampaignState, stage: int) -> int:
     """Grasps of a stage with tools that are not printed yet."""
-    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
+    plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     tools = [tool for batch in campaign.config.schedule.batches_of(stage) for tool in state.tools_of(batch)]
     return sum(len(state.owed_grasps(tool, plan, limit)) for tool in tools if tool.tool_id not in state.confirmed)
 

@@ -26,12 +26,12 @@ from fast.flows.progress import Bar, ProgressReporter, format_report
 from fast.hardware.arm.bench import open_arm_bench
 from fast.hardware.arm.settings import ArmSettings
 from fast.hardware.bench import LogFolders, open_real_bench, open_virtual_bench
-from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.own_bench import OwnBenchSettings, open_own_bench
 from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import BenchQuestion
+from fast.hardware.station.station import MeasuredGrasp
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.physics import Physics, PhysicsCache, PhysicsRequest, simulate_request, solve_elsewhere

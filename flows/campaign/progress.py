@@ -10,7 +10,7 @@ from fast.flows.campaign.pace import Pace, StageLeft, count_left, name_uncounted
 from fast.flows.progress import Bar
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.simulator_versions import at_present
-from fast.tasks.campaign.state import CampaignState, Cell
+from fast.tasks.campaign.state import CampaignState, PlannedGrasp
 
 MOST_CPU = 1e-3  # of a core: a look reads all rows that are new, and a bench measures for days
 
@@ -67,7 +67,7 @@ def _count_left_out(campaign: Campaign, state: CampaignState) -> int:
     if not state.left_out.words:
         return 0
     objects, schedule, limit = campaign.config.objects, campaign.config.schedule, campaign.config.max_grasp_attempts
-    cells, n_out = objects.cells(0), 0
+    cells, n_out = objects.list_grasps(0), 0
     for tool in state.tools:
         if state.confirmed.get(tool.tool_id) != "rejected":
             is_done, failed = state.measured.get(tool.tool_id, set()), state.failures
@@ -98,11 +98,11 @@ class CampaignProgress:
         self._interval_s = interval_s
         self._next_line_s = self._next_look_s = 0.0
         self._load: Workload | None = None
-        self._counted: dict[str, set[Cell]] = {}
+        self._counted: dict[str, set[PlannedGrasp]] = {}
         self._left: list[StageLeft] = []
         self._lock = threading.Lock()
 
-    def grasp(self, what: str, owed: tuple[str, Cell] | None) -> None:
+    def grasp(self, what: str, owed: tuple[str, PlannedGrasp] | None) -> None:
         """Report a grasp that was just measured; `owed`: its tool and cell, if it went well and is of the schedule."""
         self.pace.note_grasp()
         with self._lock:

@@ -23,7 +23,7 @@ CampaignId = Annotated[str | None, Parameter(help="Campaign; not needed when the
 OBJECT_HELP = "Number or name of an object (fast objects list), or the file of an own one."
 
 DEFAULT_LAKE = Path("lake-data")
-_WIDEST_CELL = 60
+_WIDEST_FIELD = 60
 
 
 def _refuse_fractions(arguments: ArgumentCollection) -> None:
@@ -100,7 +100,7 @@ def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None, wid
         return "\n\n".join(table_text(rows, part) for part in _fit_columns(rows, names, width))
     if not rows:
         return "  ".join(names) + "\n(no rows)" if names else "(no rows)"
-    cells = [[_cell(row.get(name)) for name in names] for row in rows]
+    cells = [[_field(row.get(name)) for name in names] for row in rows]
     widths = [max(len(name), *(len(row[i]) for row in cells)) for i, name in enumerate(names)]
     numeric = [all(isinstance(row.get(name), int | float) for row in rows) for name in names]
     lines = ["  ".join(name.ljust(width) for name, width in zip(names, widths, strict=True)).rstrip()]
@@ -113,7 +113,7 @@ def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None, wid
 
 def _fit_columns(rows: list[dict[str, Any]], names: list[str], width: int) -> list[list[str]]:
     """Columns of the tables that a wide one is cut into; the first one leads each."""
-    wide = {name: max(len(name), *(len(_cell(row.get(name))) for row in rows)) for name in names}
+    wide = {name: max(len(name), *(len(_field(row.get(name))) for row in rows)) for name in names}
     first, *others = names
     parts, taken = [[first]], wide[first]
     for name in others:
@@ -125,9 +125,9 @@ def _fit_columns(rows: list[dict[str, Any]], names: list[str], width: int) -> li
     return parts
 
 
-def _cell(value: Any) -> str:
+def _field(value: Any) -> str:
     if value is None:
         return ""
     text = f"{value:.4g}" if isinstance(value, float) else str(value)
     text = " ".join(text.split("\n"))
-    return text if len(text) <= _WIDEST_CELL else text[: _WIDEST_CELL - 3] + "..."
+    return text if len(text) <= _WIDEST_FIELD else text[: _WIDEST_FIELD - 3] + "..."

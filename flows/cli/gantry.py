@@ -19,7 +19,7 @@ from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
     from fast.hardware.bench import Bench
-    from fast.hardware.cell.cell import MeasuredGrasp
+    from fast.hardware.station.station import MeasuredGrasp
     from fast.hardware.tools.mounted import MountedTool
     from fast.models.objects.rigid import RigidObject
 
@@ -58,8 +58,8 @@ def home(*, bench: ChosenBench = VIRTUAL_BENCH, vent: Vent = False, json: AsJson
 def park(*, bench: ChosenBench = VIRTUAL_BENCH, vent: Vent = False, json: AsJson = False) -> None:
     """End the safe state after a person looked: open the gripper, dock the tool on the head, close the air supply."""
     with open_bench(bench, vent) as opened:
-        opened.cell.recover()
-        opened.cell.park()
+        opened.station.recover()
+        opened.station.park()
     show({"parked": True}, "parked; the head carries no tool and the air supply is closed", json)
 
 
@@ -98,7 +98,7 @@ def grasp(
     made: list[MeasuredGrasp] = []
     plan = [(met.object_id, repeat) for repeat in range(repeats)]
     with open_bench(bench, tools=tools, own_objects=own_objects) as opened:
-        opened.cell.measure_tool(slot, plan, GraspSetup(), made.append, lambda: False)
+        opened.station.measure_tool(slot, plan, GraspSetup(), made.append, lambda: False)
     rows = [_grasp_row(g) for g in made]
     show(rows, "\n".join(_grasp_line(row) for row in rows), json)
     if any(row["status"] != "ok" for row in rows):

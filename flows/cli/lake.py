@@ -98,7 +98,7 @@ def _note_usual_setup(folder: Path, setup: "GraspSetup", settings: list[str]) ->
 
 def _check_lab(lab: str | None) -> None:
     """Raises ConfigError for a name that no lab can have."""
-    from fast.lake.handoff.cells import lab_name
+    from fast.lake.handoff.fields import lab_name
 
     try:
         lab_name(lab or "")

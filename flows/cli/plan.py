@@ -11,7 +11,7 @@ from fast.flows.cli.virtual import Designs, rack
 
 if TYPE_CHECKING:
     from fast.hardware.bench import BenchSettings
-    from fast.hardware.cell.cycle_time import PlanTime
+    from fast.hardware.station.cycle_time import PlanTime
     from fast.models.records import GraspSetup
     from fast.tasks.campaign.settings import ObjectPlan
 
@@ -38,7 +38,7 @@ def plan(
     json: AsJson = False,
 ) -> None:
     """Time per tool and batch, grasps per hour beside the paper's 240, and the parts that dominate. Nothing moves."""
-    from fast.hardware.cell.cycle_time import add_up
+    from fast.hardware.station.cycle_time import add_up
     from fast.models.errors import UsageError
 
     objects, setup, bench = _what(config, real)
@@ -92,12 +92,12 @@ def _times(
     objects: "ObjectPlan", setup: "GraspSetup", bench: "BenchSettings", n_tools: int, design: list[Path] | None
 ) -> "list[PlanTime]":
     """One plan per tool, each with its own order; fewer designs than tools are used again."""
-    from fast.hardware.cell.cycle_time import plan_time
+    from fast.hardware.station.cycle_time import plan_time
 
     mounted, layout, profile = list(rack(design).values()), objects.stand_on(bench.layout), bench.gantry_profile
 
     def plan_slot(slot: int) -> "PlanTime":
-        tool, cells = mounted[slot % len(mounted)], objects.cells(slot)
+        tool, cells = mounted[slot % len(mounted)], objects.list_grasps(slot)
         return plan_time(tool, slot, cells, setup, layout, profile, from_slot=max(slot - 1, 0))
 
     return [plan_slot(slot) for slot in range(n_tools)]

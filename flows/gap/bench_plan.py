@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from fast.hardware.cell.cycle_time import plan_asked_minutes
+from fast.hardware.station.cycle_time import plan_asked_minutes
 from fast.lake.handoff.plan_folder import RESULTS, SHEET, find_tools, write_plan
 from fast.lake.store import Lake
 from fast.models.errors import UsageError

@@ -147,7 +147,7 @@ def _plan_grasps(campaign: Campaign, designs: Sequence[Design], objects: tuple[i
     obj: list[int] = []
     contexts: list[GraspContext] = []
     for number in range(len(designs)):
-        for place, (one, repeat) in enumerate(plan.cells(campaign.seed("planned order", number))):
+        for place, (one, repeat) in enumerate(plan.list_grasps(campaign.seed("planned order", number))):
             n = len(contexts)
             tool.append(number)
             obj.append(objects.index(one))

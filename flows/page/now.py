@@ -403,7 +403,7 @@ def _say_misses(findings: Findings) -> str:
 
 
 def _is_owed(campaign: Campaign, state: CampaignState, batch: int) -> bool:
-    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
+    plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     return any(state.missing_grasps(tool, plan, limit) for tool in state.tools_of(batch))
 
 
@@ -422,7 +422,7 @@ def _place_ticks(campaign: Campaign, load: Workload) -> tuple[float, ...]:
 def _map_places(campaign: Campaign, state: CampaignState, tool_id: str) -> list[Place]:
     """The 36 places, with how far the tool in view is on each."""
     layout = campaign.config.objects.stand_on(BenchLayout())
-    cells, done = campaign.config.objects.cells(0), state.measured.get(tool_id, set())
+    cells, done = campaign.config.objects.list_grasps(0), state.measured.get(tool_id, set())
     own = {place: object_id for object_id, place in layout.own_objects}
     skipped = state.left_out.objects(find_batch_at_bench(campaign, state))
     wanted: dict[int, int] = {}
@@ -455,7 +455,7 @@ def _map_slots(campaign: Campaign, state: CampaignState, tool_id: str) -> list[S
             slots.append(Slot(number, "", "empty"))
             continue
         said = state.confirmed.get(tool.tool_id)
-        plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
+        plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
         status = "unprinted" if said is None else said
         if said == "printed":
             is_out = state.left_out.has_tool(tool.batch, tool.slot)
@@ -466,7 +466,7 @@ def _map_slots(campaign: Campaign, state: CampaignState, tool_id: str) -> list[S
 
 def _list_parts(campaign: Campaign, state: CampaignState, batch: int) -> list[Part]:
     """What of the batch at the bench can be left out: its tools, its objects, and all that is left of it."""
-    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
+    plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     owed = {tool.slot: state.missing_grasps(tool, plan, limit) for tool in state.tools_of(batch)}
     slots = [slot for slot, cells in owed.items() if cells]
     if not slots:

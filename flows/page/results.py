@@ -214,15 +214,15 @@ def find_tool_of(lake: Lake, grasp_id: str) -> str:
     return rows[-1].tool_id
 
 
-def query_sql(lake: Lake, sql: str, cell: Callable[[object], object] | None = None) -> SqlResult:
-    """The answer to a question, as far as a page shows it; `cell` makes a value of it, by default for a person.
+def query_sql(lake: Lake, sql: str, to_field: Callable[[object], object] | None = None) -> SqlResult:
+    """The answer to a question, as far as a page shows it; `to_field` makes a value of it, by default for a person.
 
     Raises:
         FastError: it is not one reading statement, or over the limits.
     """
     table = run_sql(lake, sql, LIMITS)
     shown = table.slice(0, MOST_ROWS)
-    rows = tuple(zip(*(map(cell or _plain, column.to_pylist()) for column in shown.columns), strict=True))
+    rows = tuple(zip(*(map(to_field or _plain, column.to_pylist()) for column in shown.columns), strict=True))
     return SqlResult(tuple(table.column_names), rows, table.num_rows, _find_points(shown))
 
 

@@ -24,7 +24,7 @@ from fast.models.simulation.placement import Side
 from fast.models.simulation.version import SimulatorVersion
 
 _LOG = logging.getLogger(__name__)
-CELL_MM = 3.0  # contact forces are summed over cells of this size
+SQUARE_MM = 3.0  # contact forces are summed over cells of this size
 SIGNS: dict[Side, float] = dict(zip(SIDES, (1.0, -1.0), strict=True))
 
 
@@ -94,13 +94,13 @@ class Frame:
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
         """Places (k, 3) in mm and forces (k, 3) in N of the object on the whole finger, summed across its width.
 
-        Contact points are gathered by cells of `CELL_MM` in x and z.
+        Contact points are gathered by cells of `SQUARE_MM` in x and z.
         """
         snapshot = self.snapshot
         points, force = snapshot.contact_points, snapshot.scale * snapshot.contact_force
         if snapshot.mesh.is_half:
             force = 2.0 * force * np.array([1.0, 0.0, 1.0])
-        cells = np.floor(points[:, [0, 2]] / CELL_MM)
+        cells = np.floor(points[:, [0, 2]] / SQUARE_MM)
         _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
         places, sums = np.zeros((len(count), 3)), np.zeros((len(count), 3))
         np.add.at(places, cell.ravel(), points)

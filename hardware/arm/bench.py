@@ -11,13 +11,20 @@ import numpy as np
 from fast.hardware.arm.link import ArmState
 from fast.hardware.arm.motion import SETTLE_S, ArmMotion
 from fast.hardware.arm.settings import ArmSettings, Point
-from fast.hardware.cell.cell import CLOSED_SETTLE_S, GraspInProgress, Item, MeasuredGrasp, closing_s, least_lift_mm
-from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM
-from fast.hardware.cell.recorder import CONTACT_READINGS, GraspInView, read_samples
-from fast.hardware.cell.separation import FORCE_BACK_N, WINDOW_MM, is_free
 from fast.hardware.grasp_bench import Leave
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import Ask
+from fast.hardware.station.lost_steps import SLIP_LIMIT_MM
+from fast.hardware.station.recorder import CONTACT_READINGS, GraspInView, read_samples
+from fast.hardware.station.separation import FORCE_BACK_N, WINDOW_MM, is_free
+from fast.hardware.station.station import (
+    CLOSED_SETTLE_S,
+    GraspInProgress,
+    Item,
+    MeasuredGrasp,
+    closing_s,
+    least_lift_mm,
+)
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
 from fast.models.records import BENCH_FAULT, GraspSetup, Trace

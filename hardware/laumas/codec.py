@@ -43,7 +43,7 @@ class Command(IntEnum):
 class Status(IntFlag):
     """Bits of the status register."""
 
-    CELL_ERROR = 1 << 0
+    LOAD_CELL_ERROR = 1 << 0
     CONVERTER_FAULT = 1 << 1
     MAXIMUM_PASSED = 1 << 2
     GROSS_OVER_FULL_SCALE = 1 << 3
@@ -62,7 +62,7 @@ OVERLOAD_MASK = (Status.MAXIMUM_PASSED | Status.GROSS_OVER_FULL_SCALE).value
 # by protocol. All others (ErCEL, Er AD, Er OF, O-F) say that there is no weight.
 _OVERLOAD_ALARMS = frozenset({"EROL", "O-L", "^^^^^^", "######"})
 _FAULT_WORDS = {
-    Status.CELL_ERROR: "load cell error (cable or cell)",
+    Status.LOAD_CELL_ERROR: "load cell error (cable or cell)",
     Status.CONVERTER_FAULT: "converter fault",
     Status.MAXIMUM_PASSED: "maximum weight passed",
     Status.GROSS_OVER_FULL_SCALE: "gross above 110 % of full scale",

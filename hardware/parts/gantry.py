@@ -1,4 +1,4 @@
-"""The gantry as the grasp cell sees it: a box (1500 x 1500 x 180 mm), z up, and verbs that state an intent.
+"""The gantry as the grasp station sees it: a box (1500 x 1500 x 180 mm), z up, and verbs that state an intent.
 
 Box, homing and speed are checked before the first byte is sent. See `hardware.grbl.workspace` for how workspace
 coordinates map to the controller's.

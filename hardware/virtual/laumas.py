@@ -44,7 +44,7 @@ _NO_FAULTS = Status(0)
 
 # What is sent instead of the weight; texts of the continuous mode in the W100's manual, page 31
 _ALARM_TEXTS = {
-    Status.CELL_ERROR: "ErCEL",
+    Status.LOAD_CELL_ERROR: "ErCEL",
     Status.CONVERTER_FAULT: "Er AD",
     Status.GROSS_OVER_FULL_SCALE: "Er OL",
     Status.GROSS_OUT_OF_RANGE: "Er OF",
@@ -189,7 +189,7 @@ class VirtualLaumas:
     def _faults(self, gross_counts: int) -> Status:
         status, faults = _NO_FAULTS, self._world.faults
         if "cell_unplugged" in faults:
-            status |= Status.CELL_ERROR
+            status |= Status.LOAD_CELL_ERROR
         if "cell_saturated" in faults:
             status |= Status.GROSS_OUT_OF_RANGE
         if self._world.has_sensor_fault:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from fast.lake.handoff.cells import (
+from fast.lake.handoff.fields import (
     NAME,
     fidelity,
     finite_number,
@@ -166,7 +166,7 @@ def _read_designs(reader: Reader) -> dict[str, Design | None]:
             if design_id:
                 designs[design_id] = _design_of_family(reader, table, place)
             continue
-        values = {name: reader.cell(table, name, place, number_of(FinRay, name)) for name in PARAMETERS}
+        values = {name: reader.read_field(table, name, place, number_of(FinRay, name)) for name in PARAMETERS}
         if design_id:
             designs[design_id] = None if None in values.values() else FinRay.model_validate(values)
     return designs
@@ -250,14 +250,14 @@ def _read_grasps(reader: Reader, design_ids: set[str], own_objects: set[int]) ->
     }
     for place in range(len(table.rows)):
         grasp_id = new_id(reader, table, "grasp_id", place, grasps)
-        values = {name: reader.cell(table, name, place, read) for name, read in readers.items()}
+        values = {name: reader.read_field(table, name, place, read) for name, read in readers.items()}
         given = [name for name in SETTING_COLUMNS if name in table.columns]
-        found = {name: reader.cell(table, name, place, SETTING_CELLS[name]) for name in given}
+        found = {name: reader.read_field(table, name, place, SETTING_FIELDS[name]) for name in given}
         values["settings"] = {name: value for name, value in found.items() if value is not None}
         values["request_id"] = table.columns["request_id"][place] if "request_id" in table.columns else ""
-        for name, read in END_CELLS.items():
+        for name, read in END_FIELDS.items():
             if name in table.columns:
-                values[name] = reader.cell(table, name, place, read)
+                values[name] = reader.read_field(table, name, place, read)
         if values["fidelity"] == "real" and not values["tool_id"]:
             reader.fault(table.name, table.rows[place], "tool_id", "", "must name the tool of a measured grasp.")
         if grasp_id:
@@ -265,7 +265,7 @@ def _read_grasps(reader: Reader, design_ids: set[str], own_objects: set[int]) ->
     return grasps
 
 
-END_CELLS: dict[str, Callable[[str], Any]] = {
+END_FIELDS: dict[str, Callable[[str], Any]] = {
     "lab": lab_name,
     "bench": optional(word(NAME, "must be virtual, real, or a name of at most 41 of a-z, 0-9 and -."), "real"),
     "world_hash": optional(word("[0-9A-Za-z]{1,64}", "must be a hash of letters and digits, or empty.")),
@@ -276,11 +276,11 @@ END_CELLS: dict[str, Callable[[str], Any]] = {
     "tare_force_n": optional(finite_number),
     "software": str,
 }
-SETTING_CELLS = {
+SETTING_FIELDS = {
     name: optional(number_of(Placement if name in PLACEMENT else GraspSetup, name)) for name in SETTING_COLUMNS
 }
-SIMULATION_CELLS = {name: optional(number_of(Theta, name)) for name in THETA_COLUMNS}
-SIMULATION_CELLS["contact_force_n"] = optional(finite_number)
+SIMULATION_FIELDS = {name: optional(number_of(Theta, name)) for name in THETA_COLUMNS}
+SIMULATION_FIELDS["contact_force_n"] = optional(finite_number)
 
 
 def _read_tools(reader: Reader) -> list[dict[str, Any]]:
@@ -294,11 +294,11 @@ def _read_tools(reader: Reader) -> list[dict[str, Any]]:
     for place in range(len(table.rows)):
         tool_id = new_id(reader, table, "tool_id", place, found)
         values: dict[str, Any] = {name: cells[place] for name, cells in table.columns.items()}
-        values |= {name: reader.cell(table, name, place, optional(_size)) for name in numbers if name in values}
+        values |= {name: reader.read_field(table, name, place, optional(_size)) for name in numbers if name in values}
         if "status" in values:
-            values["status"] = reader.cell(table, "status", place, one_of("printed", "rejected"))
+            values["status"] = reader.read_field(table, "status", place, one_of("printed", "rejected"))
         if "recipe_json" in values:
-            values["recipe_json"] = reader.cell(table, "recipe_json", place, optional(_recipe, ""))
+            values["recipe_json"] = reader.read_field(table, "recipe_json", place, optional(_recipe, ""))
         if tool_id:
             found[tool_id] = values
     return list(found.values())
@@ -348,7 +348,7 @@ def _read_simulations(
         if grasp_id and grasps.get(grasp_id, (0, {}))[1].get("fidelity") != "sim":
             reader.fault(table.name, row, "grasp_id", grasp_id, "must be a grasp of grasps.csv with fidelity sim.")
         present = [name for name in SIMULATION_COLUMNS[1:] if name in table.columns]
-        values = {name: reader.cell(table, name, place, SIMULATION_CELLS[name]) for name in present}
+        values = {name: reader.read_field(table, name, place, SIMULATION_FIELDS[name]) for name in present}
         found[grasp_id or f"row {row}"] = values
     return found
 

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fast.lake.handoff.cells import MOST_FORCE_N, number_or_nan
+from fast.lake.handoff.fields import MOST_FORCE_N, number_or_nan
 from fast.lake.handoff.format import CHANNELS, TRACE_COLUMNS
 from fast.lake.handoff.tables import Reader, Table, has_columns, read_csv
 from fast.models.records import Trace
@@ -224,12 +224,12 @@ def _samples_of_parquet(reader: Reader, name: str) -> tuple[list[str], list[np.n
 
 
 def _name_bad_samples(
-    reader: Reader, name: str, column: str, values: np.ndarray, cells: Sequence[object], rows: list[int]
+    reader: Reader, name: str, column: str, values: np.ndarray, texts: Sequence[object], rows: list[int]
 ) -> None:
     bad = np.flatnonzero(~np.isfinite(values))
     unit = unit_of(column)
     for place in bad[:_SHOWN_PER_COLUMN]:
-        reader.fault(name, rows[place], column, cells[place], f"must be a finite number, in {unit}.")
+        reader.fault(name, rows[place], column, texts[place], f"must be a finite number, in {unit}.")
     if bad.size > _SHOWN_PER_COLUMN:
         more = bad.size - _SHOWN_PER_COLUMN
         reader.fault(name, None, column, None, f"{more} more values are not finite numbers, in {unit}.")

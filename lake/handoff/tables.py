@@ -72,7 +72,7 @@ class Reader:
         shown = None if value is None else str(value)
         self.faults.append(Fault(file, row, column, shown, limit))
 
-    def cell(self, table: Table, column: str, place: int, read: Callable[[str], Any]) -> Any:
+    def read_field(self, table: Table, column: str, place: int, read: Callable[[str], Any]) -> Any:
         """The value of a cell, or None and a fault."""
         text = table.columns[column][place]
         try:
@@ -107,7 +107,7 @@ def read_csv(
             header = [known.get(cell, cell) for cell in written]
             if not has_columns(reader, name, header, columns, optional, ignored):
                 return empty
-            table = _cells(reader, name, header, lines, most_rows)
+            table = _read_rows(reader, name, header, lines, most_rows)
             return _with_points(table) if separator == ";" else table
     except FileNotFoundError:
         reader.fault(name, None, None, None, "is missing; add it to the folder.")
@@ -131,7 +131,7 @@ def _with_points(table: Table) -> Table:
     return table
 
 
-def _cells(reader: Reader, name: str, header: list[str], lines: Any, most_rows: int | None) -> Table:
+def _read_rows(reader: Reader, name: str, header: list[str], lines: Any, most_rows: int | None) -> Table:
     rows, body = [], []
     for row, line in enumerate(lines, start=2):
         if not any(cell.strip() for cell in line):

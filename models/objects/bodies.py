@@ -18,7 +18,7 @@ _STICKS_OUT = 1e-3  # of a cavity's volume, that may lie outside by rounding
 TOUCH_MM = 0.5  # bodies whose surfaces are this near are one
 _MOST_BODIES = 100
 _N_POINTS = 20_000  # of all surfaces together
-_FIRST_CELL_MM, _ACCURACY_MM = 4.0, 0.05
+_FIRST_SPACING_MM, _ACCURACY_MM = 4.0, 0.05
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
@@ -131,7 +131,7 @@ def _find_gap_mm(one: np.ndarray, other: np.ndarray) -> float:
     """
     lows, highs = zip(bounds(one), bounds(other), strict=True)
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
-    step_mm, best_mm = _FIRST_CELL_MM, np.inf
+    step_mm, best_mm = _FIRST_SPACING_MM, np.inf
     axes = [np.arange(a, b + step_mm, step_mm) for a, b in zip(low, high, strict=True)]
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     while True:

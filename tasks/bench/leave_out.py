@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import overload
 
-from fast.hardware.cell.cell import Item
+from fast.hardware.station.station import Item
 from fast.lake.query.engine import Mark
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import UsageError
@@ -71,7 +71,7 @@ def read_part(
 
 def find_batch_at_bench(campaign: Campaign, state: CampaignState) -> int:
     """The batch that is measured now, or next: the first that owes grasps, or else the last one."""
-    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
+    plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     batches = sorted({tool.batch for tool in state.tools})
     for batch in batches:
         tools = state.tools_of(batch)

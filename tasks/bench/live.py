@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.grasp_bench import GraspBench
+from fast.hardware.station.recorder import GraspInView
 from fast.lake.store import Lake
 
 LOOK_S = 0.1  # between looks at the bench: ten a second, where a screen shall show five

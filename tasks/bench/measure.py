@@ -8,10 +8,10 @@ from itertools import count
 
 import numpy as np
 
-from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.lost_steps import SLIP_LIMIT_MM, LostStepsError
 from fast.hardware.grasp_bench import GraspBench
-from fast.lake.handoff.cells import MOST_FORCE_N
+from fast.hardware.station.lost_steps import SLIP_LIMIT_MM, LostStepsError
+from fast.hardware.station.station import MeasuredGrasp
+from fast.lake.handoff.fields import MOST_FORCE_N
 from fast.lake.leases import exclusive
 from fast.lake.maintenance import LOOSE_BYTES, compact
 from fast.lake.tables.campaign import GraspRow, TraceRow

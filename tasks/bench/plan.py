@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from fast.lake.store import Lake
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.campaign.campaign import Campaign
-from fast.tasks.campaign.state import CampaignState, Cell, ProposedTool
+from fast.tasks.campaign.state import CampaignState, PlannedGrasp, ProposedTool
 
 if TYPE_CHECKING:
-    from fast.hardware.cell.cell import Item  # brings the whole bench, of which a status needs nothing
+    from fast.hardware.station.station import Item  # brings the whole bench, of which a status needs nothing
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,13 @@ class ToolWork:
 
     tool: ProposedTool
     items: "Sequence[Item]"
-    done: frozenset[Cell] = frozenset()
-    attempts: Mapping[Cell | str, int] = field(default_factory=dict)
+    done: frozenset[PlannedGrasp] = frozenset()
+    attempts: Mapping[PlannedGrasp | str, int] = field(default_factory=dict)
 
 
 def plan_tool(campaign: Campaign, state: CampaignState, tool: ProposedTool) -> ToolWork:
     """What a tool owes after what the lake has of it."""
-    missing = state.missing_grasps(tool, order_cells(campaign, tool), campaign.config.max_grasp_attempts)
+    missing = state.missing_grasps(tool, order_grasps(campaign, tool), campaign.config.max_grasp_attempts)
     done = frozenset(state.measured.get(tool.tool_id, ()))
     return ToolWork(tool, missing, done, {cell: state.next_attempt(tool.tool_id, cell) for cell in missing})
 
@@ -43,9 +43,9 @@ def plan_asked(lake: Lake, tool: ProposedTool, search_id: str | None = None) -> 
     return ToolWork(tool, items, attempts={request.request_id: n for request, n in found})
 
 
-def order_cells(campaign: Campaign, tool: ProposedTool) -> list[Cell]:
+def order_grasps(campaign: Campaign, tool: ProposedTool) -> list[PlannedGrasp]:
     """All (object, repeat) of a tool in the order in which they are made, the same after every restart."""
-    return campaign.config.objects.cells(seed_of_order(campaign, tool))
+    return campaign.config.objects.list_grasps(seed_of_order(campaign, tool))
 
 
 def seed_of_order(campaign: Campaign, tool: ProposedTool) -> int:

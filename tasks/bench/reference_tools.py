@@ -44,7 +44,7 @@ def ask_references(campaign: Campaign, state: CampaignState, batch: int) -> None
     requests = [
         GraspRequest(tool_id=tool.tool_id, object_id=object_id, setup=setup, purpose="reference: measured before")
         for tool in tools
-        for object_id, _ in campaign.config.objects.cells(campaign.seed("order", tool.tool_id))
+        for object_id, _ in campaign.config.objects.list_grasps(campaign.seed("order", tool.tool_id))
     ]
     write_requests(campaign.lake, search, requests, campaign.campaign_id, campaign.provenance())
 

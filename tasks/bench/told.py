@@ -24,7 +24,7 @@ from fast.models.traces import find_counted_down, initial_force_n, peak_force_n,
 from fast.models.units import spell_count, spell_number
 from fast.tasks.bench.asked import read_open_requests
 from fast.tasks.bench.measure import SPEED_FACTOR, find_first_order
-from fast.tasks.bench.plan import order_cells
+from fast.tasks.bench.plan import order_grasps
 from fast.tasks.bench.print import confirm_told
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.requests import append_event
@@ -238,7 +238,7 @@ def _find_asked(campaign: Campaign, state: CampaignState) -> Mapping[Key, GraspR
     for tool in state.tools:
         if tool.batch in state.imported:
             continue
-        for object_id, repeat in order_cells(campaign, tool):
+        for object_id, repeat in order_grasps(campaign, tool):
             request = GraspRequest(tool_id=tool.tool_id, object_id=object_id, repeat=repeat, setup=setup)
             asked[tool.tool_id, object_id, repeat] = request
     own = {tool.tool_id for tool in state.tools}

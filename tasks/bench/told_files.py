@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fast.lake.handoff.answers import find_settings
-from fast.lake.handoff.cells import time as read_time
+from fast.lake.handoff.fields import time as read_time
 from fast.lake.handoff.files import read_handoff
 from fast.lake.tables.campaign import DesignRow
 from fast.models.errors import UsageError
@@ -113,16 +113,16 @@ def read_rows_of(grasps: Iterable[Mapping[str, Any]]) -> list[ToldGrasp]:
             raise UsageError(f"{place}: `{missing[0]}` is missing; nothing was written: add it.")
         if unknown := [name for name in grasp if name not in known]:
             raise UsageError(f"{place}: unknown key `{unknown[0]}`; the keys are {', '.join(sorted(known))}.")
-        cells = {name: _cell(grasp.get(name)) for name in (*NEEDED, *OPTIONAL)}
+        cells = {name: _text_of(grasp.get(name)) for name in (*NEEDED, *OPTIONAL)}
         trace = grasp.get("trace")
-        if not isinstance(trace, Trace) and _cell(trace):
+        if not isinstance(trace, Trace) and _text_of(trace):
             raise UsageError(f"{place}: trace is of type {type(trace).__name__}, it must be a fast.Trace; change it.")
         one = _read_row(CsvRow(place, ".", cells))
         told.append(replace(one, trace=trace if isinstance(trace, Trace) else None))
     return told
 
 
-def _cell(value: Any) -> str:
+def _text_of(value: Any) -> str:
     """The text of a value; empty for None, and for what a data frame has where nothing is known."""
     text = "" if value is None else str(plain(value))
     return "" if text in _MISSING else text

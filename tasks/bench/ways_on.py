@@ -111,6 +111,6 @@ def _find_place(campaign: Campaign, state: CampaignState) -> tuple[ProposedTool 
         row = found[0]
         return by_id[row["tool_id"]], (row["object_id"], row["repeat"])
     batch = find_batch_at_bench(campaign, state)
-    plan, limit = campaign.config.objects.cells(0), campaign.config.max_grasp_attempts
+    plan, limit = campaign.config.objects.list_grasps(0), campaign.config.max_grasp_attempts
     owing = [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
     return (owing[0], None) if owing else (None, None)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from fast.lake.handoff.cells import number_or_nan
+from fast.lake.handoff.fields import number_or_nan
 from fast.lake.handoff.tables import Reader, read_csv
 from fast.models.errors import UsageError
 
@@ -14,8 +14,8 @@ _MOST_ROWS = 100_000
 class CsvRow(dict[str, str]):
     """Cells of one row by column, and where it stands, for messages; the header is row 1."""
 
-    def __init__(self, place: str, decimal: str, cells: dict[str, str]) -> None:
-        super().__init__(cells)
+    def __init__(self, place: str, decimal: str, fields: dict[str, str]) -> None:
+        super().__init__(fields)
         self.place = place
         self.decimal = decimal
 

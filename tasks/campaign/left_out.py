@@ -48,9 +48,9 @@ class Part(Record):
         """The object, where it is left out whatever the tool."""
         return self.object_id if self.slot is None else None
 
-    def has(self, slot: int, cell: tuple[int, int]) -> bool:
+    def has(self, slot: int, grasp: tuple[int, int]) -> bool:
         """Whether a grasp of (object, repeat) with the tool of a slot is part of it."""
-        return all(mine in (None, other) for mine, other in zip(self.key, (slot, *cell), strict=True))
+        return all(mine in (None, other) for mine, other in zip(self.key, (slot, *grasp), strict=True))
 
     @property
     def name(self) -> str:
@@ -93,9 +93,9 @@ class LeftOuts:
             self._valid[batch] = [word for word in last.values() if word.is_out]
         return self._valid[batch]
 
-    def covers(self, batch: int, slot: int, cell: tuple[int, int]) -> bool:
+    def covers(self, batch: int, slot: int, grasp: tuple[int, int]) -> bool:
         """Whether no grasp of (object, repeat) is begun with the tool of a slot in a batch."""
-        return any(word.part.has(slot, cell) for word in self.valid(batch))
+        return any(word.part.has(slot, grasp) for word in self.valid(batch))
 
     def has_tool(self, batch: int, slot: int) -> bool:
         """Whether a tool is left out."""

@@ -13,8 +13,8 @@ from prefect.cache_policies import NO_CACHE
 from prefect.runtime import task_run
 from prefect.utilities.annotations import quote
 
-from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
+from fast.hardware.station.station import MeasuredGrasp
 from fast.models.records import Design
 from fast.tasks.bench import measure as measuring
 from fast.tasks.bench import mount as mounting
@@ -25,7 +25,7 @@ from fast.tasks.bench.plan import ToolWork
 from fast.tasks.bench.reference_tools import ask_references
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.settings import ObjectPlan
-from fast.tasks.campaign.state import Cell, ProposedTool
+from fast.tasks.campaign.state import PlannedGrasp, ProposedTool
 from fast.tasks.scientist import propose as proposing
 from fast.tasks.simulation import simulate as simulating
 from fast.tasks.simulation.engine import Engine
@@ -173,7 +173,7 @@ class PlaceInName:
     When the run ends, Prefect gives it its first name back.
     """
 
-    def __init__(self, label: str, run_id: str, plan: ObjectPlan, done: set[Cell]) -> None:
+    def __init__(self, label: str, run_id: str, plan: ObjectPlan, done: set[PlannedGrasp]) -> None:
         self._label = label
         self._run_id = UUID(run_id)
         self._n_objects, self._n_grasps = len(plan.object_ids), plan.n_grasps

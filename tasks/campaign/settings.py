@@ -110,7 +110,7 @@ class ObjectPlan(Record):
         """Grasps of one tool where these objects are left out."""
         return sum(object_id not in left_out for object_id in self.object_ids) * self.repeats
 
-    def cells(self, seed: int) -> list[tuple[int, int]]:
+    def list_grasps(self, seed: int) -> list[tuple[int, int]]:
         """(object id, repeat) in the order of measurement.
 
         A fixed order aliases the object with the number of grasps a tool has made; a random one, drawn from `seed`

@@ -13,7 +13,7 @@ from fast.models.ids import tool_label
 from fast.models.records import BENCH_FAULT, Design
 from fast.tasks.campaign.left_out import LeftOuts, read_left_out
 
-Cell = tuple[int, int]  # (object id, repeat)
+PlannedGrasp = tuple[int, int]  # (object id, repeat)
 NIGHT = "night"  # what `proposals.acquisition` says of designs that a night adds to those of the schedule
 THICKNESSES = ("front_thickness_mm", "back_thickness_mm", "rib_thickness_mm")
 
@@ -75,11 +75,11 @@ class CampaignState:
     """Added by nights, of which time may have left out any."""
     confirmed: dict[str, str] = field(default_factory=dict)
     """By tool id: printed or rejected."""
-    measured: dict[str, set[Cell]] = field(default_factory=dict)
+    measured: dict[str, set[PlannedGrasp]] = field(default_factory=dict)
     """By tool id, good grasps whose trace is there."""
-    failures: dict[tuple[str, Cell], int] = field(default_factory=dict)
+    failures: dict[tuple[str, PlannedGrasp], int] = field(default_factory=dict)
     """By tool id and cell, failures of its own."""
-    next_attempts: dict[tuple[str, Cell], int] = field(default_factory=dict)
+    next_attempts: dict[tuple[str, PlannedGrasp], int] = field(default_factory=dict)
     """By tool id and cell, number of the next attempt if not 0."""
     imported: frozenset[int] = frozenset()
     """Batches that another lab made, whose tools are not here."""
@@ -107,9 +107,9 @@ class CampaignState:
         tools = self.tools_of(batch)
         return bool(tools) and all(t.tool_id in self.confirmed for t in tools)
 
-    def next_attempt(self, tool_id: str, cell: Cell) -> int:
+    def next_attempt(self, tool_id: str, grasp: PlannedGrasp) -> int:
         """Number of the next attempt at a grasp: that of a good one without trace, which it replaces, or a new one."""
-        return self.next_attempts.get((tool_id, cell), 0)
+        return self.next_attempts.get((tool_id, grasp), 0)
 
     def is_to_be_had(self, tool: ProposedTool) -> bool:
         """Whether a tool was printed here, nobody left it out, and no later batch has its slot on a real rack."""
@@ -117,7 +117,7 @@ class CampaignState:
         is_in = is_here and not self.left_out.has_tool(tool.batch, tool.slot)
         return is_in and self.confirmed.get(tool.tool_id) == "printed"
 
-    def missing_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
+    def missing_grasps(self, tool: ProposedTool, plan: Iterable[PlannedGrasp], max_attempts: int) -> list[PlannedGrasp]:
         """Grasps still to be made, in the order of the plan: not measured, or measured and the trace is lost.
 
         A grasp is given up after `max_attempts` failures of its own; one that was cut short by a fault of the bench is
@@ -126,7 +126,7 @@ class CampaignState:
         """
         return self.owed_grasps(tool, plan, max_attempts) if self.is_to_be_had(tool) else []
 
-    def owed_grasps(self, tool: ProposedTool, plan: Iterable[Cell], max_attempts: int) -> list[Cell]:
+    def owed_grasps(self, tool: ProposedTool, plan: Iterable[PlannedGrasp], max_attempts: int) -> list[PlannedGrasp]:
         """The same, whether or not the tool is printed yet."""
         done = self.measured.get(tool.tool_id, set())
         owed = [c for c in plan if c not in done and self.failures.get((tool.tool_id, c), 0) < max_attempts]
@@ -231,8 +231,8 @@ def _read_plans(lake: Lake, campaign_id: str) -> dict[str, Any]:
 
 def _read_grasps(lake: Lake, campaign_id: str) -> dict[str, Any]:
     """What was measured, and where it went wrong."""
-    failures: dict[tuple[str, Cell], int] = {}
-    next_attempts: dict[tuple[str, Cell], int] = {}
+    failures: dict[tuple[str, PlannedGrasp], int] = {}
+    next_attempts: dict[tuple[str, PlannedGrasp], int] = {}
     for tool_id, object_id, repeat, n_failures, next_attempt in tuples(lake, _FAILURES, campaign=campaign_id):
         next_attempts[tool_id, (object_id, repeat)] = next_attempt
         if n_failures:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fast.hardware.cell.cycle_time import plan_asked_minutes, plan_time
 from fast.hardware.parts.limits import BenchLimits
+from fast.hardware.station.cycle_time import plan_asked_minutes, plan_time
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.gap.ask.answers import forecast_measurements
 from fast.models.gap.ask.choose import Choice, Costs, choose_experiments, list_open_pairs

@@ -168,7 +168,7 @@ def unfinished_tools(campaign: Campaign, state: CampaignState, batch: int) -> li
     """Printed tools of a confirmed batch with grasps still to be made; all of one that owes a second look."""
     if not state.is_confirmed(batch):
         return []
-    plan = campaign.config.objects.cells(0)
+    plan = campaign.config.objects.list_grasps(0)
     limit = campaign.config.max_grasp_attempts
     found = [tool for tool in state.tools_of(batch) if state.missing_grasps(tool, plan, limit)]
     if found or state.left_out.is_ended(batch) or not is_owed(campaign, batch):

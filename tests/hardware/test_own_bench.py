@@ -11,11 +11,11 @@ import pytest
 
 from fast.flows.campaign.lend import lend_bench
 from fast.flows.cli.real import is_rehearsal, what_moves
-from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.recorder import GraspInView, read_samples
 from fast.hardware.own_bench import IN_NEWTONS, NOT_NEWTONS, OwnBench, open_own_bench
 from fast.hardware.parts.safe_state import Verb
 from fast.hardware.questions import BenchAnswer
+from fast.hardware.station.recorder import GraspInView, read_samples
+from fast.hardware.station.station import MeasuredGrasp
 from fast.hardware.tools.mounted import MountedTool
 from fast.lake.store import Lake
 from fast.models.design.space import BEST_PUBLISHED

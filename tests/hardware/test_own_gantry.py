@@ -17,7 +17,7 @@ from fast.models.errors import ConfigError, DeviceError, InterlockError, UsageEr
 from fast.models.records import Placement
 from fast.models.units import force_n_from_kg
 from fast.models.validation import load_record
-from tests.hardware.cell.test_cell import QUIET, SETUP, TOOLS, physics
+from tests.hardware.station.test_station import QUIET, SETUP, TOOLS, physics
 
 SMALL = {130: 806.0, 131: 806.0, 110: 6000.0}
 SMALL_MM = (800.0, 800.0, 180.0)
@@ -134,10 +134,10 @@ def test_places_outside_the_workspace_are_refused_before_anything_moves():
     with pytest.raises(UsageError, match="Object 0 stands at x -25, y -25 mm"):
         wide.grasp_xy_mm(0, Placement())
     with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
-        bench.cell._layout = BenchLayout(dock_y_mm=1600.0)
+        bench.station._layout = BenchLayout(dock_y_mm=1600.0)
         before = bench.gantry.position_mm(), bench.clock.now_s()
         with pytest.raises(UsageError, match="Tool slot 3 stands at x 555, y 1600 mm"):
-            bench.cell.measure_tool(3, [(0, 0)], SETUP, print, lambda: False)
+            bench.station.measure_tool(3, [(0, 0)], SETUP, print, lambda: False)
         assert (bench.gantry.position_mm(), bench.clock.now_s()) == before
 
 

@@ -20,7 +20,7 @@ from fast.models.simulation.effects.base import Effect
 from fast.models.units import force_n_from_kg
 from fast.models.validation import closest
 
-CELL_CAPACITY_N = force_n_from_kg(20.0)  # the paper's 20 kg load cell
+LOAD_CELL_CAPACITY_N = force_n_from_kg(20.0)  # the paper's 20 kg load cell
 
 
 class RationalSlipFriction(Effect):
@@ -134,7 +134,7 @@ class SpanError(Effect):
     `gain` g = 1 changes nothing. Without end of the capacity the factor g is constant.
     """
 
-    def __init__(self, gain: float, capacity_n: float = CELL_CAPACITY_N) -> None:
+    def __init__(self, gain: float, capacity_n: float = LOAD_CELL_CAPACITY_N) -> None:
         self.gain = gain
         self.capacity_n = capacity_n
 

@@ -114,12 +114,12 @@ class DensityMap(NamedTuple):
         return sorted(float(ranked[np.searchsorted(held, share)]) for share in shares)
 
 
-def estimate_density_map(x: np.ndarray, y: np.ndarray, n_cells: int = 128) -> DensityMap:
+def estimate_density_map(x: np.ndarray, y: np.ndarray, n_bins: int = 128) -> DensityMap:
     """Kernel density of joint draws (n each), on cells between the smallest and the largest: mirrored at the ends.
 
     Gaussian, with Scott's bandwidth for two dimensions on each axis.
     """
-    counts, x_edges, y_edges = np.histogram2d(x, y, bins=n_cells)
+    counts, x_edges, y_edges = np.histogram2d(x, y, bins=n_bins)
     scott = len(x) ** (-1 / 6)
     widths = [scott * float(np.std(v)) / (edges[1] - edges[0]) for v, edges in ((x, x_edges), (y, y_edges))]
     smooth = gaussian_filter(counts, widths, mode="reflect")

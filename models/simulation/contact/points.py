@@ -9,7 +9,7 @@ import numpy as np
 from fast.models.simulation.body.shape_functions import face_shape
 
 KEPT_SUBDIVISIONS = 64  # of about twenty of a finger
-PATCH_CELLS = 4  # points along one side of a patch: few enough to be near together, many enough to skip at once
+PATCH_PIECES = 4  # points along one side of a patch: few enough to be near together, many enough to skip at once
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -98,18 +98,18 @@ def _subdivide(corners: np.ndarray, spacing: PointSpacing) -> tuple[np.ndarray, 
         along = np.linalg.norm(corners[1] - corners[0])
         across = np.linalg.norm(corners[3] - corners[0])
         n_r, n_s = max(int(np.ceil(along / spacing.along_mm)), 1), max(int(np.ceil(across / spacing.across_mm)), 1)
-        cells = _square_cells(n_r, n_s, _find_way(corners) if spacing.is_staggered else None)
+        pieces = _divide_square(n_r, n_s, _find_way(corners) if spacing.is_staggered else None)
     else:
         longest = max(np.linalg.norm(corners[i] - corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
         n = max(int(np.ceil(longest / spacing.along_mm)), 1)
-        points = _triangle_cells(n)
-        cells = _cells(len(corners), points, np.floor(points * n).astype(int), 0.5 / len(points))
-    tangent = np.einsum("pkc,ki->pci", cells.gradients, corners)
-    area = np.linalg.norm(np.cross(tangent[:, 0], tangent[:, 1]), axis=1) * cells.share
-    return cells.values, area[cells.order], cells.patch
+        points = _divide_triangle(n)
+        pieces = _divide_face(len(corners), points, np.floor(points * n).astype(int), 0.5 / len(points))
+    tangent = np.einsum("pkc,ki->pci", pieces.gradients, corners)
+    area = np.linalg.norm(np.cross(tangent[:, 0], tangent[:, 1]), axis=1) * pieces.share
+    return pieces.values, area[pieces.order], pieces.patch
 
 
-class _Cells(NamedTuple):
+class _Pieces(NamedTuple):
     """A subdivision of a face in its own coordinates; square faces of the same counts share one.
 
     `values` (p, k) and `patch` (p) in the order of the points, `gradients` (p, k, 2) in that of the cells, `order` (p)
@@ -123,14 +123,14 @@ class _Cells(NamedTuple):
     share: float
 
 
-def _cells(k: int, points: np.ndarray, cells: np.ndarray, share: float) -> _Cells:
+def _divide_face(k: int, points: np.ndarray, pieces: np.ndarray, share: float) -> _Pieces:
     """The subdivision of a face with k nodes into cells (p, 2) with midpoints (p, 2)."""
     values, gradients = face_shape(k, points)
-    blocks = cells // PATCH_CELLS
+    blocks = pieces // PATCH_PIECES
     patch = np.unique(blocks[:, 0] * (blocks[:, 1].max() + 1) + blocks[:, 1], return_inverse=True)[1]
-    middles = np.column_stack([np.bincount(patch, weights=column) for column in cells.T]) / np.bincount(patch)[:, None]
-    order = np.lexsort((((cells - middles[patch]) ** 2).sum(axis=1), patch))
-    return _Cells(values[order], gradients, patch[order], order, share)
+    middles = np.column_stack([np.bincount(patch, weights=column) for column in pieces.T]) / np.bincount(patch)[:, None]
+    order = np.lexsort((((pieces - middles[patch]) ** 2).sum(axis=1), patch))
+    return _Pieces(values[order], gradients, patch[order], order, share)
 
 
 class _Way(NamedTuple):
@@ -149,14 +149,14 @@ def _find_way(corners: np.ndarray) -> _Way:
 
 
 @lru_cache(maxsize=KEPT_SUBDIVISIONS)
-def _square_cells(n_r: int, n_s: int, way: _Way | None) -> _Cells:
+def _divide_square(n_r: int, n_s: int, way: _Way | None) -> _Pieces:
     """A face with 8 nodes in n_r by n_s cells; staggered if its way in space is given."""
-    cells = np.column_stack([np.repeat(np.arange(n_r), n_s), np.tile(np.arange(n_s), n_r)])
-    at = cells + 0.5
+    pieces = np.column_stack([np.repeat(np.arange(n_r), n_s), np.tile(np.arange(n_s), n_r)])
+    at = pieces + 0.5
     if way is not None:
         shifts = way.up * _spread_shifts(n_s)
-        at[:, 0] += (shifts if way.is_outwards else shifts[::-1])[cells[:, 1]]
-    return _cells(8, 2.0 * at / np.array([n_r, n_s]) - 1.0, cells, 4.0 / (n_r * n_s))
+        at[:, 0] += (shifts if way.is_outwards else shifts[::-1])[pieces[:, 1]]
+    return _divide_face(8, 2.0 * at / np.array([n_r, n_s]) - 1.0, pieces, 4.0 / (n_r * n_s))
 
 
 def _spread_shifts(n: int) -> np.ndarray:
@@ -165,7 +165,7 @@ def _spread_shifts(n: int) -> np.ndarray:
     return (ranks + 0.5) / n - 0.5
 
 
-def _triangle_cells(n: int) -> np.ndarray:
+def _divide_triangle(n: int) -> np.ndarray:
     """Centroids (n^2, 2) of the uniform subdivision of the unit triangle."""
     upright = [((i + 1 / 3) / n, (j + 1 / 3) / n) for i in range(n) for j in range(n - i)]
     inverted = [((i + 2 / 3) / n, (j + 2 / 3) / n) for i in range(n) for j in range(n - i - 1)]

@@ -98,7 +98,7 @@ class Outline:
         beside = _cross(end - start, p - start) * _cross(end - start, target - start) > 0.0
         return bool((~apart & ~beside).any())
 
-    def cells(self) -> list[list[int]]:
+    def parts(self) -> list[list[int]]:
         """The parts into which the chords cut the material, as counter-clockwise point numbers.
 
         A part with a hole is given as its triangles.

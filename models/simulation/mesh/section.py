@@ -28,7 +28,7 @@ def planar_mesh(profile: Polygon, edge_mm: float, refine: int = 0) -> PlanarMesh
     """
     outline = Outline(profile)
     _project_corners(outline)
-    for cell in outline.cells():
+    for cell in outline.parts():
         if _strip_side(outline, cell) is None:
             _divide_sides(outline, cell, edge_mm)
     triangles, quads = _elements(outline, edge_mm)
@@ -54,26 +54,26 @@ def _project_corners(outline: Outline) -> None:
                 outline.project(int(corner), normal[side], REACH_MM)
 
 
-def _strip_side(outline: Outline, cell: list[int]) -> int | None:
+def _strip_side(outline: Outline, part: list[int]) -> int | None:
     """For a piece of wall, the number (0 or 1) of the first of its two opposite sides on the boundary; else None.
 
     A piece of wall has four corners; where all its sides are on the boundary, the longer two count.
     """
-    if len(cell) != 4:
+    if len(part) != 4:
         return None
-    free = [outline.is_side(a, b) for a, b in zip(cell, np.roll(cell, -1), strict=True)]
-    points = np.array(outline.points)[cell]
+    free = [outline.is_side(a, b) for a, b in zip(part, np.roll(part, -1), strict=True)]
+    points = np.array(outline.points)[part]
     length = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
     pairs = [(length[i] + length[i + 2], i) for i in (0, 1) if free[i] and free[i + 2]]
     return max(pairs)[1] if pairs else None
 
 
-def _divide_sides(outline: Outline, cell: list[int], edge_mm: float) -> None:
+def _divide_sides(outline: Outline, part: list[int], edge_mm: float) -> None:
     """Divide the long boundary sides of a cell and set stations through it from there.
 
     The outer face of a joint, from station to station, is halved: that lets the joint turn (see `NEAR_JOINT`).
     """
-    sides = [(a, b) for a, b in zip(cell, np.roll(cell, -1).tolist(), strict=True) if outline.is_side(a, b)]
+    sides = [(a, b) for a, b in zip(part, np.roll(part, -1).tolist(), strict=True) if outline.is_side(a, b)]
     for start, end in sides:
         if min(start, end) >= outline.n_corners and outline.is_side(start, end):
             outline.divide(start, np.array([0.5]))
@@ -91,23 +91,23 @@ def _divide_sides(outline: Outline, cell: list[int], edge_mm: float) -> None:
 def _elements(outline: Outline, edge_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """Triangles (t, 3) and quadrilaterals (q, 4) of all cells."""
     triangles, quads = [np.zeros((0, 3), dtype=int)], [np.zeros((0, 4), dtype=int)]
-    for cell in outline.cells():
-        first = _strip_side(outline, cell)
+    for part in outline.parts():
+        first = _strip_side(outline, part)
         if first is not None:
-            quads.append(_divided_strip(outline, np.roll(cell, -first).tolist(), edge_mm))
+            quads.append(_divided_strip(outline, np.roll(part, -first).tolist(), edge_mm))
             continue
-        numbers = np.array(cell)
+        numbers = np.array(part)
         parts = partition(np.array(outline.points)[numbers])
         if parts is None:
-            raise MeshingFailed(f"A cell of {len(cell)} corners has no usable division.", reason="empty")
+            raise MeshingFailed(f"A cell of {len(part)} corners has no usable division.", reason="empty")
         triangles.append(numbers[parts[0]])
         quads.append(numbers[parts[1]])
     return np.vstack(triangles), np.vstack(quads)
 
 
-def _divided_strip(outline: Outline, cell: list[int], edge_mm: float) -> np.ndarray:
+def _divided_strip(outline: Outline, part: list[int], edge_mm: float) -> np.ndarray:
     """A piece of wall, its first and third side on the boundary, as a row of quadrilaterals (n, 4)."""
-    a, b, c, d = cell
+    a, b, c, d = part
     corners = np.array(outline.points)[[a, b, c, d]]
     side = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     fractions = graded(float(max(side[0], side[2])), NEAR_JOINT * float(side[1] + side[3]) / 2, edge_mm)

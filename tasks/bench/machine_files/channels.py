@@ -169,10 +169,10 @@ def _find_scale(path: Path, block: Block, place: int, quantity: Quantity, column
     return (column.sign if column else 1) * scales[0]
 
 
-def _check_marks(path: Path, cells: Sequence[str], quantity: Quantity, range_mm: float) -> None:
+def _check_marks(path: Path, fields: Sequence[str], quantity: Quantity, range_mm: float) -> None:
     """Refuse whole numbers that stood before a decimal mark and behind it: 7500 was 0.7500, 125 was 12.5."""
-    numbers = [abs(int(cell)) for cell in cells if re.fullmatch(r"-?\d+", cell)]
-    if len(numbers) < max(10, 0.9 * len(cells)):
+    numbers = [abs(int(cell)) for cell in fields if re.fullmatch(r"-?\d+", cell)]
+    if len(numbers) < max(10, 0.9 * len(fields)):
         return
     peak = max(numbers)
     pairs = [(a, b) for a, b in zip(numbers, numbers[1:], strict=False) if max(a, b) > 0.1 * peak and min(a, b) > 0]

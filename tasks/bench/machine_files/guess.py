@@ -8,9 +8,9 @@ import numpy as np
 
 from fast.models.errors import UsageError
 from fast.models.validation import parse_toml
-from fast.tasks.bench.machine_files.cells import Grid
 from fast.tasks.bench.machine_files.channels import Channels, read_channels
 from fast.tasks.bench.machine_files.format import PROGRAMS, MachineFormat, make_format
+from fast.tasks.bench.machine_files.grid import Grid
 from fast.tasks.bench.machine_files.head import Block, unit_of
 from fast.tasks.bench.machine_files.numbers import read_number
 from fast.tasks.bench.machine_files.pulls import LIST_NAME, find_files, find_table

@@ -80,10 +80,10 @@ def _is_like_number(shape: str) -> bool:
     return any(_is_number(shape, marks) for marks in _USUAL)
 
 
-def find_marks(cells: Iterable[str], decimal: str | None = None) -> Marks:
+def find_marks(fields: Iterable[str], decimal: str | None = None) -> Marks:
     """The marks with which most of these cells are numbers; `decimal`: if a person says so."""
     usual = [marks for marks in _USUAL if decimal in (None, marks.decimal)]
-    shapes = Counter(cell.translate(_SHAPE).strip('" ') for cell in cells)
+    shapes = Counter(cell.translate(_SHAPE).strip('" ') for cell in fields)
     shapes = Counter({shape: n for shape, n in shapes.items() if any(mark in shape for mark in (".," + _SPACES))})
     n_read = [sum(n for shape, n in shapes.items() if _is_number(shape, marks)) for marks in usual]
     best = usual[n_read.index(max(n_read))]

@@ -11,9 +11,9 @@ import numpy as np
 
 from fast.models.errors import UsageError
 from fast.models.records import Trace
-from fast.tasks.bench.machine_files.cells import Grid, read_grids
 from fast.tasks.bench.machine_files.channels import Channels, find_columns, read_channels
 from fast.tasks.bench.machine_files.format import MachineFormat
+from fast.tasks.bench.machine_files.grid import Grid, read_grids
 from fast.tasks.bench.machine_files.head import Block, BrokenRow, choose_columns, find_blocks, is_pull
 from fast.tasks.bench.machine_files.numbers import Marks, read_number
 from fast.tasks.bench.machine_files.split import split_pulls

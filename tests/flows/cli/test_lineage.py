@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fast.flows.report.campaign.queries import FITS, fetch
-from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.station.station import MeasuredGrasp
 from fast.lake.provenance import Provenance
 from fast.lake.query.lineage import UNKNOWN, Node, find_lineage
 from fast.lake.store import Lake

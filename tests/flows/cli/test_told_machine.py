@@ -8,7 +8,7 @@ import pytest
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow
 from fast.models.design.fin_ray import FinRay
-from fast.tasks.bench.machine_files.cells import LARGEST_MB
+from fast.tasks.bench.machine_files.grid import LARGEST_MB
 from tests.flows.cli.cli_lakes import ROOT, Fast
 
 CASES = ROOT / "tests" / "data" / "cases"

@@ -17,7 +17,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow
 from fast.models.errors import UsageError
 from fast.tasks.bench.measure import measure_batch
-from fast.tasks.bench.plan import order_cells
+from fast.tasks.bench.plan import order_grasps
 from fast.tasks.bench.print import PrintConfirmation, confirm_print
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import CampaignConfig
@@ -78,7 +78,7 @@ def made(campaign):
 
 def first_cell(run, tools):
     """The first grasp of the plan, in its drawn order."""
-    return order_cells(run.campaign, tools[0])[0]
+    return order_grasps(run.campaign, tools[0])[0]
 
 
 def kinds(campaign):

@@ -21,7 +21,7 @@ def test_the_physics_is_solved_as_here_in_a_process_that_ends_with_the_bench():
         raise SimulationFailed("not here.", "crash")
 
     with open_virtual_bench(read_world(Path("worlds/quick.toml")), rack(None), keep, wires="memory") as bench:
-        bench.cell.measure_tool(0, [(2, 0)], GraspSetup(max_lift_mm=2.0), lambda grasp: None, lambda: False)
+        bench.station.measure_tool(0, [(2, 0)], GraspSetup(max_lift_mm=2.0), lambda grasp: None, lambda: False)
     before = set(multiprocessing.active_children())
     with solver() as solve:
         (worker,) = set(multiprocessing.active_children()) - before

@@ -11,7 +11,7 @@ import pytest
 from fast.flows.gap import search
 from fast.flows.gap.search import GapOrder, GapOutcome, run_gap
 from fast.flows.progress import ProgressReporter
-from fast.hardware.cell.cycle_time import plan_asked_minutes
+from fast.hardware.station.cycle_time import plan_asked_minutes
 from fast.lake.store import Lake
 from fast.models.calibration.inference.settings import CalibrationSettings
 from fast.models.errors import UsageError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fast.flows.page.live import LiveHub
-from fast.hardware.cell.recorder import GraspInView, read_samples
+from fast.hardware.station.recorder import GraspInView, read_samples
 from fast.lake.store import Lake
 from fast.tasks.bench.live import live_path, read_live, show_live
 from tests.waiting import wait_for

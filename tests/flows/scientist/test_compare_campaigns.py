@@ -63,7 +63,7 @@ def made_up_simulation(campaign: Campaign, design, *, pool) -> int:
 def made_up_batch(campaign: Campaign, tools, use) -> None:
     """The gantry's part, at once: half the simulated force less a penalty, and some noise."""
     for tool in tools:
-        for object_id, repeat in campaign.state().missing_grasps(tool, campaign.config.objects.cells(0), 1):
+        for object_id, repeat in campaign.state().missing_grasps(tool, campaign.config.objects.list_grasps(0), 1):
             noise = np.random.default_rng([campaign.config.seed, tool.batch, tool.slot, object_id]).normal(0, 0.2)
             force_n = 0.5 * simulated_n(tool.design) - 3.0 * to_unit([tool.design])[0, 8] + object_id + noise
             append_grasp(campaign, tool, object_id, repeat, force_n)

@@ -12,7 +12,7 @@ from fast.hardware.virtual.arm.controller import VirtualArm
 from fast.hardware.virtual.arm.server import ArmServer
 from fast.hardware.virtual.world.file import Sensor, World
 from tests.hardware.arm.bench_contract import TOOLS
-from tests.hardware.cell.test_cell import physics
+from tests.hardware.station.test_station import physics
 
 
 def main() -> None:

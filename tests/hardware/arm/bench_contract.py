@@ -1,7 +1,7 @@
 """What every bench must do: subclass `BenchContract` and give it a fixture `bench` of an open bench with `TOOLS`.
 
-The bench's world answers with `tests.hardware.cell.test_cell.physics`: a hump of 9 N on object 0, of 10 N on object 1,
-released at a lift of 48 mm. `docs/how-to/write-a-bench-driver.md` explains the tests.
+The bench's world answers with `tests.hardware.station.test_station.physics`: a hump of 9 N on object 0, of 10 N on
+object 1, released at a lift of 48 mm. `docs/how-to/write-a-bench-driver.md` explains the tests.
 """
 
 import threading
@@ -9,9 +9,9 @@ import threading
 import numpy as np
 import pytest
 
-from fast.hardware.cell.cell import MeasuredGrasp
 from fast.hardware.grasp_bench import GraspBench
 from fast.hardware.parts.safe_state import StopAskedError, Verb
+from fast.hardware.station.station import MeasuredGrasp
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.design.fin_ray import FinRay
 from fast.models.errors import FastError, UsageError

@@ -22,7 +22,7 @@ from fast.models.records import BENCH_FAULT, GraspSetup
 from fast.models.traces import peak_force_n
 from tests.hardware.arm.arm_lines import ArmProcess
 from tests.hardware.arm.bench_contract import SETUP, TOOLS, BenchContract
-from tests.hardware.cell.test_cell import physics
+from tests.hardware.station.test_station import physics
 from tests.waiting import wait_for
 
 

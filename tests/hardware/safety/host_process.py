@@ -20,7 +20,7 @@ def main() -> int:
     settings = BenchSettings(**addresses, modbus_time_out_s=5.0, stale_after_s=0.0, pressure_time_out_s=40.0)
     try:
         with open_real_bench(settings, TOOLS, ScaledClock(speed_up), may_vent) as bench:
-            bench.cell.measure_tool(3, [(object_id, 0) for object_id in OBJECTS], SETUP, tell, lambda: False)
+            bench.station.measure_tool(3, [(object_id, 0) for object_id in OBJECTS], SETUP, tell, lambda: False)
     except FastError as error:
         sys.stderr.write(f"{type(error).__name__}: {error}\n")
         return 1

@@ -129,7 +129,7 @@ def test_a_fault_ends_as_the_table_says(row):
         else:
             when(bench, row.moment, inject)
         try:
-            bench.cell.measure_tool(3, [(0, 0), (1, 0), (2, 0)], SETUP, grasps.append, lambda: False)
+            bench.station.measure_tool(3, [(0, 0), (1, 0), (2, 0)], SETUP, grasps.append, lambda: False)
         except DeviceError as error:
             raised = error
         assert found, "the moment came"
@@ -151,7 +151,7 @@ def test_a_fault_ends_as_the_table_says(row):
             assert virtual.state.pressure_psi > 25.0, "nothing that hangs is dropped"
         check_place(row.place, found["place"], before_mm, virtual.grbl.position_mm())
         with pytest.raises(InterlockError, match="latched in its safe state"):
-            bench.cell.measure_tool(0, [(5, 0)], SETUP, grasps.append, lambda: False)
+            bench.station.measure_tool(0, [(5, 0)], SETUP, grasps.append, lambda: False)
     if row.moment is is_pulling:
         assert max(grasps[0].trace.force_n) > 3.0, "what was recorded is kept"
         assert grasps[-1].reason
@@ -213,7 +213,7 @@ def test_lost_steps_are_cured_by_homing():
     grasps = []
     with open_bench() as bench:
         when(bench, is_travelling, lambda: bench.virtual.inject("lost_steps"))
-        bench.cell.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
+        bench.station.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
         told_mm, true_mm = bench.gantry.position_mm(), bench.virtual.grbl.position_mm()
         assert true_mm[0] - told_mm[0] == pytest.approx(0.5, abs=0.02)
         bench.supervisor.home()

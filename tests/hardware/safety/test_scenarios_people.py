@@ -21,7 +21,7 @@ PLAN = [(0, 0), (1, 0)]
 
 
 def run(bench, grasps, plan=PLAN, slot=3):
-    bench.cell.measure_tool(slot, plan, SETUP, grasps.append, lambda: False)
+    bench.station.measure_tool(slot, plan, SETUP, grasps.append, lambda: False)
 
 
 def heights_while(bench, act):
@@ -44,7 +44,7 @@ def test_the_safe_state_ends_by_lowering_venting_and_raising():
             run(bench, [])
         bench.virtual.clear("lock_sensor_dead")
         bench.clock.sleep(0.1)
-        z_mm, psi = heights_while(bench, bench.cell.recover)
+        z_mm, psi = heights_while(bench, bench.station.recover)
         opening = int(np.argmax(psi < 25.0))
         assert psi[0] > 29.0
         assert z_mm[opening] == pytest.approx(REST_Z_MM, abs=0.5), "nothing falls"
@@ -109,7 +109,7 @@ def test_stop_and_abort_make_safe_at_once_and_keep_the_data(verb, moment):
         bench.clock.sleep(3.0)
         assert bench.virtual.grbl.position_mm() == before_mm, "held"
         assert bench.virtual.state.outputs == (True, moment is is_pulling, False), "lock and grip kept, supply closed"
-        bench.cell.recover()
+        bench.station.recover()
         run(bench, grasps, plan=[(0, 0)])
     assert grasps[-1].status == "ok"
     if moment is is_pulling:
@@ -122,7 +122,7 @@ def test_pause_finishes_the_grasp_and_parks():
         asked = []
         when(bench, is_pulling, lambda: asked.append(Verb.PAUSE))
         when(bench, is_pulling, lambda: bench.supervisor.ask(Verb.PAUSE))
-        bench.cell.measure_tool(3, PLAN, SETUP, grasps.append, lambda: bool(asked))
+        bench.station.measure_tool(3, PLAN, SETUP, grasps.append, lambda: bool(asked))
         assert bench.supervisor.is_ok
         assert bench.changer.status().slot is None
     assert [grasp.status for grasp in grasps] == ["ok"]
@@ -228,7 +228,7 @@ def test_a_full_disk_stops_before_the_next_grasp_and_drops_nothing():
 
     with open_bench() as bench:
         with pytest.raises(LakeError, match="disk is full"):
-            bench.cell.measure_tool(3, PLAN, SETUP, full, lambda: False)
+            bench.station.measure_tool(3, PLAN, SETUP, full, lambda: False)
         assert not bench.pneumatics.is_gripping(), "the grasp itself had ended"
         assert bench.virtual.state.is_locked
     assert [grasp.object_id for grasp in made] == [0]
@@ -243,7 +243,7 @@ def test_a_clock_that_jumps_back_does_not_reach_the_trace(monkeypatch):
             cls.days += 1
             return datetime.datetime(2026, 1, 28, tzinfo=tz) - datetime.timedelta(days=cls.days)
 
-    monkeypatch.setattr("fast.hardware.cell.cell.datetime", Jumping)
+    monkeypatch.setattr("fast.hardware.station.station.datetime", Jumping)
     monkeypatch.setattr("time.time", lambda: -1e9)
     grasps = []
     with open_bench() as bench:

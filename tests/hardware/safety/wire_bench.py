@@ -159,7 +159,7 @@ def run_bench_case(rig, case):
     bench, virtual, grasps, error = rig.bench, rig.virtual, [], None
     when(bench, MOMENTS[case.during], lambda: case.act(rig), virtual)
     try:
-        bench.cell.measure_tool(3, [(OBJECT, 0)], SETUP, grasps.append, lambda: False)
+        bench.station.measure_tool(3, [(OBJECT, 0)], SETUP, grasps.append, lambda: False)
     except DeviceError as raised:
         error = raised
     is_latched = not bench.supervisor.is_ok
@@ -198,8 +198,8 @@ def _work_on(bench):
         bench.changer.check_may_rise()
         bench.supervisor.make_ready_to_home(may_vent=True)
         bench.supervisor.home()
-        bench.cell.park()
-        bench.cell.measure_tool(3, [(OBJECT, 0)], SETUP, grasps.append, lambda: False)
+        bench.station.park()
+        bench.station.measure_tool(3, [(OBJECT, 0)], SETUP, grasps.append, lambda: False)
     except FastError as error:
         return f"{type(error).__name__}: {error}"
     return grasps[0].status

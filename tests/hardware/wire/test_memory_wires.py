@@ -31,7 +31,7 @@ def devices():
 def measured(wires):
     grasps = []
     with open_virtual_bench(NOISY, TOOLS, fingerprint, wires=wires) as bench:
-        bench.cell.measure_tool(3, [(7, 0)], GraspSetup(), grasps.append, lambda: False)
+        bench.station.measure_tool(3, [(7, 0)], GraspSetup(), grasps.append, lambda: False)
         said = [entry.data for entry in bench.gantry.wire_log.entries() if entry.direction == "sent"]
     return grasps[0], said
 

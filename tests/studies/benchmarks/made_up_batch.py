@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from fast.hardware.bench import Bench, open_virtual_bench
-from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.station.station import MeasuredGrasp
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.lake.store import Lake

@@ -210,6 +210,6 @@ def _bench_cpu_s(folder: Path) -> float:
     before = time.process_time()
     with lockstep_bench(world_of("study"), campaign.state().tools_of(1)) as bench:
         for tool in campaign.state().tools_of(1):
-            cells = campaign.config.objects.cells(0)
-            bench.cell.measure_tool(tool.rack_slot, cells, campaign.config.grasp, lambda grasp: None, lambda: False)
+            cells = campaign.config.objects.list_grasps(0)
+            bench.station.measure_tool(tool.rack_slot, cells, campaign.config.grasp, lambda grasp: None, lambda: False)
     return time.process_time() - before

@@ -16,7 +16,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow, Row, TraceRow
 from fast.models.records import BENCH_FAULT
 from fast.models.traces import peak_force_n
-from fast.tasks.bench.plan import order_cells
+from fast.tasks.bench.plan import order_grasps
 from fast.tasks.campaign.campaign import Campaign
 from tests.studies.benchmarks.fingerprints import Label
 from tests.studies.benchmarks.made_up_batch import CAMPAIGN_ID, Batch
@@ -112,7 +112,7 @@ def _order_problems(campaign: Campaign, grasps: list[Grasp]) -> list[str]:
     if [grasp["order"] for grasp in grasps] != list(range(len(grasps))):
         problems.append(f"the places of the grasps are {[grasp['order'] for grasp in grasps]}")
     tools = campaign.state().tools_of(1)
-    planned = [(tool.tool_id, *cell) for tool in tools for cell in order_cells(campaign, tool)]
+    planned = [(tool.tool_id, *cell) for tool in tools for cell in order_grasps(campaign, tool)]
     if [_label(grasp) for grasp in grasps if grasp["status"] == "ok"] != planned:
         problems.append("the grasps were not made in the planned order")
     for before, after in pairwise(grasps):

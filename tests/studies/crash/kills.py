@@ -19,7 +19,7 @@ from pathlib import Path
 from threading import Event
 from typing import Protocol
 
-from fast.hardware.cell.cell import MeasuredGrasp
+from fast.hardware.station.station import MeasuredGrasp
 from fast.hardware.virtual.world.file import World
 from fast.models.errors import FastError
 from fast.tasks.bench.measure import OpenBench

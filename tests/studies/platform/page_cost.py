@@ -92,7 +92,7 @@ def _grasps_of(campaign: Campaign, tool: Any, rng: np.random.Generator) -> Itera
     time_s = np.arange(1, N_SAMPLES + 1) / 80.0
     lift_mm = 5.0 * np.clip(time_s - 1.4, 0.0, None)
     trace = Trace(time_s, lift_mm, 8.0 * np.sin(np.pi * np.clip(lift_mm / 48.0, 0.0, 1.0)) ** 2)
-    for order, (object_id, repeat) in enumerate(campaign.config.objects.cells(tool.slot)):
+    for order, (object_id, repeat) in enumerate(campaign.config.objects.list_grasps(tool.slot)):
         grasp_id = GraspRow.make_id(tool.tool_id, object_id, repeat, 0)
         yield TraceRow.of(grasp_id, trace)
         yield GraspRow(

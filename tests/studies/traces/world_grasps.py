@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from fast.hardware.cell.cell import CLOSED_SETTLE_S, closing_s
-from fast.hardware.cell.separation import WINDOW_MM
+from fast.hardware.station.separation import WINDOW_MM
+from fast.hardware.station.station import CLOSED_SETTLE_S, closing_s
 from fast.hardware.virtual.world.file import World, load_world
 from fast.hardware.virtual.world.physics import (
     PhysicsRequest,

@@ -16,7 +16,7 @@ from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.state import ProposedTool, rank_tools
 from fast.tasks.gap.data import read_grasps
 from fast.tasks.scientist.propose import propose_initial
-from tests.hardware.cell.grasp_stub import holds_to_the_top
+from tests.hardware.station.grasp_stub import holds_to_the_top
 
 FASTER, WAITING = GraspSetup(lift_speed_mm_per_s=20.0), GraspSetup(dwell_s=2.0)
 WORLD = World(seed=7, sensor=Sensor(noise_sd_n=0.12))

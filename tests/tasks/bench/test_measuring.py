@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fast.hardware.cell.cell import MeasuredGrasp
-from fast.hardware.cell.recorder import GraspInView
 from fast.hardware.own_bench import OwnBench
 from fast.hardware.parts.safe_state import Verb
+from fast.hardware.station.recorder import GraspInView
+from fast.hardware.station.station import MeasuredGrasp
 from fast.hardware.virtual.world.file import World
 from fast.lake.maintenance import check
 from fast.lake.tables.campaign import GraspRow, TraceRow

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.cell.lost_steps import LostStepsError
+from fast.hardware.station.lost_steps import LostStepsError
 from fast.hardware.virtual.world.file import World
 from fast.lake.tables.campaign import EventRow, GraspRow
 from fast.tasks.bench.measure import CHECKED, LOST_STEPS

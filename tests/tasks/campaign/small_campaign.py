@@ -38,7 +38,7 @@ def begun(campaign: Campaign, **word) -> Campaign:
     state = campaign.state()
     for number, tool in enumerate(state.tools):
         if state.confirmed[tool.tool_id] == "printed":
-            for object_id, repeat in campaign.config.objects.cells(0):
+            for object_id, repeat in campaign.config.objects.list_grasps(0):
                 append_grasp(campaign, tool, object_id, repeat, 10.0 + number + object_id)
     for number, design in enumerate([s.design for s in state.simulations] + [t.design for t in state.tools]):
         for object_id in campaign.object_ids:

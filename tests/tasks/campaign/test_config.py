@@ -154,14 +154,14 @@ def test_a_file_of_a_config_is_the_same_where_its_paths_end_alike(before, after,
 
 def test_cells_are_the_same_for_a_seed_and_cover_everything():
     plan = ObjectPlan(ids=(3, 1, 2), repeats=2, order="random")
-    assert plan.cells(5) == plan.cells(5)
-    assert sorted(plan.cells(5)) == [(o, r) for o in (1, 2, 3) for r in (0, 1)]
-    assert plan.cells(5) != plan.cells(7), "each tool has its own order"
-    assert ObjectPlan(ids=(3, 1), repeats=2, order="fixed").cells(5) == [(1, 0), (1, 1), (3, 0), (3, 1)]
-    assert ObjectPlan(repeats=1, order="fixed").cells(1) == ObjectPlan(repeats=1, order="fixed").cells(2)
-    passes = ObjectPlan(ids=(3, 1, 2), repeats=2, repeats_order="interleaved").cells(5)
+    assert plan.list_grasps(5) == plan.list_grasps(5)
+    assert sorted(plan.list_grasps(5)) == [(o, r) for o in (1, 2, 3) for r in (0, 1)]
+    assert plan.list_grasps(5) != plan.list_grasps(7), "each tool has its own order"
+    assert ObjectPlan(ids=(3, 1), repeats=2, order="fixed").list_grasps(5) == [(1, 0), (1, 1), (3, 0), (3, 1)]
+    assert ObjectPlan(repeats=1, order="fixed").list_grasps(1) == ObjectPlan(repeats=1, order="fixed").list_grasps(2)
+    passes = ObjectPlan(ids=(3, 1, 2), repeats=2, repeats_order="interleaved").list_grasps(5)
     assert [repeat for _, repeat in passes] == [0, 0, 0, 1, 1, 1]
-    assert sorted(passes) == sorted(plan.cells(5))
+    assert sorted(passes) == sorted(plan.list_grasps(5))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ def measured(campaign):
     confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
     state = campaign.state()
     for number, tool in enumerate(state.tools_of(1)):
-        for object_id, repeat in campaign.config.objects.cells(0):
+        for object_id, repeat in campaign.config.objects.list_grasps(0):
             append_grasp(campaign, tool, object_id, repeat, 10.0 + 4 * number + object_id + repeat)
     for number, proposal in enumerate(state.simulations_of(1)):
         for object_id in campaign.object_ids:
@@ -36,7 +36,7 @@ def test_proposing_again_changes_nothing(campaign):
 
 def test_missing_grasps_shrink_as_rows_arrive(campaign):
     propose_initial(campaign)
-    tool, plan = campaign.state().tools_of(1)[0], campaign.config.objects.cells(0)
+    tool, plan = campaign.state().tools_of(1)[0], campaign.config.objects.list_grasps(0)
     assert campaign.state().missing_grasps(tool, plan, 2) == []  # nothing is owed before a person confirms
     confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada"))
     append_grasp(campaign, tool, 4, 0, 10.0)
@@ -49,7 +49,7 @@ def test_missing_grasps_shrink_as_rows_arrive(campaign):
 def test_rejected_tools_owe_nothing(campaign):
     propose_initial(campaign)
     confirm_print(campaign.lake, "small", 1, PrintConfirmation(operator="ada", rejected={0: "torn"}))
-    state, plan = campaign.state(), campaign.config.objects.cells(0)
+    state, plan = campaign.state(), campaign.config.objects.list_grasps(0)
     assert state.missing_grasps(state.tools_of(1)[0], plan, 2) == []
     assert len(state.missing_grasps(state.tools_of(1)[1], plan, 2)) == 4
 
@@ -62,7 +62,7 @@ def test_a_tool_that_left_a_real_rack_owes_nothing(campaign):
     for batch in (1, 2):
         confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
     first, second = (campaign.state().tools_of(batch)[0] for batch in (1, 2))
-    plan = campaign.config.objects.cells(0)
+    plan = campaign.config.objects.list_grasps(0)
     for bench, n_owed in (("virtual", 4), ("real", 0)):
         append_grasp(campaign, second, 4, 0, 10.0, bench=bench)
         assert len(campaign.state().missing_grasps(first, plan, 2)) == n_owed

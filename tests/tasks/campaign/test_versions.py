@@ -67,7 +67,7 @@ def following(campaign: Campaign, max_designs: int = 0, by: SimulatorVersion = B
     campaign.lake.append(version_rows(by), campaign.provenance())
     state = campaign.state()
     for number, tool in enumerate(state.tools):
-        for object_id, repeat in campaign.config.objects.cells(0):
+        for object_id, repeat in campaign.config.objects.list_grasps(0):
             append_grasp(campaign, tool, object_id, repeat, 10.0 + number)
     for number, design in enumerate(all_designs(campaign)):
         for object_id in campaign.object_ids:

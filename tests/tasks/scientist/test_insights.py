@@ -41,7 +41,7 @@ def measured(folder: Path, **schedule) -> Campaign:
         confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
     rng = np.random.default_rng(0)
     for tool in campaign.state().tools:
-        for object_id, repeat in campaign.config.objects.cells(0):
+        for object_id, repeat in campaign.config.objects.list_grasps(0):
             low = (120.0 - tool.design.height_mm) if object_id == 4 else 0.0
             append_grasp(campaign, tool, object_id, repeat, 20.0 + low + 0.1 * rng.normal())
     return campaign

@@ -142,7 +142,7 @@ def test_only_tools_of_open_batches_are_waited_for(campaign):
     propose_tools(campaign, 2, data, fit(campaign, 2, data, []), state)
     tool = campaign.state().tools_of(2)[0]
     confirm_print(campaign.lake, "small", 2, PrintConfirmation(operator="ada"))
-    for object_id, repeat in campaign.config.objects.cells(0):
+    for object_id, repeat in campaign.config.objects.list_grasps(0):
         append_grasp(campaign, tool, object_id, repeat, 11.0)
     waited = pending_points(campaign, campaign.state(), REAL)
     # The first tool is measured, but the batch is not closed, so that it is not learned from yet either.
@@ -266,7 +266,7 @@ def test_tools_of_a_batch_are_alike_where_the_schedule_wants_it(tmp_path, is_own
     for batch in (1, 2):
         confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
     for number, tool in enumerate(campaign.state().tools):
-        for object_id, repeat in campaign.config.objects.cells(0):
+        for object_id, repeat in campaign.config.objects.list_grasps(0):
             append_grasp(campaign, tool, object_id, repeat, 10.0 + number)
     propose_guided(campaign, 3)
     values = {
@@ -293,7 +293,7 @@ def test_a_batch_prints_the_simpler_fingers_that_the_schedule_wants(tmp_path):
     for batch in range(1, last + 2):
         confirm_print(campaign.lake, "small", batch, PrintConfirmation(operator="ada"))
         for tool in campaign.state().tools_of(batch):
-            for object_id, repeat in campaign.config.objects.cells(0):
+            for object_id, repeat in campaign.config.objects.list_grasps(0):
                 append_grasp(campaign, tool, object_id, repeat, 20.0 - 0.05 * (tool.design.height_mm - 80.0))
         if batch >= last:
             propose_guided(campaign, batch + 1)

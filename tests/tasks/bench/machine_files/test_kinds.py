@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fast.models.errors import FastError, MissingDependencyError, UsageError
-from fast.tasks.bench.machine_files import cells
+from fast.tasks.bench.machine_files import grid
 from fast.tasks.bench.machine_files.format import MachineFormat
 from fast.tasks.bench.machine_files.guess import guess_format, parse_format
 from fast.tasks.bench.machine_files.numbers import Marks, find_marks
@@ -339,7 +339,7 @@ def test_a_spreadsheet_that_unpacks_to_very_much_is_refused(tmp_path: Path, monk
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("xl/worksheets/sheet1.xml", bytes(3_000_000))
-    monkeypatch.setattr(cells, "LARGEST_MB", 0.1)
+    monkeypatch.setattr(grid, "LARGEST_MB", 0.1)
     with pytest.raises(UsageError, match="unpacks to 3 MB, which no file of pulls does"):
         read(tmp_path, out.getvalue(), "B01T0_2.xlsx")
 

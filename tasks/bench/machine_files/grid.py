@@ -93,8 +93,8 @@ def _split(lines: Sequence[str], mark: str) -> list[list[str]]:
     return [[_clean(cell) for cell in row] for row in csv.reader(io.StringIO("\n".join(lines)), delimiter=mark)]
 
 
-def _clean(cell: str) -> str:
-    plain = " ".join(cell.split()) if "\n" in cell or "\t" in cell else cell.strip()
+def _clean(field: str) -> str:
+    plain = " ".join(field.split()) if "\n" in field or "\t" in field else field.strip()
     return "" if plain.lower() in _NOTHING else plain
 
 
@@ -155,7 +155,7 @@ def _read_sheets(path: Path) -> list[Grid]:
     return sheets
 
 
-def _as_text(cell: object) -> str:
-    if isinstance(cell, datetime):
-        return f"{cell:%Y-%m-%d %H:%M:%S.%f}"
-    return "" if cell is None else repr(cell) if isinstance(cell, float) else _CONTROL.sub("", str(cell)).strip()
+def _as_text(field: object) -> str:
+    if isinstance(field, datetime):
+        return f"{field:%Y-%m-%d %H:%M:%S.%f}"
+    return "" if field is None else repr(field) if isinstance(field, float) else _CONTROL.sub("", str(field)).strip()

@@ -50,7 +50,7 @@ def measure(
     grasps = []
     with open_virtual_bench(world, TOOLS, physics, wires=wires) as bench:
         prepare(bench)
-        bench.cell.measure_tool(slot, plan, setup, grasps.append, lambda: len(grasps) >= stop_after)
+        bench.station.measure_tool(slot, plan, setup, grasps.append, lambda: len(grasps) >= stop_after)
         assert bench.changer.status().slot is None, "the tool is parked"
         assert bench.changer.full_slots() == sorted(TOOLS)
         assert bench.virtual.state.supply_psi == 30.0
@@ -147,7 +147,7 @@ def test_requests_made_ahead_are_those_the_bench_asks_for():
         ahead.put(request, physics(request))
     grasps = []
     with open_virtual_bench(world, {1: MountedTool("a/B02T1", design)}, ahead, wires="memory") as bench:
-        bench.cell.measure_tool(1, [(2, 0), (11, 0)], setup, grasps.append, lambda: False)
+        bench.station.measure_tool(1, [(2, 0), (11, 0)], setup, grasps.append, lambda: False)
     assert [g.status for g in grasps] == ["ok", "ok"]
 
 
@@ -179,7 +179,7 @@ def test_overload_stops_the_lift_lowers_and_goes_on():
 def run_into(bench, error, match, plan=((0, 0), (1, 0))):
     grasps = []
     with pytest.raises(error, match=match):
-        bench.cell.measure_tool(3, plan, SETUP, grasps.append, lambda: False)
+        bench.station.measure_tool(3, plan, SETUP, grasps.append, lambda: False)
     return grasps
 
 
@@ -219,10 +219,10 @@ def test_losing_the_lock_in_a_lift_holds_everything():
         bench.clock.sleep(1.0)
         assert bench.gantry.position_mm()[2] == z_mm, "motion is held"
         with pytest.raises(InterlockError, match="latched in its safe state: The lock sensor went off"):
-            bench.cell.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
+            bench.station.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
         bench.supervisor.acknowledge("test")
         with pytest.raises(InterlockError, match="closed from an earlier grasp"):
-            bench.cell.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
+            bench.station.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
 
 
 def test_a_person_recovers_and_the_tool_on_the_head_is_known():
@@ -232,9 +232,9 @@ def test_a_person_recovers_and_the_tool_on_the_head_is_known():
         bench.virtual.state.clear("lock_sensor_dead")
         bench.clock.sleep(0.05)
         assert bench.changer.status().slot == 3
-        bench.cell.recover()
+        bench.station.recover()
         assert not bench.pneumatics.is_gripping()
-        bench.cell.park()
+        bench.station.park()
         assert bench.changer.status().slot is None
 
 
@@ -255,8 +255,8 @@ def test_plans_that_cannot_be_carried_out_move_nothing():
         ]
         for slot, plan, setup, message in cases:
             with pytest.raises(UsageError, match=message):
-                bench.cell.measure_tool(slot, plan, setup, lambda grasp: None, lambda: False)
-        bench.cell.measure_tool(3, [], SETUP, lambda grasp: None, lambda: False)
+                bench.station.measure_tool(slot, plan, setup, lambda grasp: None, lambda: False)
+        bench.station.measure_tool(3, [], SETUP, lambda grasp: None, lambda: False)
         assert (bench.gantry.position_mm(), bench.clock.now_s()) == before
 
 
@@ -266,11 +266,11 @@ def test_a_callback_that_fails_leaves_the_gripper_open():
 
     with open_virtual_bench(QUIET, TOOLS, physics, wires="memory") as bench:
         with pytest.raises(LakeError, match="disk is full"):
-            bench.cell.measure_tool(3, [(0, 0)], SETUP, full_disk, lambda: False)
+            bench.station.measure_tool(3, [(0, 0)], SETUP, full_disk, lambda: False)
         assert not bench.pneumatics.is_gripping()
         grasps = []
         bench.supervisor.acknowledge("test")
-        bench.cell.measure_tool(0, [(0, 0)], SETUP, grasps.append, lambda: False)
+        bench.station.measure_tool(0, [(0, 0)], SETUP, grasps.append, lambda: False)
         assert grasps[0].status == "ok", "the tool left on the head was docked first"
 
 
@@ -286,7 +286,7 @@ def test_drivers_reach_a_virtual_bench_by_its_addresses():
             assert bench.settings.serial_port == at.serial_port
             bench.pneumatics.open_supply()
             assert bench.changer.pick(0).tool_id == "a/B01T0"
-            bench.cell.park()
+            bench.station.park()
             bench.plc.request("C3", {"Y2": True}, 5.0, "Gripping")
         with (
             pytest.raises(InterlockError, match="closed from an earlier session"),
@@ -318,7 +318,7 @@ def test_nothing_is_left_running():
 def test_a_clock_that_runs_by_itself():
     grasps = []
     with open_virtual_bench(QUIET, TOOLS, physics, speed_up=10.0) as bench:
-        bench.cell.measure_tool(3, [(35, 0)], SETUP, grasps.append, lambda: False)
+        bench.station.measure_tool(3, [(35, 0)], SETUP, grasps.append, lambda: False)
     assert grasps[0].status == "ok", grasps[0].reason
     assert peak_force_n(grasps[0].trace) == pytest.approx(42.5, abs=2.0)  # a busy machine misses samples
 

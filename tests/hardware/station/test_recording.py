@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.cell.recorder import GraspRecorder
 from fast.hardware.parts.force_sensor import Baseline, ForceReading
+from fast.hardware.station.recorder import GraspRecorder
 from fast.models.units import force_n_from_kg
 from tests.hardware.safety.scenario_bench import SETUP, TOOLS, WORLD, is_pulling, physics, when
 
@@ -50,7 +50,7 @@ def test_a_position_that_came_late_does_not_bend_the_lift():
     grasps = []
     with open_virtual_bench(WORLD, TOOLS, physics, wires="memory") as bench:
         when(bench, is_pulling, lambda: bench.virtual.grbl.inject("lost_bytes", count=1))
-        bench.cell.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
+        bench.station.measure_tool(3, [(0, 0)], SETUP, grasps.append, lambda: False)
     trace = grasps[0].trace
     lift = trace.is_lift & (trace.lift_mm > 2.0) & (trace.lift_mm < 50.0)
     off_mm = trace.lift_mm[lift] - 5.0 * trace.time_s[lift]

@@ -3,12 +3,12 @@
 import pytest
 
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.cell.cycle_time import add_up, plan_time
+from fast.hardware.station.cycle_time import add_up, plan_time
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import Sensor, World
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.records import GraspRequest, GraspSetup
-from tests.hardware.cell.grasp_stub import holds_to_the_top
+from tests.hardware.station.grasp_stub import holds_to_the_top
 
 WORLD = World(seed=7, sensor=Sensor(noise_sd_n=0.12))
 TOOLS = {slot: MountedTool(f"a/B01T{slot}", BEST_PUBLISHED) for slot in (0, 6)}
@@ -24,7 +24,7 @@ def measured_s(plans):
         bench.gantry.move_to(first_x_mm, first_y_mm, bench.settings.layout.top_z_mm)
         start_s = bench.clock.now_s()
         for slot, plan in plans.items():
-            bench.cell.measure_tool(slot, plan, SETUP, made.append, lambda: False)
+            bench.station.measure_tool(slot, plan, SETUP, made.append, lambda: False)
         assert [grasp.details["end"] for grasp in made] == ["separated"] * len(made)
         return bench.clock.now_s() - start_s
 
@@ -51,8 +51,8 @@ def test_a_grasp_takes_no_longer_than_the_paper_s_over_all_objects():
     """By the model, which the bench's clock confirms over a third of the objects."""
     from fast.tasks.campaign.settings import ObjectPlan
 
-    assert modelled_s({0: ObjectPlan().cells(3)}) / 108 <= PAPER_GRASP_S
-    third = {0: ObjectPlan(ids=tuple(range(0, 36, 3))).cells(1)}
+    assert modelled_s({0: ObjectPlan().list_grasps(3)}) / 108 <= PAPER_GRASP_S
+    third = {0: ObjectPlan(ids=tuple(range(0, 36, 3))).list_grasps(1)}
     assert modelled_s(third) == pytest.approx(measured_s(third), rel=0.02)
 
 

@@ -10,7 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from fast.hardware.cell.cell import (
+from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
+from fast.hardware.parts.layout import BenchLayout
+from fast.hardware.station.station import (
     BASELINE_S,
     CLOSED_SETTLE_S,
     POSITION_PERIOD_S,
@@ -20,8 +22,6 @@ from fast.hardware.cell.cell import (
     closing_s,
     least_lift_mm,
 )
-from fast.hardware.grbl.profile import GrblProfile, limit_along, move_duration_s
-from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.tools import changer as tool_changer
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.records import Design, GraspRequest, GraspSetup, Placement

@@ -1,4 +1,4 @@
-"""The grasp cell: measures a tool on a plan of objects, and leaves the bench safe whatever happens."""
+"""The grasp station: measures a tool on a plan of objects, and leaves the bench safe whatever happens."""
 
 import logging
 import math
@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal, Self
 
-from fast.hardware.cell.recorder import NOTHING, GraspInView, GraspRecorder
-from fast.hardware.cell.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.clock import Clock
 from fast.hardware.parts.force_sensor import Baseline, ForceSensor, OverloadError, SensorFaultError
 from fast.hardware.parts.gantry import Gantry
@@ -17,6 +15,8 @@ from fast.hardware.parts.layout import BenchLayout
 from fast.hardware.parts.pneumatics import Pneumatics
 from fast.hardware.safety.supervisor import Supervisor
 from fast.hardware.safety.watches import GraspFaultError, GraspWatch
+from fast.hardware.station.recorder import NOTHING, GraspInView, GraspRecorder
+from fast.hardware.station.separation import FORCE_BACK_N, TOP_MARGIN_MM, WINDOW_MM, find_separation, is_free
 from fast.hardware.tools.changer import ToolChanger
 from fast.hardware.tools.mounted import MountedTool
 from fast.models.errors import DeviceError, FastError, InterlockError, UsageError
@@ -68,7 +68,7 @@ class MeasuredGrasp:
 
 
 @dataclass(frozen=True)
-class CellDevices:
+class StationDevices:
     """What a grasp is made with."""
 
     gantry: Gantry
@@ -77,7 +77,7 @@ class CellDevices:
     force: ForceSensor
 
 
-class GraspCell:
+class GraspStation:
     """Runs grasps on the devices of one bench. Between grasps the gripper is open and the head at travel height.
 
     `recorded`: settings of the bench that are kept with every grasp's details. `present`: the grasp that is made now.
@@ -85,7 +85,7 @@ class GraspCell:
 
     def __init__(
         self,
-        devices: CellDevices,
+        devices: StationDevices,
         supervisor: Supervisor,
         watch: GraspWatch,
         clock: Clock,

@@ -5,10 +5,10 @@ import logging
 import pytest
 
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.cell.lost_steps import LostStepsError
 from fast.hardware.clock import VirtualClock
 from fast.hardware.grbl.profile import HARD_LIMITS, SOFT_LIMITS, GrblProfile
 from fast.hardware.parts.gantry import Gantry
+from fast.hardware.station.lost_steps import LostStepsError
 from fast.hardware.virtual.grbl.server import VirtualGrbl
 from fast.hardware.wire.serial import SerialTransport
 from fast.models.errors import InterlockError

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from fast.hardware.bench import open_virtual_bench
-from fast.hardware.cell.cycle_time import plan_time
 from fast.hardware.parts.limits import BenchLimits
+from fast.hardware.station.cycle_time import plan_time
 from fast.hardware.tools.mounted import MountedTool
 from fast.hardware.virtual.world.file import World
 from fast.hardware.virtual.world.state import at_pressure
 from fast.models.design.space import BEST_PUBLISHED
 from fast.models.errors import UsageError
 from fast.models.records import EffectValue, GraspRequest, GraspSetup, Placement, Trace
-from tests.hardware.cell.grasp_stub import holds_to_the_top
+from tests.hardware.station.grasp_stub import holds_to_the_top
 
 TOOL = MountedTool("a/B01T0", BEST_PUBLISHED)
 SETUP, FLAT = GraspSetup(), 8
@@ -34,7 +34,7 @@ def measure(items):
         return holds_to_the_top(request)
 
     with open_virtual_bench(World(seed=7), {0: TOOL}, physics, wires="memory") as bench:
-        bench.cell.measure_tool(0, items, SETUP, made.append, lambda: False)
+        bench.station.measure_tool(0, items, SETUP, made.append, lambda: False)
     return made, solved
 
 
@@ -79,7 +79,7 @@ def test_what_the_bench_cannot_do_is_refused_before_anything_moves(item, message
     with open_virtual_bench(World(), {0: TOOL}, holds_to_the_top, wires="memory") as bench:
         before_mm = bench.gantry.position_mm()
         with pytest.raises(UsageError, match=message):
-            bench.cell.measure_tool(0, [(FLAT, 0), item], SETUP, lambda grasp: None, lambda: False)
+            bench.station.measure_tool(0, [(FLAT, 0), item], SETUP, lambda grasp: None, lambda: False)
         assert bench.gantry.position_mm() == before_mm
 
 
@@ -106,7 +106,7 @@ def test_a_lagging_transmitter_knows_how_long_the_fingers_waited_and_how_fast_th
     setups = (SETUP, GraspSetup(dwell_s=5.0), GraspSetup(lift_speed_mm_per_s=10.0))
     made = []
     with open_virtual_bench(World(seed=7, hidden=(lag,)), {0: TOOL}, strong, wires="memory") as bench:
-        bench.cell.measure_tool(0, [asked(setup) for setup in setups], SETUP, made.append, lambda: False)
+        bench.station.measure_tool(0, [asked(setup) for setup in setups], SETUP, made.append, lambda: False)
     at_start = [grasp.trace.force_n[grasp.trace.lift_mm == 0][-1] for grasp in made]
     assert at_start[1] == pytest.approx(-10.0, abs=0.1)
     assert at_start[0] > -8.0

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fast.hardware.cell.separation import find_separation, is_free
+from fast.hardware.station.separation import find_separation, is_free
 from fast.models.records import Trace
 
 RATE_HZ, SPEED = 80.0, 5.0

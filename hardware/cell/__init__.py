@@ -1,1 +1,0 @@
-"""The grasp cell: gantry, pneumatics and load cell working together on one grasp after the other."""

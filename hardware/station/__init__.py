@@ -1,0 +1,1 @@
+"""The grasp station: gantry, pneumatics and load cell working together on one grasp after the other."""

@@ -52,10 +52,10 @@ def open_recording(
             recording.disconnect()
 
 
-def lay_out(content: rrb.Container, time_panel: rrb.TimePanel) -> rrb.Blueprint:
+def lay_out(content: rrb.Container, timeline: rrb.TimePanel) -> rrb.Blueprint:
     """A blueprint whose panels at the sides are closed at first."""
     return rrb.Blueprint(
-        content, time_panel, rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
+        content, timeline, rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fast.flows.report.calibration.prediction_figures import Cloud, Panel
+from fast.flows.report.calibration.prediction_figures import Cloud, Plot
 from fast.flows.report.campaign.queries import Result, fetch
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CalibrationRow, PosteriorDrawsRow, SimulatorVersionRow
@@ -144,7 +144,7 @@ class StoredCalibration:
         return check_calibration(self.evidence.fitted, self.result, self.evidence.theta_before, self.n_predicted)
 
     @cached_property
-    def held_out_panels(self) -> list[Panel]:
+    def held_out_plots(self) -> list[Plot]:
         """Fig. 3 on the designs that the calibration never saw; empty where there are none."""
         evidence = self.evidence
         if evidence is None or not len(evidence.y_held_out):
@@ -153,30 +153,30 @@ class StoredCalibration:
         before = predict_simulated(fitted, self.result, x, evidence.theta_before, n)
         after = predict_simulated(fitted, self.result, x, None, n)
         predicted = predict_measured(fitted, self.result, x, evidence.variance_held_out, n)
-        return _panels([Cloud("held out", mixture, evidence.y_held_out) for mixture in (before, after, predicted)])
+        return _plots([Cloud("held out", mixture, evidence.y_held_out) for mixture in (before, after, predicted)])
 
     @cached_property
-    def panels(self) -> list[Panel]:
-        """Fig. 3: `held_out_panels` with the designs that it learned from, each left out in turn."""
+    def plots(self) -> list[Plot]:
+        """Fig. 3: `held_out_plots` with the designs that it learned from, each left out in turn."""
         if self.evidence is None or self.checks is None:
             return []
         y = self.evidence.fitted.y_real
         mixtures = (self.checks.before, self.checks.after, self.checks.predicted)
-        others = _panels([Cloud("each left out", mixture, y) for mixture in mixtures])
-        if not self.held_out_panels:
+        others = _plots([Cloud("each left out", mixture, y) for mixture in mixtures])
+        if not self.held_out_plots:
             return others
         return [
-            Panel(held.title, held.x_label, [*held.clouds, *other.clouds], held.has_intervals)
-            for held, other in zip(self.held_out_panels, others, strict=True)
+            Plot(held.title, held.x_label, [*held.clouds, *other.clouds], held.has_intervals)
+            for held, other in zip(self.held_out_plots, others, strict=True)
         ]
 
 
-def _panels(clouds: Sequence[Cloud]) -> list[Panel]:
+def _plots(clouds: Sequence[Cloud]) -> list[Plot]:
     before, after, predicted = clouds
     return [
-        Panel("before calibration", "simulated", [before]),
-        Panel("after calibration", "simulated", [after]),
-        Panel("with what the simulator misses", "predicted, 90 %", [predicted], has_intervals=True),
+        Plot("before calibration", "simulated", [before]),
+        Plot("after calibration", "simulated", [after]),
+        Plot("with what the simulator misses", "predicted, 90 %", [predicted], has_intervals=True),
     ]
 
 

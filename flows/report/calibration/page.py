@@ -9,7 +9,7 @@ from fast.flows.report.calibration.posterior_figures import pairs_figure, theta_
 from fast.flows.report.calibration.sections import (
     draw_agreement,
     draw_chains,
-    draw_panels,
+    draw_plots,
     draw_supplement,
     list_parameters,
     list_scores,
@@ -88,14 +88,14 @@ def prepare_calibration(content: Content, folder: Folder) -> dict[str, Any]:
     except UsageError as error:  # the rest of the campaign's report is worth having without it
         return {"calibration": None, "refused": str(error)}
     folder.save(newest, calibration.queries["calibration"])
-    panels = calibration.held_out_panels or calibration.panels
+    panels = calibration.held_out_plots or calibration.plots
     return {
         "calibration": calibration,
         "refused": None,
         "newest": newest,
         "parameters": list_parameters(calibration),
         "pairs": folder.draw("calibration_pairs", pairs_figure(calibration.result)),
-        "panels": draw_panels(panels, folder) if panels else {},
+        "panels": draw_plots(panels, folder) if panels else {},
         "scores": list_scores(panels),
         "supplement": draw_supplement(calibration, folder),
     }

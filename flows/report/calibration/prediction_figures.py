@@ -28,7 +28,7 @@ class Cloud:
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class Plot:
     """One part of the figure: its title, the word on its x axis, clouds of designs, whether to show intervals."""
 
     title: str
@@ -40,42 +40,42 @@ class Panel:
 _LOOKS = ((BEST, "D", 5.0, 0.95), (FIRST, "o", 3.6, 0.55))
 
 
-def before_after_figure(panels: Sequence[Panel]) -> Figure:
+def before_after_figure(plots: Sequence[Plot]) -> Figure:
     """All panels side by side, on the same axes, for print."""
-    figure = new_figure(3.1 * len(panels), 4.1)
-    limits = common_limits(panels)
-    all_axes = np.atleast_1d(figure.subplots(1, len(panels)))
-    for axes, panel in zip(all_axes, panels, strict=True):
+    figure = new_figure(3.1 * len(plots), 4.1)
+    limits = common_limits(plots)
+    all_axes = np.atleast_1d(figure.subplots(1, len(plots)))
+    for axes, plot in zip(all_axes, plots, strict=True):
         axes.grid(True)
-        _draw(axes, panel, limits)
-        axes.set_title(f"{panel.title}\n{axes.get_title(loc='left')}", loc="left", fontsize=7.3, linespacing=1.35)
+        _draw(axes, plot, limits)
+        axes.set_title(f"{plot.title}\n{axes.get_title(loc='left')}", loc="left", fontsize=7.3, linespacing=1.35)
     handles, labels = all_axes[0].get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=len(labels))
     return figure
 
 
-def panel_figure(panel: Panel, limits: tuple[float, float]) -> Figure:
+def plot_figure(plot: Plot, limits: tuple[float, float]) -> Figure:
     """One panel alone, for the page."""
     figure, axes = new_axes(WIDTH_IN, 4.3, grid="both")
-    _draw(axes, panel, limits)
+    _draw(axes, plot, limits)
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=len(labels), handletextpad=0.4)
     return figure
 
 
-def common_limits(panels: Sequence[Panel]) -> tuple[float, float]:
+def common_limits(plots: Sequence[Plot]) -> tuple[float, float]:
     """Lower and upper end of all axes, N: every mean and measurement is inside."""
-    values = np.concatenate([np.r_[c.predicted.mean, c.measured_n] for panel in panels for c in panel.clouds])
+    values = np.concatenate([np.r_[c.predicted.mean, c.measured_n] for plot in plots for c in plot.clouds])
     low, high = min(0.0, float(values.min())), float(values.max())
     return low - (0.03 * (high - low) if low < 0 else 0.0), high + 0.05 * (high - low)
 
 
-def _draw(axes: Axes, panel: Panel, limits: tuple[float, float]) -> None:
+def _draw(axes: Axes, plot: Plot, limits: tuple[float, float]) -> None:
     axes.plot(limits, limits, color=SIMULATED, linewidth=1.2, linestyle=(0, (4, 2)), label="equal")
-    looks = list(zip(panel.clouds, _LOOKS, strict=False))
+    looks = list(zip(plot.clouds, _LOOKS, strict=False))
     for cloud, (colour, marker, size, alpha) in reversed(looks):
         x = cloud.predicted.mean
-        if panel.has_intervals:
+        if plot.has_intervals:
             lower, upper = cloud.predicted.interval(0.9)
             axes.hlines(cloud.measured_n, lower, upper, color=colour, linewidth=0.8, alpha=0.45 * alpha)
         axes.plot(x, cloud.measured_n, marker, color=colour, markersize=size, alpha=alpha, markeredgewidth=0,
@@ -84,9 +84,9 @@ def _draw(axes: Axes, panel: Panel, limits: tuple[float, float]) -> None:
     axes.set_aspect("equal")
     axes.set_xticks(axes.get_yticks())
     axes.set_xlim(*limits)
-    axes.set_xlabel(f"{panel.x_label} (N)")
+    axes.set_xlabel(f"{plot.x_label} (N)")
     axes.set_ylabel("measured (N)")
-    said = [_statistics(cloud.label, cloud.scores, panel.has_intervals) for cloud in panel.clouds]
+    said = [_statistics(cloud.label, cloud.scores, plot.has_intervals) for cloud in plot.clouds]
     axes.set_title("\n".join(said), loc="left", fontsize=8, linespacing=1.35, color=MUTED)
 
 

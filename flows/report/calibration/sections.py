@@ -10,12 +10,12 @@ from fast.flows.report.calibration.posterior_figures import LABELS, chains_figur
 from fast.flows.report.calibration.prediction_figures import (
     DISCREPANCY_COLOUR,
     SIMULATOR_COLOUR,
-    Panel,
+    Plot,
     before_after_figure,
     common_limits,
     emulator_inputs,
     lengthscales_of,
-    panel_figure,
+    plot_figure,
     sensitivity_figure,
 )
 from fast.flows.report.folder import Folder
@@ -54,26 +54,26 @@ def list_parameters(calibration: StoredCalibration) -> list[dict[str, Any]]:
     return found
 
 
-def list_scores(panels: Sequence[Panel]) -> list[dict[str, Any]]:
+def list_scores(plots: Sequence[Plot]) -> list[dict[str, Any]]:
     """Correlation, errors, coverage and CRPS of each panel and set of designs."""
     return [
-        {"panel": panel.title, "designs": cloud.label, "n": s.n, "correlation": s.correlation, "rmse_n": s.rmse_n,
-         "bias_n": s.bias_n, "coverage_90": s.coverage_90 if panel.has_intervals else None, "crps_n": s.crps_n}
-        for panel in panels for cloud in panel.clouds for s in (cloud.scores,)
+        {"panel": plot.title, "designs": cloud.label, "n": s.n, "correlation": s.correlation, "rmse_n": s.rmse_n,
+         "bias_n": s.bias_n, "coverage_90": s.coverage_90 if plot.has_intervals else None, "crps_n": s.crps_n}
+        for plot in plots for cloud in plot.clouds for s in (cloud.scores,)
     ]  # fmt: skip
 
 
 def draw_agreement(calibration: StoredCalibration, folder: Folder) -> dict[str, Any] | None:
     """Fig. 3 with its numbers; None where its data cannot be found, or means were not compared."""
-    panels = calibration.panels
-    if calibration.row.data == "trace" or not panels or calibration.checks is None:
+    plots = calibration.plots
+    if calibration.row.data == "trace" or not plots or calibration.checks is None:
         return None
     rows = []
-    for panel in panels:
-        for cloud in panel.clouds:
+    for plot in plots:
+        for cloud in plot.clouds:
             lower, upper = cloud.predicted.interval(0.9)
             rows += [
-                {"panel": panel.title, "designs": cloud.label, "measured_n": y, "predicted_n": mean, "sd_n": sd,
+                {"panel": plot.title, "designs": cloud.label, "measured_n": y, "predicted_n": mean, "sd_n": sd,
                  "q05_n": low, "q95_n": high}
                 for y, mean, sd, low, high in zip(
                     cloud.measured_n, cloud.predicted.mean, cloud.predicted.sd, lower, upper, strict=True
@@ -82,19 +82,19 @@ def draw_agreement(calibration: StoredCalibration, folder: Folder) -> dict[str, 
     folder.numbers("left_out_designs", rows)
     k_hat = calibration.checks.k_hat
     return {
-        "picture": folder.draw("calibration_before_after", before_after_figure(panels), for_print=True),
-        "scores": list_scores(panels),
+        "picture": folder.draw("calibration_before_after", before_after_figure(plots), for_print=True),
+        "scores": list_scores(plots),
         "n": len(k_hat),
         "n_doubtful": np.count_nonzero(k_hat > K_HAT_LIMIT),
     }
 
 
-def draw_panels(panels: Sequence[Panel], folder: Folder) -> dict[str, str]:
+def draw_plots(plots: Sequence[Plot], folder: Folder) -> dict[str, str]:
     """Before and after by title, each apart, where a phone reads them too."""
-    limits = common_limits(panels)
+    limits = common_limits(plots)
     return {
-        panel.title: folder.draw(f"calibration_agreement_{place}", panel_figure(panel, limits))
-        for place, panel in enumerate(panels[:2])
+        plot.title: folder.draw(f"calibration_agreement_{place}", plot_figure(plot, limits))
+        for place, plot in enumerate(plots[:2])
     }
 
 

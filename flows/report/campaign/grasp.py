@@ -22,7 +22,7 @@ from fast.models.units import typeset
 FORCE_COLOURS = "plasma_r"
 ARROW_MM = 22.0  # length of the largest arrow
 BASE_MM = 4.0  # drawn height of the rigid base
-PANEL_IN = 2.3
+PLOT_IN = 2.3
 MARGIN_MM = 4.0
 GRID_MM = 0.5
 N_SLICES = 41  # of the object along y
@@ -150,7 +150,7 @@ def draw_instants(solid: np.ndarray, instants: Sequence[Instant], title: str) ->
 
 def draw_instant(stage: Stage, number: int, instant: Instant) -> Figure:
     """One instant on its own, for a page that sets several side by side."""
-    figure = new_figure(PANEL_IN, PANEL_IN * stage.height_over_width + 0.6)
+    figure = new_figure(PLOT_IN, PLOT_IN * stage.height_over_width + 0.6)
     axes = figure.subplots()
     stage.draw(axes, number, instant)
     axes.set(xlabel="x (mm)", ylabel="z (mm)")

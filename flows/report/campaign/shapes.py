@@ -11,7 +11,7 @@ from fast.flows.report.campaign import queries
 from fast.flows.report.campaign.content import Content
 from fast.flows.report.campaign.facts import Tool
 from fast.flows.report.campaign.queries import Result
-from fast.flows.report.campaign.traces import Curve, Window, draw_panel, gather_curves
+from fast.flows.report.campaign.traces import Curve, Window, draw_plot, gather_curves
 from fast.flows.report.folder import Folder
 from fast.flows.report.style import BEST, FIRST, MUTED, SOFTEST, new_axes, new_figure
 from fast.models.ids import tool_label
@@ -73,7 +73,7 @@ def prepare_shapes(content: Content, folder: Folder) -> dict[str, Any]:
         "first": f"B{tools['softest'].batch:02d}",
         "is_by_contact": softness is not None,
         "panels": [
-            draw_panel("shapes", o, classes[o][1], draw_shape(curves[o], window), folder, over=group.title)
+            draw_plot("shapes", o, classes[o][1], draw_shape(curves[o], window), folder, over=group.title)
             for group in GROUPS
             for o in choose_objects(group, known)
         ],

@@ -82,7 +82,7 @@ class Window:
             axes.set_xlabel("lift (mm)", fontsize=8, labelpad=1)
 
 
-def draw_panel(
+def draw_plot(
     kind: str, object_id: int, name: str | None, figure: Figure, folder: Folder, *, over: str = ""
 ) -> dict[str, Any]:
     """A figure with picture, name and number of its object; `kind` names the folder, a note goes over it."""
@@ -115,7 +115,7 @@ def prepare_traces(content: Content, folder: Folder) -> dict[str, Any]:
         result = content.result("simulated_traces", queries.SIMULATED_TRACES, **of)
         shown.append(result)
         simulated = {object_id: curve for (object_id,), curve in gather_curves(result.rows, "object_id").items()}
-    panels = BatchPanels(
+    panels = BatchPlots(
         sorted({first, last}), best, content.tools, Window.of(list(curves.values()), list(simulated.values()))
     )
     names = {row["object_id"]: row["object_name"] for row in content.work.rows}
@@ -123,7 +123,7 @@ def prepare_traces(content: Content, folder: Folder) -> dict[str, Any]:
     for object_id in sorted({key[0] for key in curves}):
         lines = {(batch, slot): curve for (of, batch, slot), curve in curves.items() if of == object_id}
         figure = panels.draw(lines, simulated.get(object_id))
-        cells.append(draw_panel("traces", object_id, names.get(object_id), figure, folder))
+        cells.append(draw_plot("traces", object_id, names.get(object_id), figure, folder))
     return {
         "first": f"B{first:02d}",
         "last": f"B{last:02d}",
@@ -136,7 +136,7 @@ def prepare_traces(content: Content, folder: Folder) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class BatchPanels:
+class BatchPlots:
     """Draws one object: an axis per batch, one line per tool; the best tool and its simulation in the last one."""
 
     batches: Sequence[int]

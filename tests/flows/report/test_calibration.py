@@ -13,7 +13,7 @@ import pytest
 from fast.flows.report.calibration.data import Evidence, StoredCalibration
 from fast.flows.report.calibration.page import write_calibration_report
 from fast.flows.report.calibration.posterior_figures import chains_figure, pairs_figure
-from fast.flows.report.calibration.prediction_figures import Cloud, Panel, before_after_figure, sensitivity_figure
+from fast.flows.report.calibration.prediction_figures import Cloud, Plot, before_after_figure, sensitivity_figure
 from fast.flows.report.campaign.page import write_report
 from fast.lake.provenance import Provenance
 from fast.lake.store import Lake
@@ -175,7 +175,7 @@ def test_data_of_a_calibration_are_found_again_when_the_lake_has_grown(tmp_path,
     np.testing.assert_array_equal(found.fitted.y_sim, data.fitted.y_sim)
     np.testing.assert_array_equal(found.y_held_out, data.problem.y_real[data.held_out])
     stored = StoredCalibration.load(lake, row.calibration_id, n_predicted=10)
-    assert [panel.clouds[0].scores.n for panel in stored.held_out_panels] == [3, 3, 3]
+    assert [panel.clouds[0].scores.n for panel in stored.held_out_plots] == [3, 3, 3]
     assert stored.result.warnings == row.warnings
 
 
@@ -236,7 +236,7 @@ def test_pair_plot_has_a_panel_for_each_pair(result):
 def test_before_after_prints_correlation_and_error():
     y = np.array([1.0, 2.0, 4.0])
     cloud = Cloud("held out", Mixture.equal(np.array([[1.5, 2.0, 3.5]]), np.full((1, 3), 0.04)), y)
-    figure = before_after_figure([Panel("before", "simulated", [cloud]), Panel("after", "simulated", [cloud], True)])
+    figure = before_after_figure([Plot("before", "simulated", [cloud]), Plot("after", "simulated", [cloud], True)])
     said = figure.axes[0].get_title(loc="left")
     expected = np.corrcoef([1.5, 2.0, 3.5], y)[0, 1]
     assert said == f"before\nheld out: r {expected:.2f}, RMSE 0.41 N"

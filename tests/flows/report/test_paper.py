@@ -15,7 +15,7 @@ from fast.flows.report.campaign.page import SECTIONS, add_features
 from fast.flows.report.campaign.quality import draw_quality, prepare_headline
 from fast.flows.report.campaign.shapes import GROUPS, choose_objects, choose_tools
 from fast.flows.report.campaign.traces import (
-    BatchPanels,
+    BatchPlots,
     Curve,
     Window,
     describe_specialists,
@@ -77,7 +77,7 @@ def test_batches_show_every_tool_of_the_first_and_the_last(content, folder):
     )
     lines = {key[1:]: curve for key, curve in drawn.items() if key[0] == 0}
     assert lines.keys() == {(batch, slot) for batch in (1, 2) for slot in range(3)}
-    panels = BatchPanels((1, 2), content.best, content.tools, Window((0.0, 50.0), (-5.0, 30.0)))
+    panels = BatchPlots((1, 2), content.best, content.tools, Window((0.0, 50.0), (-5.0, 30.0)))
     counts = [[len(axes.lines) for axes in panels.draw(lines, own).axes] for own in (None, lines[1, 0])]
     assert counts == [[4, 5], [4, 6]]  # three tools and the zero; the best over them; its simulation
 

@@ -94,14 +94,14 @@ def recalibrate(
     `simulate`: points of the Latin hypercube, simulated once. `campaign`: None is all measurements of the lake.
     `lot`: the material lot of the priors; None is the one that the campaigns name.
     """
-    from fast.flows.calibration.calibrate import CalibrationOrder, recalibrate_lake
+    from fast.flows.calibration.calibrate import CalibrationRequest, recalibrate_lake
     from fast.flows.progress import ProgressReporter
     from fast.lake.store import Lake
     from fast.models.calibration.inference.settings import CalibrationSettings
     from fast.models.calibration.means.hypercube import HypercubePlan
 
     settings = CalibrationSettings(chains=chains, draws=draws, tune=tune, workers=workers, print_scatter=print_scatter)
-    order = CalibrationOrder(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None, lot=lot)
+    order = CalibrationRequest(settings, campaign, hypercube=HypercubePlan(n=simulate) if simulate else None, lot=lot)
     reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
     return ended(lambda: recalibrate_lake(Lake.open(lake), order, str(flow_run.get_id()), reporter))
 
@@ -120,11 +120,11 @@ def close_gap(
     `budget_minutes`: of simulating; what is left is simulated by the next run. `campaign`: None is all measurements.
     """
     from fast.flows.gap.scheduled import watch_gap
-    from fast.flows.gap.search import GapOrder
+    from fast.flows.gap.search import GapRequest
     from fast.flows.progress import ProgressReporter
     from fast.lake.store import Lake
 
-    order = GapOrder(campaign, seed, rounds, budget_minutes).with_workers(workers)
+    order = GapRequest(campaign, seed, rounds, budget_minutes).with_workers(workers)
     reporter = ProgressReporter(progress=logger.info, announce=logger.warning)
     return ended(lambda: watch_gap(Lake.open(lake), order, str(flow_run.get_id()), reporter))
 

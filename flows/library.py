@@ -273,12 +273,12 @@ def find_gap(
         UsageError: measurements are missing, too few, not of one kind, or not in N.
         FastError: the budget ended before the simulations were complete, or another process searches in this lake.
     """
-    from fast.flows.gap.search import GapOrder, run_gap
+    from fast.flows.gap.search import GapRequest, run_gap
     from fast.flows.progress import ProgressReporter
     from fast.lake.store import Lake
     from fast.tasks.gap.panel import PanelSize
 
     found = lake if isinstance(lake, Lake) else Lake.open(lake)
-    order = GapOrder(campaign, budget_minutes=budget_minutes, panel=PanelSize(n_designs, n_objects))
+    order = GapRequest(campaign, budget_minutes=budget_minutes, panel=PanelSize(n_designs, n_objects))
     outcome = run_gap(found, order.with_workers(n_workers), ProgressReporter(on_progress, on_progress))
     return outcome.run.findings

@@ -18,6 +18,15 @@ PLACES: dict[str, tuple[str, ...]] = {
     "cell": ("flows/challenge/", "flows/report/gap/", "flows/viewer/gap.py", "models/gap/", "models/traces/")
     + ("tasks/bench/again.py", "tasks/bench/told_questions.py", "tasks/gap/"),
     "lead": ("models/gap/",),
+    "order": (
+        "flows/challenge/hidden/lab.py",
+        "flows/cli/plan.py",
+        "hardware/parts/route.py",
+        "lake/",
+        "models/gap/where/",
+    )
+    + ("models/simulation/contact/points.py", "tasks/bench/measure.py", "tasks/bench/plan.py")
+    + ("tasks/campaign/settings.py", "tasks/scientist/insights/insights.py"),
     "panel": ("flows/challenge/", "flows/cli/challenge.py", "flows/gap/", "models/gap/", "tasks/gap/"),
 }
 # Names that columns, keys of files, commands, their options and public arguments have.

@@ -29,7 +29,7 @@ from fast.tasks.gap.theta import check_middle, gather_traces, plan_grid, plan_mi
 
 
 @dataclass(frozen=True)
-class CalibrationOrder:
+class CalibrationRequest:
     """What is asked for. `campaign_id` None: all measurements of the lake; `version_id` None: the campaigns' own.
 
     `hypercube`: points to simulate first. `verify`: simulate the held-out designs with the theta found. `data`: what is
@@ -68,7 +68,7 @@ class CalibrationOrder:
                 raise UsageError(f"{flag} is of the calibration on means; leave it out with --data trace.")
 
 
-def run_calibration(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> CalibrationOutcome:
+def run_calibration(lake: Lake, request: CalibrationRequest, reporter: ProgressReporter) -> CalibrationOutcome:
     """Do what of an order is not done yet; killed, the same order continues.
 
     Raises:
@@ -77,18 +77,18 @@ def run_calibration(lake: Lake, order: CalibrationOrder, reporter: ProgressRepor
     """
     require(CALIBRATION)
     with exclusive(lake.storage, "calibrate", f"the lake {lake.address} is already being calibrated"):
-        if order.data == "trace":
-            return _calibrate_traces(lake, order, reporter)
-        return _calibrate_means(lake, order, reporter)
+        if request.data == "trace":
+            return _calibrate_traces(lake, request, reporter)
+        return _calibrate_means(lake, request, reporter)
 
 
-def _calibrate_means(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> CalibrationOutcome:
-    measured = read_measured_tools(lake, order.campaign_id)
-    settings, material_ids = _take_lot(lake, order, measured.campaign_ids, reporter)
-    base = find_base_version(lake, measured.campaign_ids, order.version_id)
-    if order.hypercube is not None:
-        check_enough(lake, base, measured, order.hypercube)
-        plan = plan_hypercube(order.hypercube, base, measured)
+def _calibrate_means(lake: Lake, request: CalibrationRequest, reporter: ProgressReporter) -> CalibrationOutcome:
+    measured = read_measured_tools(lake, request.campaign_id)
+    settings, material_ids = _take_lot(lake, request, measured.campaign_ids, reporter)
+    base = find_base_version(lake, measured.campaign_ids, request.version_id)
+    if request.hypercube is not None:
+        check_enough(lake, base, measured, request.hypercube)
+        plan = plan_hypercube(request.hypercube, base, measured)
         first = replace(plan, points=plan.points[:N_FIRST])
         simulate_missing(lake, [first], settings.workers, reporter)
         check_first(lake, base, measured, settings.seed)
@@ -97,7 +97,7 @@ def _calibrate_means(lake: Lake, order: CalibrationOrder, reporter: ProgressRepo
     data = compare_means(base, measured, simulated, settings.seed, settings.print_scatter)
     data = replace(data, material_ids=material_ids)
     outcome = calibrate_once(lake, data, settings, reporter.progress)
-    if not order.verify:
+    if not request.verify:
         return outcome
     verification = plan_verification(lake, data, outcome.row)
     if verification is None:
@@ -107,10 +107,10 @@ def _calibrate_means(lake: Lake, order: CalibrationOrder, reporter: ProgressRepo
     return replace(outcome, row=verify(lake, data, outcome.row, verification))
 
 
-def _calibrate_traces(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> CalibrationOutcome:
-    measured = read_grasps(lake, order.campaign_id)
-    settings, material_ids = _take_lot(lake, order, measured.campaigns, reporter)
-    base = find_base_version(lake, measured.campaigns, order.version_id)
+def _calibrate_traces(lake: Lake, request: CalibrationRequest, reporter: ProgressReporter) -> CalibrationOutcome:
+    measured = read_grasps(lake, request.campaign_id)
+    settings, material_ids = _take_lot(lake, request, measured.campaigns, reporter)
+    base = find_base_version(lake, measured.campaigns, request.version_id)
     plans = plan_grid(measured, base)
     if n_grasps := n_missing(lake, plans):
         n_all = sum(plan.n_grasps for plan in plans)
@@ -118,15 +118,15 @@ def _calibrate_traces(lake: Lake, order: CalibrationOrder, reporter: ProgressRep
         simulate_missing(lake, plan_middle(measured, base), settings.workers, reporter)
         check_middle(lake, measured, base)
     simulate_missing(lake, plans, settings.workers, reporter)
-    data = replace(gather_traces(lake, measured, base, order.campaign_id), material_ids=material_ids)
+    data = replace(gather_traces(lake, measured, base, request.campaign_id), material_ids=material_ids)
     return calibrate_once(lake, data, settings, reporter.progress)
 
 
 def _take_lot(
-    lake: Lake, order: CalibrationOrder, campaign_ids: Collection[str], reporter: ProgressReporter
+    lake: Lake, request: CalibrationRequest, campaign_ids: Collection[str], reporter: ProgressReporter
 ) -> tuple[CalibrationSettings, tuple[str, ...]]:
     """Settings with the priors of the lot, if there is one, and the ids of what was measured of it."""
-    settings, lot = take_lot(lake, order.settings, order.lot, campaign_ids)
+    settings, lot = take_lot(lake, request.settings, request.lot, campaign_ids)
     if lot is None:
         return settings, ()
     reporter.progress(describe_lot(settings, lot))
@@ -144,7 +144,7 @@ def write_page(lake: Lake, outcome: CalibrationOutcome, out: Path | None = None)
 FLOW = "recalibrate"
 
 
-def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, reporter: ProgressReporter) -> str:
+def recalibrate_lake(lake: Lake, request: CalibrationRequest, flow_run_id: str, reporter: ProgressReporter) -> str:
     """Calibrate the lake if anything is new; a sentence says what was done, or why nothing was.
 
     The run and its sentence are a row of `flow_runs`. A new calibration gets its page, which shows theta over time, in
@@ -153,17 +153,17 @@ def recalibrate_lake(lake: Lake, order: CalibrationOrder, flow_run_id: str, repo
     Raises:
         FastError: the calibration could not be done, or gave no simulator version.
     """
-    seed = order.settings.seed
+    seed = request.settings.seed
     return record_sentence(
-        lake, FLOW, flow_run_id, order.campaign_id, seed, lambda: _recalibrate(lake, order, reporter)
+        lake, FLOW, flow_run_id, request.campaign_id, seed, lambda: _recalibrate(lake, request, reporter)
     )
 
 
-def _recalibrate(lake: Lake, order: CalibrationOrder, reporter: ProgressReporter) -> str:
+def _recalibrate(lake: Lake, request: CalibrationRequest, reporter: ProgressReporter) -> str:
     from fast.flows.campaign.events import announce_calibrated
 
     try:
-        outcome = run_calibration(lake, order, reporter)
+        outcome = run_calibration(lake, request, reporter)
     except TooLittleDataError as error:
         return f"nothing to calibrate: {error}"
     if outcome.row.version_id is None:

@@ -17,7 +17,7 @@ from fast.flows.campaign.loops import CampaignRun, await_asked
 from fast.flows.campaign.operator_prompts import make_reading_form
 from fast.flows.gap.bench_plan import describe_command
 from fast.flows.gap.scheduled import search_and_tell
-from fast.flows.gap.search import MOST_ASKED, GapOrder, GapOutcome, UnfinishedError
+from fast.flows.gap.search import MOST_ASKED, GapOutcome, GapRequest, UnfinishedError
 from fast.lake.leases import is_held
 from fast.lake.tables.campaign import EventRow
 from fast.models.gap.findings import NextExperiment, PersonQuestion
@@ -67,7 +67,7 @@ def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
     if is_held(campaign.lake.storage, GAP_LEASE):
         logger.warning("another process searches this lake for a gap; the campaign goes on without a search here.")
         return None
-    order = GapOrder(campaign.campaign_id, most_asked=min(count_left(run), MOST_ASKED))
+    order = GapRequest(campaign.campaign_id, most_asked=min(count_left(run), MOST_ASKED))
     try:
         return search_and_tell(
             campaign.lake,

@@ -107,7 +107,7 @@ def calibrate(
     Writes calibration, draws and a new simulator version to the lake. The same data and settings are not calibrated
     twice; a killed command continues when it is given again.
     """
-    from fast.flows.calibration.calibrate import CalibrationOrder, run_calibration, write_page
+    from fast.flows.calibration.calibrate import CalibrationRequest, run_calibration, write_page
     from fast.models.calibration.inference.settings import CalibrationSettings
     from fast.models.validation import load_record
     from fast.tasks.calibration.means import OF_IMPORTED
@@ -116,7 +116,7 @@ def calibrate(
     plan = _hypercube_plan(compared, sampling.seed)
     found = open_lake(lake)
     name = resolve_campaign(found, compared.campaign) if compared.campaign is not None else None
-    order = CalibrationOrder(settings, name, compared.version, plan, compared.verify, compared.data, compared.lot)
+    order = CalibrationRequest(settings, name, compared.version, plan, compared.verify, compared.data, compared.lot)
     with open_reporter() as reporter:
         outcome = run_calibration(found, order, reporter)
     page = str(write_page(found, outcome, out)) if out is not None else None

@@ -90,19 +90,19 @@ def list_campaigns(*, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> No
 @app.command
 def pause(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Finish the current grasp, park the tool, end; `fast campaign run` continues."""
-    _order("pause", campaign, lake, json)
+    _request("pause", campaign, lake, json)
 
 
 @app.command
 def stop(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """Bring the bench to its safe state at once, keep all data, end; a person opens the gripper and parks."""
-    _order("stop", campaign, lake, json)
+    _request("stop", campaign, lake, json)
 
 
 @app.command
 def abort(campaign: CampaignId = None, *, lake: LakePath = DEFAULT_LAKE, json: AsJson = False) -> None:
     """As stop, and the campaign counts as failed (exit status 1); `fast campaign run` can still continue it."""
-    _order("abort", campaign, lake, json)
+    _request("abort", campaign, lake, json)
 
 
 @app.command(name="leave-out")
@@ -166,13 +166,13 @@ def answer(
     show({"campaign": name, "choice": choice}, sentence, json)
 
 
-def _order(verb: str, campaign: str | None, lake: Path, as_json: bool) -> None:
+def _request(verb: str, campaign: str | None, lake: Path, as_json: bool) -> None:
     from fast.hardware.parts.safe_state import Verb
-    from fast.tasks.campaign.orders import give_order
+    from fast.tasks.campaign.present_run import request_verb
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign)
-    sentence = give_order(found, name, Verb(verb), "on the command line")
+    sentence = request_verb(found, name, Verb(verb), "on the command line")
     show({"campaign": name, "asked": verb}, sentence, as_json)
 
 

@@ -16,7 +16,7 @@ from fast.models.gap.evidence import REHEARSED
 from fast.models.units import spell_share
 
 if TYPE_CHECKING:
-    from fast.flows.gap.search import GapOrder, GapOutcome
+    from fast.flows.gap.search import GapOutcome, GapRequest
     from fast.lake.store import Lake
     from fast.models.gap.evidence.visible import VisibleSize
     from fast.models.gap.findings import Findings
@@ -94,7 +94,7 @@ def gap(
         _show_catalogue(json)
         return
     from fast.flows.gap.example import CAMPAIGN, open_example
-    from fast.flows.gap.search import GapOrder
+    from fast.flows.gap.search import GapRequest
     from fast.flows.gap.weigh import is_small
     from fast.tasks.gap.panel import PanelSize
 
@@ -102,7 +102,7 @@ def gap(
     campaign = campaign or (CAMPAIGN if example else None)
     name = resolve_campaign(found, campaign) if campaign is not None else None
     panel = PanelSize(tools, objects)
-    order = GapOrder(name, seed, rounds, budget_minutes, panel, rehearsed=rehearse).with_workers(workers)
+    order = GapRequest(name, seed, rounds, budget_minutes, panel, rehearsed=rehearse).with_workers(workers)
     if simulated is None and not is_small(found, order):
         _search(found, order, folder, dry_run, json)
         return
@@ -115,13 +115,13 @@ def _show_catalogue(as_json: bool) -> None:
     show(catalogue_entries(), f"{table_text(catalogue_rows())}\n\n{_COSTS}", as_json)
 
 
-def _search(lake: "Lake", order: "GapOrder", folder: Path | None, is_dry: bool, as_json: bool) -> None:
+def _search(lake: "Lake", request: "GapRequest", folder: Path | None, is_dry: bool, as_json: bool) -> None:
     """Search and write the page into a folder, or only say what that costs."""
     from fast.flows.gap.folder import write_folder
     from fast.flows.gap.search import run_gap, tell_cost
 
     with open_reporter() as reporter:
-        told = tell_cost(lake, order, reporter) if is_dry else run_gap(lake, order, reporter)
+        told = tell_cost(lake, request, reporter) if is_dry else run_gap(lake, request, reporter)
     if isinstance(told, str):
         show({"cost": told}, told, as_json)
         return
@@ -130,7 +130,7 @@ def _search(lake: "Lake", order: "GapOrder", folder: Path | None, is_dry: bool, 
 
 
 def _weigh(
-    lake: "Lake", order: "GapOrder", simulated: Path | None, out: Path | None, is_dry: bool, as_json: bool
+    lake: "Lake", request: "GapRequest", simulated: Path | None, out: Path | None, is_dry: bool, as_json: bool
 ) -> None:
     """Weigh a panel with all its grasps, or only say what that costs.
 
@@ -146,7 +146,7 @@ def _weigh(
     from fast.flows.report.gap.sentences import describe_lines
 
     with open_reporter() as reporter:
-        told = (describe_cost if is_dry else weigh_panel)(lake, order, reporter, simulated)
+        told = (describe_cost if is_dry else weigh_panel)(lake, request, reporter, simulated)
     if isinstance(told, str):
         show({"cost": told}, told, as_json)
         return

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from fast.flows.campaign.events import announce_gap
 from fast.flows.campaign.notify import KINDS, SILENT, Notifier, notifier
 from fast.flows.gap.folder import find_page, write_folder
-from fast.flows.gap.search import GapOrder, GapOutcome, run_gap
+from fast.flows.gap.search import GapOutcome, GapRequest, run_gap
 from fast.flows.progress import ProgressReporter
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow, GraspRow
@@ -17,7 +17,7 @@ from fast.tasks.campaign.flow_runs import record_sentence
 FLOW = "close-gap"
 
 
-def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, reporter: ProgressReporter) -> str:
+def watch_gap(lake: Lake, request: GapRequest, flow_run_id: str, reporter: ProgressReporter) -> str:
     """Search the lake for its gap if anything is new; a sentence says what was found, or why nothing was done.
 
     A new answer gets its page in the lake's outputs, and is an event of the Prefect server. If it found anything, the
@@ -27,13 +27,13 @@ def watch_gap(lake: Lake, order: GapOrder, flow_run_id: str, reporter: ProgressR
         FastError: the search could not be done; what it simulated is in the lake.
     """
     return record_sentence(
-        lake, FLOW, flow_run_id, order.campaign_id, order.seed, lambda: _search(lake, order, reporter)
+        lake, FLOW, flow_run_id, request.campaign_id, request.seed, lambda: _search(lake, request, reporter)
     )
 
 
-def _search(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
+def _search(lake: Lake, request: GapRequest, reporter: ProgressReporter) -> str:
     try:
-        outcome = search_and_tell(lake, order, reporter)
+        outcome = search_and_tell(lake, request, reporter)
     except TooLittleDataError as error:
         return f"nothing to search: {error}"
     page = f"; page {find_page(lake, outcome)}" if outcome.is_new else ""
@@ -41,7 +41,7 @@ def _search(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
 
 
 def search_and_tell(
-    lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
+    lake: Lake, request: GapRequest, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
 ) -> GapOutcome:
     """Search a lake; a new answer gets its page and an event, and people are told of a gap.
 
@@ -49,14 +49,14 @@ def search_and_tell(
         TooLittleDataError: there is nothing to search.
         FastError: the search could not be done; what it simulated is in the lake.
     """
-    outcome = run_gap(lake, order, reporter, should_stop)
+    outcome = run_gap(lake, request, reporter, should_stop)
     if not outcome.is_new:
         return outcome
     page = write_folder(lake, outcome)
     announce_gap(lake, outcome.run.gap_id, outcome.sentence, outcome.run.findings.alarm)
     if outcome.run.findings.alarm:
-        title = f"FAST found a gap: {order.campaign_id or lake.address}"
-        _notifier(lake, order.campaign_id).send("gap", title, markdown(outcome, str(page)))
+        title = f"FAST found a gap: {request.campaign_id or lake.address}"
+        _notifier(lake, request.campaign_id).send("gap", title, markdown(outcome, str(page)))
     return outcome
 
 

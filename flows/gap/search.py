@@ -62,7 +62,7 @@ class UnfinishedError(FastError):
 
 
 @dataclass(frozen=True)
-class GapOrder:
+class GapRequest:
     """What is asked for."""
 
     campaign_id: str | None = None
@@ -84,7 +84,7 @@ class GapOrder:
     )
     """Of the chains."""
 
-    def with_workers(self, n: int) -> "GapOrder":
+    def with_workers(self, n: int) -> "GapRequest":
         """The same order with other worker processes, which change no result."""
         return replace(self, settings=self.settings.model_copy(update={"workers": n}))
 
@@ -108,7 +108,7 @@ class GapOutcome:
 
 
 def run_gap(
-    lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
+    lake: Lake, request: GapRequest, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
 ) -> GapOutcome:
     """Search for the gap of what a lake has measured; killed, the same order continues.
 
@@ -117,21 +117,21 @@ def run_gap(
         FastError: the budget ended before the bank was complete, or another process searches in this lake.
     """
     with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
-        search = _prepare(lake, order)
+        search = _prepare(lake, request)
         known = find_run(lake, search.gap_id)
         if known is not None:
             return GapOutcome(known, False)
         reporter.progress(f"{search.summary}; held out: {search.split.words}, {search.split.split_id}")
         # An imported lake has never simulated with it.
-        append_version(lake, search.version, current_provenance(seed=order.seed))
+        append_version(lake, search.version, current_provenance(seed=request.seed))
         if n_missing(lake, search.plans):
             reporter.announce(_write_cost(lake, search, reporter))
-        simulator = Simulator(lake, order, reporter, should_stop)
+        simulator = Simulator(lake, request, reporter, should_stop)
         simulator.fill_bank(search.base, search.measured)
         return _run_rounds(lake, search, simulator, reporter)
 
 
-def tell_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
+def tell_cost(lake: Lake, request: GapRequest, reporter: ProgressReporter) -> str:
     """What a search would simulate and how long that takes, in a sentence; the split is frozen, nothing is searched.
 
     A lake that has never simulated such grasps makes a few of the bank's, which tell how long one takes.
@@ -141,7 +141,7 @@ def tell_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
         FastError: another process searches in this lake.
     """
     with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
-        search = _prepare(lake, order)
+        search = _prepare(lake, request)
         known = find_run(lake, search.gap_id)
         if known is not None:
             return f"Nothing to simulate: gap search {known.gap_id} of these {known.n_grasps} grasps has ended."
@@ -152,7 +152,7 @@ def tell_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter) -> str:
 class _Search:
     """What a search begins with; `version`: the simulator that is asked about, `base` the same without effects."""
 
-    order: GapOrder
+    request: GapRequest
     split: Split
     measured: MeasuredGrasps
     version: SimulatorVersion
@@ -173,23 +173,23 @@ class _Search:
         return f"{made} of {spell_count(len(grasps.tools), 'tool')} on {spell_count(len(grasps.objects), 'object')}"
 
 
-def _prepare(lake: Lake, order: GapOrder) -> _Search:
+def _prepare(lake: Lake, request: GapRequest) -> _Search:
     """Freeze the split, then read what was measured."""
-    split = split_measurements(lake, order.campaign_id, order.seed, order.panel)
-    measured = read_grasps(lake, order.campaign_id, order.panel)
+    split = split_measurements(lake, request.campaign_id, request.seed, request.panel)
+    measured = read_grasps(lake, request.campaign_id, request.panel)
     version = find_base_version(lake, measured.campaigns, None)
     settings = {
-        "rounds": order.rounds,
-        "seed": order.seed,
-        "rehearsed": order.rehearsed,
-        **order.settings.model_dump(mode="json", exclude={"workers"}),
+        "rounds": request.rounds,
+        "seed": request.seed,
+        "rehearsed": request.rehearsed,
+        **request.settings.model_dump(mode="json", exclude={"workers"}),
     }
-    return _Search(order, split, measured, version, make_gap_id(measured, version, split, settings))
+    return _Search(request, split, measured, version, make_gap_id(measured, version, split, settings))
 
 
 def _write_cost(lake: Lake, search: _Search, reporter: ProgressReporter) -> str:
     """How many grasps the search simulates, and how long they take on its workers; not counted are held-out ones."""
-    n_workers = search.order.settings.workers
+    n_workers = search.request.settings.workers
     around = plan_bank(search.base, search.measured.grasps.cells, choose_largest_bank())
     costs = probe_costs(lake, search.plans, n_workers, reporter)
     wide, local = (estimate_cost(lake, plans, costs) for plans in (search.plans, around))
@@ -225,9 +225,9 @@ class Simulator:
     """Simulates what a search asks for, as long as its budget lasts."""
 
     def __init__(
-        self, lake: Lake, order: GapOrder, reporter: ProgressReporter, should_stop: Callable[[], bool]
+        self, lake: Lake, request: GapRequest, reporter: ProgressReporter, should_stop: Callable[[], bool]
     ) -> None:
-        self.lake, self.order, self.reporter, self.should_stop = lake, order, reporter, should_stop
+        self.lake, self.request, self.reporter, self.should_stop = lake, request, reporter, should_stop
         self.spent_s = 0.0
         self.asked: dict[str, set[str]] = defaultdict(set)  # ids of what was asked for, by what it is called
 
@@ -251,7 +251,7 @@ class Simulator:
         Raises:
             UnfinishedError: the time was up, or somebody asked to stop.
         """
-        minutes, began = self.order.budget_minutes, time.monotonic()
+        minutes, began = self.request.budget_minutes, time.monotonic()
 
         def is_over() -> bool:
             spent_s = self.spent_s + time.monotonic() - began
@@ -264,7 +264,7 @@ class Simulator:
         if not n_left:
             self.reporter.progress(said)
             return
-        costs, n_workers = GraspCosts.read(self.lake), self.order.settings.workers
+        costs, n_workers = GraspCosts.read(self.lake), self.request.settings.workers
         cpu_s = estimate_cost(self.lake, plans, costs).cpu_s
         self.reporter.announce(f"{said}, {n_left} are made now; {describe_cpu(cpu_s, n_workers)}")
         simulate_missing(self.lake, plans, n_workers, self.reporter, is_over, costs.of)
@@ -282,23 +282,23 @@ def _run_rounds(lake: Lake, search: _Search, simulator: Simulator, reporter: Pro
     from fast.tasks.gap.refine import ask_next
     from fast.tasks.gap.rounds import evaluate_rounds, judge
 
-    order, began = search.order, time.monotonic() - simulator.spent_s
+    request, began = search.request, time.monotonic() - simulator.spent_s
     start = _find_start(lake, search)
     wide, warnings = _gather_inputs(lake, search, start.effects, simulator, reporter)
-    rounds = _repeat_rounds(wide, start.effects, order.rounds, reporter)
-    following = ask_next(rounds, order.most_asked)
+    rounds = _repeat_rounds(wide, start.effects, request.rounds, reporter)
+    following = ask_next(rounds, request.most_asked)
     said = [f"to be asked: {following.asked.sentence}"] if following.asked is not None else []
     for sentence in [*said, *([following.ranking.sentence] if following.ranking is not None else [])]:
         reporter.announce(sentence)
     reporter.progress("held-out grasps in the simulator, before and after")
     verdict = judge(rounds[-1].search, rounds, start.version or search.version)  # simulates what is compared next
-    evaluation = evaluate_rounds(rounds, order.seed)
+    evaluation = evaluate_rounds(rounds, request.seed)
     if not rounds[-1].is_last:
         warnings.append(f"{len(rounds)} rounds were made and the last one still found something; make more rounds.")
     warnings += [*_failed(rounds[-1].search.data), *rounds[-1].after.warnings, *evaluation.warnings]
     budget = _spent(simulator, time.monotonic() - began - simulator.spent_s)
     told = {"budget": budget, "warnings": tuple(dict.fromkeys(warnings))}
-    findings = _sum_up(order.seed, start, rounds, following, verdict, evaluation).model_copy(update=told)
+    findings = _sum_up(request.seed, start, rounds, following, verdict, evaluation).model_copy(update=told)
     return GapOutcome(_keep_findings(lake, search, rounds, findings), True, tuple(rounds), evaluation)
 
 
@@ -309,19 +309,19 @@ def _gather_inputs(
     from fast.models.gap.evidence.rehearsal import rehearse_panel
     from fast.tasks.gap.calibrate import SearchInputs
 
-    order = search.order
+    request = search.request
     data = make_data(search.measured, read_bank(lake, search.base, search.measured.grasps.cells), search.split)
     inputs = SearchInputs(
         lake=lake,
         gap_id=search.gap_id,
         data=data,
         base=search.base,
-        campaign_id=order.campaign_id,
-        settings=order.settings,
+        campaign_id=request.campaign_id,
+        settings=request.settings,
         simulate=simulator.simulate,
         answers=search.measured.answers,
         progress=reporter.progress,
-        rehearsal=rehearse_panel(data, effects, order.rehearsed, order.settings.workers or 1, reporter.progress),
+        rehearsal=rehearse_panel(data, effects, request.rehearsed, request.settings.workers or 1, reporter.progress),
     )
     return inputs, [*search.measured.warnings, *check_units(data), *check_repeats(data.grasps), *_failed(data)]
 
@@ -355,11 +355,11 @@ def _keep_findings(lake: Lake, search: _Search, rounds: "Sequence[Round]", findi
     """Write a search's answer and the grasps that it asks for."""
     from fast.tasks.gap.ask import list_requests
 
-    order, before, asked = search.order, rounds[0].before, findings.next_experiment
+    request, before, asked = search.request, rounds[0].before, findings.next_experiment
     run = GapRun(
         gap_id=search.gap_id,
-        campaign_id=order.campaign_id,
-        seed=order.seed,
+        campaign_id=request.campaign_id,
+        seed=request.seed,
         split_id=search.split.split_id,
         n_grasps=len(search.measured.grasps.grasp_ids),
         base_version_id=search.version.version_id,
@@ -369,9 +369,11 @@ def _keep_findings(lake: Lake, search: _Search, rounds: "Sequence[Round]", findi
         findings=findings,
     )
     parents = list(dict.fromkeys([before.calibration_id, *run.calibration_ids]))
-    provenance = current_provenance(content_id("H", search.gap_id), order.seed, parents)
+    provenance = current_provenance(content_id("H", search.gap_id), request.seed, parents)
     if asked is not None and not read_requests(lake, search.gap_id):
-        write_requests(lake, search.gap_id, list_requests(asked.grasps), order.campaign_id, provenance, asked.parameter)
+        write_requests(
+            lake, search.gap_id, list_requests(asked.grasps), request.campaign_id, provenance, asked.parameter
+        )
     write_run(lake, run, describe_outcome(findings), provenance)
     return run
 
@@ -408,13 +410,13 @@ def _find_start(lake: Lake, search: _Search) -> Start:
     start = find_start(lake, search.gap_id)
     if start is not None:
         return start
-    asking = find_answered_run(lake, search.order.campaign_id)
+    asking = find_answered_run(lake, search.request.campaign_id)
     start = find_start(lake, asking.gap_id) if asking is not None else None
     if start is None:
-        found = newest_calibrated(lake, search.base.version_id, search.order.campaign_id or "")
+        found = newest_calibrated(lake, search.base.version_id, search.request.campaign_id or "")
         version = found[0] if found is not None else search.version
         start = Start(version.effects, version)
-    write_start(lake, search.gap_id, search.order.campaign_id, start, search.order.seed)
+    write_start(lake, search.gap_id, search.request.campaign_id, start, search.request.seed)
     return start
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fast.flows.gap.search import GapOrder, Simulator, describe_cpu, probe_costs
+from fast.flows.gap.search import GapRequest, Simulator, describe_cpu, probe_costs
 from fast.flows.progress import ProgressReporter
 from fast.flows.report.gap.sentences import describe_probability
 from fast.flows.simulation.progress import n_missing
@@ -123,20 +123,20 @@ class Weighed:
         )
 
 
-def is_small(lake: Lake, order: GapOrder) -> bool:
+def is_small(lake: Lake, request: GapRequest) -> bool:
     """Whether a panel has too few designs or objects to hold some out.
 
     Raises:
         UsageError: nothing was measured, or on several benches; a design is unknown.
     """
-    rows = measured_grasps(lake, order.campaign_id)
+    rows = measured_grasps(lake, request.campaign_id)
     designs = designs_of(lake, [row.design_id for row in rows])
-    rows = select_panel(rows, designs, order.panel)
+    rows = select_panel(rows, designs, request.panel)
     n_designs = len({designs[row.design_id].design_id for row in rows})
     return n_designs < MIN_DESIGNS or len({row.object_id for row in rows}) < MIN_OBJECTS
 
 
-def describe_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter, simulated: Path | None = None) -> str:
+def describe_cost(lake: Lake, request: GapRequest, reporter: ProgressReporter, simulated: Path | None = None) -> str:
     """What weighing a panel would simulate and how long that takes, in a sentence. simulated: as in `weigh_panel`.
 
     A lake that has never simulated such grasps makes a few of the bank's, which tell how long one takes.
@@ -147,12 +147,12 @@ def describe_cost(lake: Lake, order: GapOrder, reporter: ProgressReporter, simul
         FastError: another process searches in this lake.
     """
     with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
-        measured, _ = _read(lake, order, simulated)
+        measured, _ = _read(lake, request, simulated)
         plans = plan_bank(_find_base(lake, measured), measured.grasps.cells)
-        return _write_cost(lake, order, plans, reporter)
+        return _write_cost(lake, request, plans, reporter)
 
 
-def weigh_panel(lake: Lake, order: GapOrder, reporter: ProgressReporter, simulated: Path | None = None) -> Weighed:
+def weigh_panel(lake: Lake, request: GapRequest, reporter: ProgressReporter, simulated: Path | None = None) -> Weighed:
     """Weigh what may be missing, with all grasps. simulated: forces of a lab's own simulator, CSV.
 
     Raises:
@@ -161,12 +161,12 @@ def weigh_panel(lake: Lake, order: GapOrder, reporter: ProgressReporter, simulat
         FastError: the budget ended before the bank was complete, or another process searches in this lake.
     """
     with exclusive(lake.storage, GAP_LEASE, f"the lake {lake.address} is already being searched for a gap"):
-        return _weigh(lake, order, reporter, *_read(lake, order, simulated))
+        return _weigh(lake, request, reporter, *_read(lake, request, simulated))
 
 
-def _read(lake: Lake, order: GapOrder, simulated: Path | None) -> tuple[MeasuredGrasps, np.ndarray | None]:
+def _read(lake: Lake, request: GapRequest, simulated: Path | None) -> tuple[MeasuredGrasps, np.ndarray | None]:
     """What was measured, and another simulator's step means of it, if there is one."""
-    measured = read_grasps(lake, order.campaign_id, order.panel)
+    measured = read_grasps(lake, request.campaign_id, request.panel)
     _check_size(measured)
     if simulated is None:
         return measured, None
@@ -176,39 +176,39 @@ def _read(lake: Lake, order: GapOrder, simulated: Path | None) -> tuple[Measured
 
 def _weigh(
     lake: Lake,
-    order: GapOrder,
+    request: GapRequest,
     reporter: ProgressReporter,
     measured: MeasuredGrasps,
     simulated_n: np.ndarray | None,
 ) -> Weighed:
     base, cells = _find_base(lake, measured), measured.grasps.cells
-    simulator = Simulator(lake, order, reporter, lambda: False)
+    simulator = Simulator(lake, request, reporter, lambda: False)
     plans = plan_bank(base, cells)
     if n_missing(lake, plans):
-        reporter.announce(_write_cost(lake, order, plans, reporter))
+        reporter.announce(_write_cost(lake, request, plans, reporter))
     simulator.fill_bank(base, measured)
     data = GapData.of_all(measured.grasps, read_bank(lake, base, cells), measured.facts)
     warnings = [*measured.warnings, *check_units(data), *check_repeats(data.grasps)]
     beside = None if simulated_n is None else stand_beside(data, simulated_n)
     data = data if beside is None else beside.data
-    rehearsal = rehearse_panel(data, (), order.rehearsed, order.settings.workers or 1, reporter.progress)
+    rehearsal = rehearse_panel(data, (), request.rehearsed, request.settings.workers or 1, reporter.progress)
     naming = name_effect(data, rehearsal)
     search = SearchInputs(
         lake=lake,
         gap_id="",
         data=data,
         base=base,
-        campaign_id=order.campaign_id,
-        settings=order.settings,
+        campaign_id=request.campaign_id,
+        settings=request.settings,
         simulate=simulator.simulate,
         rehearsal=rehearsal,
         progress=reporter.progress,
     )
-    return Weighed(data.grasps, naming, ask(search, naming, order.most_asked), tuple(warnings), beside)
+    return Weighed(data.grasps, naming, ask(search, naming, request.most_asked), tuple(warnings), beside)
 
 
-def _write_cost(lake: Lake, order: GapOrder, plans: Sequence[SimulationPlan], reporter: ProgressReporter) -> str:
-    n_workers = order.settings.workers
+def _write_cost(lake: Lake, request: GapRequest, plans: Sequence[SimulationPlan], reporter: ProgressReporter) -> str:
+    n_workers = request.settings.workers
     cost = estimate_cost(lake, plans, probe_costs(lake, plans, n_workers, reporter))
     n_all = sum(plan.n_grasps for plan in plans)
     words = f"; {describe_cpu(cost.cpu_s, n_workers)}" if cost.n_grasps else ""

@@ -15,7 +15,7 @@ from fast.flows.page.jobs import start_on_worker
 from fast.lake.leases import holder_of
 from fast.lake.store import Lake
 from fast.models.errors import UsageError
-from fast.tasks.bench.lend import LentBench, Order, give_bench_order, read_lent, reading_path
+from fast.tasks.bench.lend import BenchRequest, LentBench, read_lent, reading_path, send_request
 from fast.tasks.campaign.requests import GANTRY_LEASE
 
 
@@ -44,7 +44,7 @@ def mark_lent(lent: LentBench | None) -> str:
     return f"{lent.session} {lent.holder} {lent.wanted_by} {lent.may_take(lent.wanted_by)}"
 
 
-def order_bench(lake: Lake, form: Mapping[str, str], operator: str) -> str:
+def ask_bench(lake: Lake, form: Mapping[str, str], operator: str) -> str:
     """Order something of the bench that is lent; where none is, the worker lends the campaign's virtual one.
 
     Raises:
@@ -63,10 +63,10 @@ def order_bench(lake: Lake, form: Mapping[str, str], operator: str) -> str:
     if verb == "take":
         values["may_vent"] = "may_vent" in form
     try:
-        order = Order.model_validate(values)
+        request = BenchRequest.model_validate(values)
     except ValidationError as error:
         raise UsageError(f"The order could not be read ({error.errors()[0]['msg']}); nothing was moved.") from error
-    return give_bench_order(lake, order)
+    return send_request(lake, request)
 
 
 def find_lent(lake: Lake, config: Path) -> LentBench:
@@ -96,5 +96,5 @@ def run_on_lent(lake: Lake, config: Path, operator: str) -> str:
         UsageError: none is lent, the config is for another, or it is in use.
     """
     lent = find_lent(lake, config)
-    order = Order(session=lent.session, operator=operator, verb="run", config=str(config.resolve()))
-    return f"{give_bench_order(lake, order)} It shows on the tab Now within a minute."
+    request = BenchRequest(session=lent.session, operator=operator, verb="run", config=str(config.resolve()))
+    return f"{send_request(lake, request)} It shows on the tab Now within a minute."

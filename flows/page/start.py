@@ -19,7 +19,7 @@ from fast.lake.store import Lake
 from fast.models.errors import ConfigError, FastError, UsageError
 from fast.tasks.bench.ways_on import choose_way
 from fast.tasks.campaign.config import CampaignConfig, load_config
-from fast.tasks.campaign.orders import StaleOrderError
+from fast.tasks.campaign.present_run import StaleRequestError
 from fast.tasks.campaign.requests import lease_name
 from fast.tasks.campaign.setup import is_known
 from fast.tasks.campaign.simulator_versions import at_present
@@ -123,9 +123,9 @@ def find_start(lake: Lake, campaign_id: str, seen_run: str) -> LastStart:
     strip = read_strip(lake, campaign_id, False, False)
     start = read_last_start(lake, campaign_id)
     if not strip.may_continue or start is None:
-        raise StaleOrderError(f"campaign {campaign_id} is {strip.word}, so there is nothing to continue.")
+        raise StaleRequestError(f"campaign {campaign_id} is {strip.word}, so there is nothing to continue.")
     if seen_run != start.run:
-        raise StaleOrderError(f"campaign {campaign_id} ran again since this page showed it; look, then decide.")
+        raise StaleRequestError(f"campaign {campaign_id} ran again since this page showed it; look, then decide.")
     if not start.config or not Path(start.config).is_file():
         raise UsageError(
             f"the config of {campaign_id} ({start.config or 'not known'}) is not there any more; continue it with "

@@ -8,7 +8,7 @@ from fast.hardware.parts.safe_state import Verb
 from fast.lake.order import LATEST_FIRST
 from fast.lake.store import Lake
 from fast.tasks.bench.ways_on import WayOnward, list_ways, read_fault
-from fast.tasks.campaign.orders import read_present_run
+from fast.tasks.campaign.present_run import read_present_run
 from fast.tasks.campaign.requests import STARTED
 from fast.tasks.campaign.simulator_versions import at_present
 

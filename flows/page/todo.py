@@ -72,7 +72,7 @@ class ReadingTodo:
     campaign_id: str
     search_id: str
     question: PersonQuestion
-    order: str
+    instruction: str
 
 
 @dataclass(frozen=True)
@@ -174,8 +174,8 @@ def _of_search(lake: Lake, campaign: Campaign | None, state: CampaignState | Non
         known = find_measurement(asked.person.kind)
         if known is None or is_answered(lake, run.gap_id, asked.person.kind):
             return []
-        order = known.words[0].upper() + known.words[1:]
-        return [ReadingTodo(campaign_id or "", run.gap_id, asked.person, order)]
+        instruction = known.words[0].upper() + known.words[1:]
+        return [ReadingTodo(campaign_id or "", run.gap_id, asked.person, instruction)]
     still_open = read_open_requests(lake, search_id=run.gap_id)
     if campaign is None or state is None or not still_open:
         return []

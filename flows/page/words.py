@@ -39,7 +39,7 @@ from fast.models.errors import UsageError
 from fast.tasks.bench.leave_out import leave_out as leave_part_out
 from fast.tasks.bench.questions import answer_question
 from fast.tasks.campaign.left_out import Part
-from fast.tasks.campaign.orders import give_order
+from fast.tasks.campaign.present_run import request_verb
 from fast.tasks.campaign.requests import append_event
 from fast.tasks.campaign.simulator_versions import at_present
 
@@ -130,8 +130,8 @@ TRIALS: Mapping[str, tuple[str, Trial]] = {
 }
 
 
-def _order(page: LabPage, form: dict[str, str], operator: str, verb: Verb) -> str:
-    return give_order(page.lake, _campaign_of(page, form), verb, f"by {operator} on the lab's page", form.get("run"))
+def _request(page: LabPage, form: dict[str, str], operator: str, verb: Verb) -> str:
+    return request_verb(page.lake, _campaign_of(page, form), verb, f"by {operator} on the lab's page", form.get("run"))
 
 
 def _leave_out(page: LabPage, form: dict[str, str], operator: str) -> str:
@@ -196,8 +196,8 @@ def _start_job(page: LabPage, form: dict[str, str], operator: str) -> str:
 
 WORDS: Mapping[str, tuple[Role, Word]] = {
     "/orders/leave-out": (Role.MOVE, _leave_out),
-    "/orders/pause": (Role.MOVE, partial(_order, verb=Verb.PAUSE)),
-    "/orders/stop": (Role.MOVE, partial(_order, verb=Verb.STOP)),
+    "/orders/pause": (Role.MOVE, partial(_request, verb=Verb.PAUSE)),
+    "/orders/stop": (Role.MOVE, partial(_request, verb=Verb.STOP)),
     "/todo/print": (Role.SAY, _say_printed),
     "/todo/mount": (Role.SAY, _say_mounted),
     "/todo/reading": (Role.SAY, _say_reading),
@@ -211,7 +211,7 @@ WORDS: Mapping[str, tuple[Role, Word]] = {
     "/start/continue": (Role.MOVE, _continue),
     "/start/way": (Role.MOVE, _take_way),
     "/start/job": (Role.MOVE, _start_job),
-    "/bench/order": (Role.MOVE, lambda page, form, who: by_hand.order_bench(page.lake, form, who)),
+    "/bench/order": (Role.MOVE, lambda page, form, who: by_hand.ask_bench(page.lake, form, who)),
 }
 
 

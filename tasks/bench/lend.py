@@ -30,10 +30,10 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import FastError, UsageError
 from fast.models.records import Record
-from fast.tasks.campaign.orders import StaleOrderError
+from fast.tasks.campaign.present_run import StaleRequestError
 from fast.tasks.campaign.requests import GANTRY_LEASE, append_event
 
-LENT, ORDER, DONE = "bench_lent", "bench_order", "bench_order_done"  # kinds of the events
+LENT, REQUESTED, DONE = "bench_lent", "bench_order", "bench_order_done"  # kinds of the events
 LEASE = "lent-bench"
 REPLY_S = 60.0  # a holder who does not answer for so long is asked no more
 IDLE_S = 600.0  # without an order, the bench is given back
@@ -42,12 +42,12 @@ PEOPLE = ("take", "want", "give", "keep", "release")
 logger = logging.getLogger(__name__)
 _OF_SESSION = f"""
     SELECT event_id, kind, payload_json, created_at FROM events
-    WHERE kind IN ('{LENT}', '{ORDER}', '{DONE}') AND payload_json ->> '$.session' = $session
+    WHERE kind IN ('{LENT}', '{REQUESTED}', '{DONE}') AND payload_json ->> '$.session' = $session
     ORDER BY {OLDEST_FIRST}, event_id
 """
 
 
-class Order(Record):
+class BenchRequest(Record):
     """What a person wants of the process that lends a bench. `session`: which process is meant."""
 
     session: str
@@ -103,7 +103,7 @@ def read_lent(lake: Lake) -> LentBench | None:
     return lent
 
 
-def give_bench_order(lake: Lake, order: Order) -> str:
+def send_request(lake: Lake, request: BenchRequest) -> str:
     """Order something of the process that lends the bench; a sentence says what was asked, what came of it comes later.
 
     Raises:
@@ -111,28 +111,28 @@ def give_bench_order(lake: Lake, order: Order) -> str:
         UsageError: somebody else holds the bench, or a campaign moves it.
     """
     lent = read_lent(lake)
-    if lent is None or order.session != lent.session:
-        raise StaleOrderError("this bench is not lent any more; nothing was moved: load the page again.")
-    check_order(lake, lent, order)
-    append_event(lake, "", ORDER, _say(order, lent), **order.model_dump(mode="json"))
-    return f"{_say(order, lent)}."
+    if lent is None or request.session != lent.session:
+        raise StaleRequestError("this bench is not lent any more; nothing was moved: load the page again.")
+    check_request(lake, lent, request)
+    append_event(lake, "", REQUESTED, _say(request, lent), **request.model_dump(mode="json"))
+    return f"{_say(request, lent)}."
 
 
-def check_order(lake: Lake, lent: LentBench, order: Order) -> None:
+def check_request(lake: Lake, lent: LentBench, request: BenchRequest) -> None:
     """Raises UsageError where a person may not order this now; a stop is never refused."""
-    who, holder = order.operator, lent.holder
+    who, holder = request.operator, lent.holder
     moving = holder_of(lake.storage, GANTRY_LEASE)
-    if order.verb in ("take", "run") and moving is not None and not holder:
+    if request.verb in ("take", "run") and moving is not None and not holder:
         raise UsageError(f"a campaign moves the bench ({moving.words}); have it finish its grasp first.")
-    if order.verb == "run" and holder:
+    if request.verb == "run" and holder:
         raise UsageError(f"{holder} moves the bench by hand; it has to be given back first. Nothing was started.")
-    if order.verb == "take" and not lent.may_take(who):
+    if request.verb == "take" and not lent.may_take(who):
         raise UsageError(f"{holder} holds the bench; ask for it first. Nothing was moved.")
-    if order.verb == "want" and holder in ("", who):
+    if request.verb == "want" and holder in ("", who):
         raise UsageError("nobody else holds the bench; take it.")
-    if order.verb in ("give", "keep", "release", "step") and holder != who:
+    if request.verb in ("give", "keep", "release", "step") and holder != who:
         raise UsageError(f"{holder or 'nobody'} holds the bench, not {who}; nothing was moved.")
-    if order.verb in ("give", "keep") and not lent.wanted_by:
+    if request.verb in ("give", "keep") and not lent.wanted_by:
         raise UsageError("nobody asks for the bench.")
 
 
@@ -148,11 +148,11 @@ def _follow(lent: LentBench, kind: str, payload: dict[str, Any], at: datetime) -
     return replace(free, holder=holders[verb]) if verb in holders else lent
 
 
-def _say(order: Order, lent: LentBench) -> str:
-    step = order.step
+def _say(request: BenchRequest, lent: LentBench) -> str:
+    step = request.step
     if step is not None:
         by = f" {step.axis} {step.distance_mm:+g} mm" if step.verb == "jog" else ""
-        return f"{order.operator}: {step.verb}{by}"
+        return f"{request.operator}: {step.verb}{by}"
     words = {
         "take": f"takes {lent.name} by hand",
         "want": f"asks {lent.holder} for {lent.name}",
@@ -160,9 +160,9 @@ def _say(order: Order, lent: LentBench) -> str:
         "keep": f"keeps {lent.name}",
         "release": f"gives {lent.name} back",
         "stop": f"stops {lent.name}",
-        "run": f"has {lent.name} run {Path(order.config).name}",
+        "run": f"has {lent.name} run {Path(request.config).name}",
     }
-    return f"{order.operator} {words[order.verb]}"
+    return f"{request.operator} {words[request.verb]}"
 
 
 def reading_path(lake: Lake) -> Path:
@@ -193,30 +193,30 @@ class Lender:
             what = {"session": session, "name": self.name, "is_real": self.is_real, "file": self.file}
             append_event(self.lake, "", LENT, words, **what)
             if first_holder:
-                taking = Order(session=session, operator=first_holder, verb="take")
-                append_event(self.lake, "", ORDER, f"{first_holder} takes {self.name}", **taking.model_dump())
-            with _hear(self.lake, session) as orders:
+                taking = BenchRequest(session=session, operator=first_holder, verb="take")
+                append_event(self.lake, "", REQUESTED, f"{first_holder} takes {self.name}", **taking.model_dump())
+            with _hear(self.lake, session) as requests:
                 while not self.should_end():
-                    order = orders.next()
-                    if order is None:
+                    request = requests.next()
+                    if request is None:
                         continue
-                    sentence = self._fulfil(order, orders)
+                    sentence = self._fulfil(request, requests)
                     if sentence:
                         self._tell(session, sentence, is_over=True)
-                    if first_holder and order.verb == "take":
+                    if first_holder and request.verb == "take":
                         break
         return f"{self.name} is lent no more"
 
-    def _fulfil(self, order: Order, orders: "_Orders") -> str:
+    def _fulfil(self, request: BenchRequest, requests: "_Requests") -> str:
         """Do what an order to a bench that nobody holds asks for; why not, or how it ended."""
         try:
-            if order.verb == "take":
-                return self._by_hand(order, orders)
-            return self.run(order.config) if order.verb == "run" else ""
+            if request.verb == "take":
+                return self._by_hand(request, requests)
+            return self.run(request.config) if request.verb == "run" else ""
         except FastError as error:
             return str(error)
 
-    def _by_hand(self, taken: Order, orders: "_Orders") -> str:
+    def _by_hand(self, taken: BenchRequest, requests: "_Requests") -> str:
         """Have the bench moved by hand until it is given back, nobody moves it any more, or it fails."""
         path = reading_path(self.lake)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -224,28 +224,28 @@ class Lender:
         try:
             with owned as gantry, self.open_bench(taken.may_vent) as hand:
                 hand.set_leave(gantry.require)
-                orders.drop()  # given before anything could be seen
-                orders.hand = hand
+                requests.drop()  # given before anything could be seen
+                requests.hand = hand
                 self._tell(taken.session, f"{self.name} is connected")
-                return self._follow_steps(taken.session, hand, orders, path)
+                return self._follow_steps(taken.session, hand, requests, path)
         finally:
-            orders.hand = None
-            orders.drop()
+            requests.hand = None
+            requests.drop()
             path.unlink(missing_ok=True)
 
-    def _follow_steps(self, session: str, hand: Hand, orders: "_Orders", path: Path) -> str:
+    def _follow_steps(self, session: str, hand: Hand, requests: "_Requests", path: Path) -> str:
         last_s = time.monotonic()
         while not self.should_end():
             if time.monotonic() - last_s > IDLE_S:
                 return f"{self.name} was given back, since nobody moved it for {IDLE_S / 60:.0f} minutes"
             hand.pass_time(LOOK_S)
-            order = orders.next()
-            if order is not None:
+            request = requests.next()
+            if request is not None:
                 last_s = time.monotonic()
-                if order.verb == "release":
-                    return f"{order.operator} gave {self.name} back"
-                if order.step is not None:
-                    self._tell(session, self._make(hand, order.operator, order.step))
+                if request.verb == "release":
+                    return f"{request.operator} gave {self.name} back"
+                if request.step is not None:
+                    self._tell(session, self._make(hand, request.operator, request.step))
             _write_reading(path, hand)
         return f"{self.name} is lent no more"
 
@@ -271,7 +271,7 @@ def _write_reading(path: Path, hand: Hand) -> None:
     write_file(path, json.dumps(values).encode())
 
 
-class _Orders:
+class _Requests:
     """Orders for this process as they come; a stop reaches the bench at once and drops what waits."""
 
     def __init__(self, lake: Lake, session: str) -> None:
@@ -279,9 +279,9 @@ class _Orders:
         self._lake, self._session = lake, session
         self._seen: set[str] = set()
         self._mark: Mark | None = None
-        self._waiting: queue.Queue[Order] = queue.Queue()
+        self._waiting: queue.Queue[BenchRequest] = queue.Queue()
 
-    def next(self) -> Order | None:
+    def next(self) -> BenchRequest | None:
         """The next order, waiting for a moment."""
         try:
             return self._waiting.get(timeout=LOOK_S)
@@ -301,40 +301,40 @@ class _Orders:
             return
         self._mark = mark
         for row in self._lake.query(_OF_SESSION, {"session": self._session}).to_pylist():
-            if row["kind"] == ORDER and row["event_id"] not in self._seen:
+            if row["kind"] == REQUESTED and row["event_id"] not in self._seen:
                 self._seen.add(row["event_id"])
                 self._take(row["payload_json"])
 
     def _take(self, text: str) -> None:
         try:
-            order = Order.model_validate_json(text)
+            request = BenchRequest.model_validate_json(text)
         except ValidationError as error:
             logger.warning("an order to the bench was not understood: %s", error)
             return
-        if order.verb == "stop":
+        if request.verb == "stop":
             self.drop()
             if self.hand is not None:
                 self.hand.ask(Verb.STOP)
-        elif order.verb in ("release", "step", "run") or (order.verb == "take" and self.hand is None):
-            self._waiting.put(order)
+        elif request.verb in ("release", "step", "run") or (request.verb == "take" and self.hand is None):
+            self._waiting.put(request)
 
 
 @contextmanager
-def _hear(lake: Lake, session: str) -> Iterator[_Orders]:
+def _hear(lake: Lake, session: str) -> Iterator[_Requests]:
     """Orders of people until the `with` block ends, looked for in a thread of its own."""
-    orders, is_over = _Orders(lake, session), threading.Event()
+    requests, is_over = _Requests(lake, session), threading.Event()
 
     def look_on() -> None:
         while not is_over.wait(LOOK_S):
             try:
-                orders.look()
+                requests.look()
             except FastError as error:
                 logger.warning("orders to the bench could not be read: %s", error)
 
     thread = threading.Thread(target=look_on, name="bench-orders", daemon=True)
     thread.start()
     try:
-        yield orders
+        yield requests
     finally:
         is_over.set()
         thread.join()

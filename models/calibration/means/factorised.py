@@ -161,8 +161,10 @@ def _sample_psi(
     for attempt in range(MAX_GROWTH + 1):
         with steps("theta surrogate"):
             surrogate = build_accurate_surrogate(peak.emulator, measured, box, psi, peak.psi_covariance, rng)
-            orders = " x ".join(str(n) for n in surrogate.orders)
-            steps.tell(f"theta surrogate: {orders} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
+            degrees = " x ".join(str(n) for n in surrogate.degrees)
+            steps.tell(
+                f"theta surrogate: {degrees} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}"
+            )
         with steps("passes of the ridge"):
             density = RidgeDensity(surrogate, _temper(surrogate, psi))
         starts = draw_starts(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)

@@ -63,7 +63,7 @@ class ThetaSurrogate:
 
     measured: Measurements
     box: Box
-    orders: tuple[int, ...]
+    degrees: tuple[int, ...]
     coefficients: np.ndarray
     center: np.ndarray
     basis: np.ndarray
@@ -100,7 +100,7 @@ class ThetaSurrogate:
         bent, bend_slope = self.box.bend(t)
         center, half = 0.5 * (self.box.lower + self.box.upper), _half_width(self.box)
         unit = (bent - center) / half
-        rows = [_chebyshev(u, n) for u, n in zip(unit, self.orders, strict=True)]
+        rows = [_chebyshev(u, n) for u, n in zip(unit, self.degrees, strict=True)]
         slopes = np.array([_product([row[int(i == k)] for i, row in enumerate(rows)]) for k in range(len(rows))])
         return _product([row[0] for row in rows]), slopes * (bend_slope / half)[:, None]
 
@@ -123,13 +123,13 @@ def build_accurate_surrogate(
     ]
     exact = np.array([psi_density.log_likelihood(psi, emulator, measured) for psi in draws])
     width = 2.0 * _half_width(box) / emulator.phi.lengthscales[-len(box.lower) :]
-    orders = np.clip(np.ceil(FIRST_NODES + NODES_PER_LENGTHSCALE * width).astype(int), FIRST_NODES, MAX_NODES)
+    degrees = np.clip(np.ceil(FIRST_NODES + NODES_PER_LENGTHSCALE * width).astype(int), FIRST_NODES, MAX_NODES)
     while True:
-        found = build_surrogate(emulator, measured, box, tuple(orders.tolist()), mode)
+        found = build_surrogate(emulator, measured, box, tuple(degrees.tolist()), mode)
         error = _spread([found.log_likelihood(psi) for psi in draws] - exact)
-        if error <= MAX_ERROR or orders.min() >= MAX_NODES:
+        if error <= MAX_ERROR or degrees.min() >= MAX_NODES:
             return replace(found, error=error)
-        orders = np.minimum(orders + 2, MAX_NODES)
+        degrees = np.minimum(degrees + 2, MAX_NODES)
 
 
 def _spread(errors: np.ndarray) -> float:
@@ -140,10 +140,10 @@ def _spread(errors: np.ndarray) -> float:
 
 
 def build_surrogate(
-    emulator: Emulator, measured: Measurements, box: Box, orders: tuple[int, ...], typical: np.ndarray
+    emulator: Emulator, measured: Measurements, box: Box, degrees: tuple[int, ...], typical: np.ndarray
 ) -> ThetaSurrogate:
-    """Interpolate m and V in `box` with `orders` nodes by input; `typical` (n_psi) sets what may be dropped of V."""
-    nodes = [chebyshev.chebpts1(n) for n in orders]
+    """Interpolate m and V in `box` with `degrees` nodes by input; `typical` (n_psi) sets what may be dropped of V."""
+    nodes = [chebyshev.chebpts1(n) for n in degrees]
     center, half = 0.5 * (box.lower + box.upper), _half_width(box)
     grid = center + half * np.array(list(product(*nodes)))
     pairs = [psi_density.predict(t, emulator, measured) for t in grid]
@@ -151,10 +151,10 @@ def build_surrogate(
     middle = covariances.mean(axis=0)
     covariances -= middle
     directions = _directions(covariances, middle, measured, typical)
-    to_coefficients = _interpolation(orders)
+    to_coefficients = _interpolation(degrees)
     values = np.column_stack([means, directions])
     return ThetaSurrogate(
-        measured, box, orders, np.ascontiguousarray((to_coefficients @ values).T), middle, directions.T @ covariances
+        measured, box, degrees, np.ascontiguousarray((to_coefficients @ values).T), middle, directions.T @ covariances
     )
 
 
@@ -176,10 +176,10 @@ def _whiten(matrix: np.ndarray, root: np.ndarray) -> np.ndarray:
     return np.asarray(solve_triangular(root, half.T, lower=True, check_finite=False))
 
 
-def _interpolation(orders: tuple[int, ...]) -> np.ndarray:
+def _interpolation(degrees: tuple[int, ...]) -> np.ndarray:
     """Matrix from values on the grid to coefficients of the products of polynomials."""
     matrix = np.ones((1, 1))
-    for n in orders:
+    for n in degrees:
         matrix = np.kron(matrix, np.linalg.inv(chebyshev.chebvander(chebyshev.chebpts1(n), n - 1)))
     return matrix
 

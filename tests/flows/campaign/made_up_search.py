@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from fast.flows.gap.search import GapOrder, GapOutcome
+from fast.flows.gap.search import GapOutcome, GapRequest
 from fast.flows.progress import ProgressReporter
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
@@ -26,10 +26,10 @@ FAST = GraspSetup(lift_speed_mm_per_s=20.0)
 N_MADE = "SELECT count(*) FROM grasps WHERE request_id IS NOT NULL AND status = 'ok'"
 
 
-def search_made_up(lake: Lake, order: GapOrder, reporter: ProgressReporter | None, *_: Any) -> GapOutcome:
+def search_made_up(lake: Lake, request: GapRequest, reporter: ProgressReporter | None, *_: Any) -> GapOutcome:
     """What it says depends on how many asked grasps the lake has."""
     if reporter is not None:
-        reporter.progress(f"searching {order.campaign_id}")
+        reporter.progress(f"searching {request.campaign_id}")
     ((n_made,),) = tuples(lake, N_MADE)
     ((object_id,),) = tuples(lake, "SELECT coalesce(min(object_id), 3) FROM grasps")
     gap_id = f"A{n_made}"
@@ -41,11 +41,11 @@ def search_made_up(lake: Lake, order: GapOrder, reporter: ProgressReporter | Non
     asked = None
     if not n_made:
         pairs = tuple(
-            AskedGrasps(tool=f"{order.campaign_id}/B01T{slot}", object=object_id, setup=FAST, n=1, setting="fast")
+            AskedGrasps(tool=f"{request.campaign_id}/B01T{slot}", object=object_id, setup=FAST, n=1, setting="fast")
             for slot in range(2)
         )
         asked = NextExperiment(grasps=pairs, separates=effects, promised_grasps=4, sentence="Lift fast.")
-        write_requests(lake, gap_id, list_requests(asked.grasps), order.campaign_id, current_provenance())
+        write_requests(lake, gap_id, list_requests(asked.grasps), request.campaign_id, current_provenance())
     named = Decision(kind=kind, effects=effects, probability=0.9, sentence=f"{kind}.")
     told = (
         Asked(
@@ -58,7 +58,7 @@ def search_made_up(lake: Lake, order: GapOrder, reporter: ProgressReporter | Non
             outcome=f"{n_made} grasps say lag.",
         ),
     )
-    run = write_made_up_run(lake, order.campaign_id, gap_id, named, asked, told if n_made else ())
+    run = write_made_up_run(lake, request.campaign_id, gap_id, named, asked, told if n_made else ())
     return GapOutcome(run, True)
 
 

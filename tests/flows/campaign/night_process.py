@@ -13,7 +13,7 @@ from typing import Any
 
 from fast.flows.campaign import launch
 from fast.flows.cli.main import leave
-from fast.flows.gap.search import GapOrder, GapOutcome
+from fast.flows.gap.search import GapOutcome, GapRequest
 from fast.flows.progress import ProgressReporter
 from fast.lake.provenance import current_provenance
 from fast.lake.store import Lake
@@ -50,14 +50,14 @@ def _patch(dies_at: str) -> None:
     from fast.flows.campaign import gap_step
     from fast.flows.campaign.night import NightLoop
 
-    def search(lake: Lake, order: GapOrder, *_: Any) -> GapOutcome:
-        known = find_newest_run(lake, order.campaign_id)
+    def search(lake: Lake, request: GapRequest, *_: Any) -> GapOutcome:
+        known = find_newest_run(lake, request.campaign_id)
         if known is not None:
             return GapOutcome(known, False)
         if dies_at == "search":
             os.kill(os.getpid(), signal.SIGKILL)
-        accept_truer(lake, order.campaign_id)
-        run = find_newest_run(lake, order.campaign_id)
+        accept_truer(lake, request.campaign_id)
+        run = find_newest_run(lake, request.campaign_id)
         assert run is not None
         return GapOutcome(run, True)
 

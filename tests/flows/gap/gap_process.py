@@ -68,11 +68,13 @@ def run_flow(root: Path) -> None:
 
 def search(root: Path) -> None:
     """Search a lake as `fast gap` does."""
-    from fast.flows.gap.search import GapOrder, run_gap
+    from fast.flows.gap.search import GapRequest, run_gap
     from fast.flows.progress import ProgressReporter
 
     make_up()
-    outcome = run_gap(Lake.open(root), GapOrder("demo", rehearsed=8), ProgressReporter(lambda _: None, lambda _: None))
+    outcome = run_gap(
+        Lake.open(root), GapRequest("demo", rehearsed=8), ProgressReporter(lambda _: None, lambda _: None)
+    )
     sys.stdout.write(f"{outcome.sentence}\n")
 
 

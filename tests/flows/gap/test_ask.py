@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from fast.flows.gap import search
-from fast.flows.gap.search import GapOrder, GapOutcome, run_gap
+from fast.flows.gap.search import GapOutcome, GapRequest, run_gap
 from fast.flows.progress import ProgressReporter
 from fast.hardware.station.cycle_time import plan_asked_minutes
 from fast.lake.store import Lake
@@ -29,7 +29,7 @@ from tests.tasks.gap.gap_lake import answer_rows, gap_lake, plan_rows
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.1})
 WEAK = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.045})  # too weak for an alarm
 ORDINARY = GraspSetup()
-ORDER = GapOrder("demo", rounds=1, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+ORDER = GapRequest("demo", rounds=1, settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 pytestmark = pytest.mark.timeout(600)
 
 

@@ -9,7 +9,7 @@ import pytest
 from fast.flows.gap import example, search
 from fast.flows.gap.example import open_example
 from fast.flows.gap.folder import write_folder
-from fast.flows.gap.search import GapOrder, run_gap
+from fast.flows.gap.search import GapRequest, run_gap
 from fast.flows.progress import ProgressReporter
 from fast.flows.simulation.progress import n_missing
 from fast.lake.store import Lake
@@ -26,7 +26,7 @@ from tests.tasks.calibration.trace_lake import PROVENANCE, normal_draws
 from tests.tasks.gap.gap_lake import gap_lake, plan_rows
 
 pytestmark = pytest.mark.timeout(600)
-ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+ORDER = GapRequest("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
 IMPORTED_CONFIG = 'kind = "imported"\nsources = []\n'
 SILENT = ProgressReporter(lambda _: None, lambda _: None)

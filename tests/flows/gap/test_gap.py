@@ -11,7 +11,7 @@ import pytest
 from fast.flows.gap import search
 from fast.flows.gap.folder import write_folder
 from fast.flows.gap.scheduled import markdown
-from fast.flows.gap.search import GapOrder, run_gap, tell_cost
+from fast.flows.gap.search import GapRequest, run_gap, tell_cost
 from fast.flows.progress import ProgressReporter, describe_duration
 from fast.lake.query.lineage import Node, find_lineage
 from fast.lake.store import Lake
@@ -45,7 +45,7 @@ from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, gap_lake, pl
 
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.4})
 pytestmark = pytest.mark.timeout(600)
-ORDER = GapOrder("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
+ORDER = GapRequest("demo", settings=CalibrationSettings(chains=4, draws=250, tune=50, workers=1))
 
 
 def silent() -> ProgressReporter:

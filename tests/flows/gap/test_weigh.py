@@ -12,7 +12,7 @@ import pytest
 
 from fast.flows.cli.common import table_text
 from fast.flows.gap import search, weigh
-from fast.flows.gap.search import GapOrder, describe_cpu
+from fast.flows.gap.search import GapRequest, describe_cpu
 from fast.flows.gap.weigh import describe_cost, is_small, weigh_panel
 from fast.flows.progress import ProgressReporter
 from fast.lake.store import Lake
@@ -35,7 +35,7 @@ from tests.synthetic.gap import made_up_gap
 from tests.tasks.calibration.trace_lake import PROVENANCE
 from tests.tasks.gap.gap_lake import BASE, DESIGNS, OBJECTS, SETUP, measured_rows, plan_rows, simulated_trace
 
-ORDER = GapOrder("demo", rehearsed=16).with_workers(1)
+ORDER = GapRequest("demo", rehearsed=16).with_workers(1)
 LAG = EffectValue(effect="load_cell_lag", parameters={"time_constant_s": 0.6})
 pytestmark = pytest.mark.timeout(300)
 

@@ -10,7 +10,7 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import GraspRow, ToolRow
 from fast.tasks.bench.live import live_path, show_live
-from fast.tasks.campaign.orders import read_present_run
+from fast.tasks.campaign.present_run import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from tests.flows.cli.cli_lakes import ROOT, Fast, proposed_lake
 from tests.flows.page.served import CHROMIUM, open_browser, say_name, serve

@@ -19,7 +19,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow, GraspRow, ToolRow
 from fast.tasks.campaign.campaign import Campaign
 from fast.tasks.campaign.config import load_config
-from fast.tasks.campaign.orders import read_present_run
+from fast.tasks.campaign.present_run import read_present_run
 from fast.tasks.campaign.requests import STARTED, append_event, lease_name
 from fast.tasks.campaign.setup import register
 from fast.tasks.templates import render

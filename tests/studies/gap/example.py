@@ -24,7 +24,7 @@ from fast.flows.challenge.hidden.panel_file import read_small
 from fast.flows.cli.common import tell
 from fast.flows.gap.example import CAMPAIGN, FILE
 from fast.flows.gap.folder import write_folder
-from fast.flows.gap.search import GapOrder, run_gap
+from fast.flows.gap.search import GapRequest, run_gap
 from fast.flows.progress import ProgressReporter
 from fast.lake.maintenance import compact_all
 from fast.lake.provenance import current_provenance
@@ -193,7 +193,7 @@ def main() -> None:
     lake = Lake.open(words.lake, create=True)
     bank = read_bank_rows(Lake.open(words.bank)) if words.bank is not None else []
     lake.append(round_rows([*measure_example(), *bank]), current_provenance(seed=SEED))
-    outcome = run_gap(lake, GapOrder(CAMPAIGN), ProgressReporter(tell, tell))
+    outcome = run_gap(lake, GapRequest(CAMPAIGN), ProgressReporter(tell, tell))
     tell(f"{outcome.sentence}; page {write_folder(lake, outcome)}")
     write_example(words.out, collect_example(lake))
     tell(f"{words.out}: {words.out.stat().st_size / 1e6:.2f} MB")

@@ -9,8 +9,8 @@ from fast.lake.leases import exclusive
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import EventRow
 from fast.models.errors import UsageError
-from fast.tasks.bench.lend import DONE, ORDER, Order, give_bench_order, read_lent, reading_path
-from fast.tasks.campaign.orders import StaleOrderError
+from fast.tasks.bench.lend import DONE, REQUESTED, BenchRequest, read_lent, reading_path, send_request
+from fast.tasks.campaign.present_run import StaleRequestError
 from fast.tasks.campaign.requests import GANTRY_LEASE
 from tests.tasks.bench.lent_bench import lent
 from tests.waiting import wait_for
@@ -22,7 +22,7 @@ def lake(tmp_path):
 
 
 def order(lake, verb, operator="ada", **more):
-    return give_bench_order(lake, Order(session=read_lent(lake).session, operator=operator, verb=verb, **more))
+    return send_request(lake, BenchRequest(session=read_lent(lake).session, operator=operator, verb=verb, **more))
 
 
 def wait_said(lake, words):
@@ -65,7 +65,7 @@ def test_a_bench_is_taken_moved_and_given_back_by_one_person_at_a_time(lake):
         assert read_lent(lake).holder == ""
         assert not reading_path(lake).exists()
     assert read_lent(lake) is None
-    operators = {row.payload["operator"] for row in lake.records(EventRow, kind=ORDER)}
+    operators = {row.payload["operator"] for row in lake.records(EventRow, kind=REQUESTED)}
     assert operators == {"ada", "grace"}
 
 
@@ -84,11 +84,11 @@ def test_a_campaign_that_moves_the_bench_is_not_disturbed(lake):
 def test_orders_for_a_process_that_has_ended_are_heard_by_nobody(lake):
     with lent(lake):
         old = read_lent(lake).session
-    with pytest.raises(StaleOrderError):
-        give_bench_order(lake, Order(session=old, operator="ada", verb="take"))
+    with pytest.raises(StaleRequestError):
+        send_request(lake, BenchRequest(session=old, operator="ada", verb="take"))
     with lent(lake):
-        with pytest.raises(StaleOrderError, match="is not lent any more"):
-            give_bench_order(lake, Order(session=old, operator="ada", verb="take"))
+        with pytest.raises(StaleRequestError, match="is not lent any more"):
+            send_request(lake, BenchRequest(session=old, operator="ada", verb="take"))
         assert read_lent(lake).holder == ""
 
 

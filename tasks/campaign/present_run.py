@@ -20,7 +20,7 @@ _EFFECTS = {
 }
 
 
-class StaleOrderError(FastError):
+class StaleRequestError(FastError):
     """The order was meant for what is no longer so; nothing was changed."""
 
 
@@ -42,7 +42,7 @@ def read_present_run(lake: Lake, campaign_id: str) -> PresentRun:
     return PresentRun(holder_of(lake.storage, lease_name(campaign_id)), requested_verb(lake, campaign_id))
 
 
-def give_order(lake: Lake, campaign_id: str, verb: Verb, who: str, seen_run: str | None = None) -> str:
+def request_verb(lake: Lake, campaign_id: str, verb: Verb, who: str, seen_run: str | None = None) -> str:
     """Ask a running campaign to pause, stop or abort; returns what that does. `seen_run`: `PresentRun.run` as seen.
 
     Raises:
@@ -50,11 +50,11 @@ def give_order(lake: Lake, campaign_id: str, verb: Verb, who: str, seen_run: str
     """
     present = read_present_run(lake, campaign_id)
     if present.holder is None:
-        raise StaleOrderError(
+        raise StaleRequestError(
             f"campaign {campaign_id} is not running, so there is nothing to {verb}; nothing was changed."
         )
     if verb is Verb.PAUSE and seen_run not in (None, present.run):
-        raise StaleOrderError(
+        raise StaleRequestError(
             f"campaign {campaign_id} was started again since this page showed it; nothing was changed: look, then give "
             "the order again."
         )

@@ -73,7 +73,7 @@ class LakeError(FastError):
     """The lake could not be read or written. Rows already in it are untouched."""
 
 
-def tell_cause(error: OSError) -> str:
+def describe_cause(error: OSError) -> str:
     """Why a folder cannot be written; a file in its place is "File exists" to the system."""
     return f"{error.filename} is no folder" if isinstance(error, FileExistsError) else str(error.strerror)
 

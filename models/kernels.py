@@ -14,7 +14,7 @@ from typing import TextIO
 from fast.models.solver_code import VARIABLE, remove_old_kernels, source_stamp
 
 logger = logging.getLogger(__name__)
-TELL_EVERY_S, LOOK_S = 8.0, 0.2
+SAY_EVERY_S, LOOK_S = 8.0, 0.2
 LONGEST_WAIT_S = 480.0  # for a process that compiles, less than a worker may hang
 _BEGUN: set[int] = set()  # processes: a child does not inherit what its parent has compiled
 
@@ -92,8 +92,8 @@ def _told(ready: Path, lock: Path) -> Iterator[None]:
     """Within, a line is written every few seconds, unless another process of this terminal writes it."""
     started, over = time.monotonic(), threading.Event()
 
-    def tell() -> None:
-        while not over.wait(TELL_EVERY_S):
+    def say() -> None:
+        while not over.wait(SAY_EVERY_S):
             if not (ready.exists() or _is_told_by_another(lock)):
                 passed_s = time.monotonic() - started
                 logger.warning(
@@ -101,7 +101,7 @@ def _told(ready: Path, lock: Path) -> Iterator[None]:
                     passed_s,
                 )
 
-    threading.Thread(target=tell, daemon=True, name="compiling").start()
+    threading.Thread(target=say, daemon=True, name="compiling").start()
     try:
         yield
     finally:

@@ -28,9 +28,14 @@ PLACES: dict[str, tuple[str, ...]] = {
     + ("models/simulation/contact/points.py", "tasks/bench/measure.py", "tasks/bench/plan.py")
     + ("tasks/campaign/settings.py", "tasks/scientist/insights/insights.py"),
     "panel": ("flows/challenge/", "flows/cli/challenge.py", "flows/gap/", "models/gap/", "tasks/gap/"),
+    "tell": ("flows/campaign/", "flows/cli/told.py", "flows/library.py", "flows/page/"),
 }
 # Names that columns, keys of files, commands, their options and public arguments have.
-STORED = ("flows/page/interface.py:answer", "lake/tables/inference.py:answer")
+STORED: tuple[str, ...] = (
+    "flows/page/interface.py:answer",
+    "lake/tables/inference.py:answer",
+    "tasks/traces/features.py:tell",
+)
 # Compiled kernels, in which a new name would cost every installation minutes.
 KERNELS = ("models/objects/edges.py", "models/objects/grid.py", "models/simulation/solver/cholesky/")
 # Terms of their own fields.

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 from fast.lake.store import Lake
-from fast.models.errors import UsageError, tell_cause
+from fast.models.errors import UsageError, describe_cause
 from fast.models.records import GraspRequest
 from fast.tasks.bench.plan import order_grasps
 from fast.tasks.bench.print import write_tray
@@ -39,7 +39,7 @@ def write_batch(campaign: Campaign, batch: int, folder: Path) -> tuple[GraspRequ
         folder.mkdir(parents=True, exist_ok=True)
         os.replace(part, folder)  # whole or not at all
     except OSError as error:
-        raise UsageError(f"{folder} cannot be written ({tell_cause(error)}); give another folder.") from error
+        raise UsageError(f"{folder} cannot be written ({describe_cause(error)}); give another folder.") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return requests

@@ -16,7 +16,7 @@ from fast.flows.campaign.forms import open_form
 from fast.flows.campaign.loops import CampaignRun, await_asked
 from fast.flows.campaign.operator_prompts import make_reading_form
 from fast.flows.gap.bench_plan import describe_command
-from fast.flows.gap.scheduled import search_and_tell
+from fast.flows.gap.scheduled import search_and_announce
 from fast.flows.gap.search import MOST_ASKED, GapOutcome, GapRequest, UnfinishedError
 from fast.lake.leases import is_held
 from fast.lake.tables.campaign import EventRow
@@ -69,7 +69,7 @@ def search_campaign(label: str, run: CampaignRun) -> GapOutcome | None:
         return None
     order = GapRequest(campaign.campaign_id, most_asked=min(count_left(run), MOST_ASKED))
     try:
-        return search_and_tell(
+        return search_and_announce(
             campaign.lake,
             order.with_workers(campaign.config.execution.simulation_workers),
             run.reporter,

@@ -11,7 +11,7 @@ from fast.flows.server.access import address_for_person
 from fast.flows.server.crashed_runs import end_crashed_runs
 from fast.flows.server.environment import named_server
 from fast.flows.server.page_port import serve_page
-from fast.flows.server.server import configure_client, server, tell_ignored
+from fast.flows.server.server import configure_client, report_ignored, server
 from fast.flows.server.surroundings import check_surroundings
 from fast.hardware.virtual.world.file import World
 from fast.lake.leases import exclusive
@@ -70,7 +70,7 @@ def run_campaign(
         how = {"config": str(config_path.resolve()), "auto_print": auto_print, "real": confirm_real is not None}
         append_event(campaign.lake, name, STARTED, "started or continued", run=lease.token, **how)
         reporter.progress("starting the Prefect server (some seconds, a minute on a busy machine)")
-        if (sentence := tell_ignored()) and named_server() is None:
+        if (sentence := report_ignored()) and named_server() is None:
             reporter.progress(sentence)
         api = stack.enter_context(server(campaign.lake.root))
         page = stack.enter_context(serve_page(campaign.lake))

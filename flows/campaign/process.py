@@ -108,8 +108,8 @@ def run_in_process(
         open_bench=lambda tools: open_campaign_bench(campaign, setup, truth, tools, run.should_stop),
         world_hash=setup.world_hash if isinstance(setup, World) else None,
         auto_print=auto_print,
-        on_grasp=functools.partial(_tell_grasp, progress),
-        on_simulated=functools.partial(_tell_simulated, progress),
+        on_grasp=functools.partial(_report_grasp, progress),
+        on_simulated=functools.partial(_report_simulated, progress),
         prompts=Prompts(campaign, reporter, told),
         reporter=reporter,
         pace=progress.pace,
@@ -224,14 +224,14 @@ def _solve_in_worker(pool: WorkerPool, physics_of_truth: Physics, request: Physi
     return pool.call(solve_elsewhere, physics_of_truth, get_object(request.object_id), request)
 
 
-def _tell_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
+def _report_grasp(progress: CampaignProgress, tool: ProposedTool, grasp: MeasuredGrasp) -> None:
     result = f"{peak_force_n(grasp.trace):.1f} N" if grasp.status == "ok" else f"failed ({grasp.reason})"
     is_owed = grasp.status == "ok" and grasp.request is None
     words = f"{tool.label} on {name_object(grasp.object_id)}, repeat {grasp.repeat}: {result}"
     progress.grasp(words, (tool.tool_id, (grasp.object_id, grasp.repeat)) if is_owed else None)
 
 
-def _tell_simulated(progress: CampaignProgress, label: str, n_failed: int) -> None:
+def _report_simulated(progress: CampaignProgress, label: str, n_failed: int) -> None:
     failed = f", {n_failed} failed" if n_failed else ""
     progress.simulated(f"{label}{failed}")
 

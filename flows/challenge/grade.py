@@ -92,7 +92,7 @@ def make_tables(graded: Sequence[Graded]) -> dict[str, Rows]:
     return {"figures": _list_figures(graded), "probabilities": _list_bins(graded), "worlds": _list_worlds(graded)}
 
 
-def tell_doubts(graded: Sequence[Graded]) -> list[str]:
+def describe_doubts(graded: Sequence[Graded]) -> list[str]:
     """Say which answers have `missing` and `probability` on different sides of even; they count as they stand."""
     torn = [one.answer for one in graded if (one.answer.probability - 0.5) * (one.answer.missing - 0.5) < 0.0]
     if not torn:

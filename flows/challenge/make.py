@@ -66,7 +66,11 @@ def read_seed(path: Path) -> str:
 
 
 def make_challenge(
-    seed: str, folder: Path, n_worlds: int = N_WORLDS, panel: Path = PANEL, tell: Callable[[str], None] = lambda _: None
+    seed: str,
+    folder: Path,
+    n_worlds: int = N_WORLDS,
+    panel: Path = PANEL,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Manifest:
     """Make a challenge's folder, and its keys beside it; always the same from a seed and a panel.
 
@@ -80,7 +84,7 @@ def make_challenge(
     worlds = open_worlds(seed, panel)
     try:
         folder.mkdir(parents=True)
-        return _write_challenge(worlds, seed, folder, n_worlds, tell)
+        return _write_challenge(worlds, seed, folder, n_worlds, progress)
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)
         raise UsageError(f"{folder} cannot be written ({error}); name another folder.") from error
@@ -101,7 +105,9 @@ def open_worlds(seed: str, panel: Path) -> Worlds:
     return Worlds(panels, bank, seed, has_other_laws=True, n_designs=N_TOOLS, n_objects=N_OBJECTS, strengths=STRENGTHS)
 
 
-def _write_challenge(worlds: Worlds, seed: str, folder: Path, n_worlds: int, tell: Callable[[str], None]) -> Manifest:
+def _write_challenge(
+    worlds: Worlds, seed: str, folder: Path, n_worlds: int, progress: Callable[[str], None]
+) -> Manifest:
     names = {number: f"D{place + 1:02d}" for place, number in enumerate(worlds.panels.designs)}
     _write_shared(folder, worlds, list(names.values()))
     bound = Bound.of(worlds)
@@ -122,7 +128,7 @@ def _write_challenge(worlds: Worlds, seed: str, folder: Path, n_worlds: int, tel
             withheld=hash_forces(withheld[one.name]),
         )
         keys.append(key)
-        tell(f"{one.name} sealed, {keys[-1].key_hash[:12]}")
+        progress(f"{one.name} sealed, {keys[-1].key_hash[:12]}")
     hashes = {key.world: key.key_hash for key in keys}
     how = keys[0].key.nuisance
     noise = SensorNoise(how.noise_sd_n, how.noise_correlation_s, how.rate_hz)

@@ -61,7 +61,7 @@ def run(
             reporter=reporter,
             is_acknowledged=acknowledge,
         )
-    _tell_outcome(outcome, lake, json)
+    _show_outcome(outcome, lake, json)
     if outcome.ended_by == "abort":
         sys.exit(1)
 
@@ -206,7 +206,7 @@ def resolve_campaign(lake: "Lake", campaign: str | None) -> str:
     return known[0]
 
 
-def _tell_outcome(outcome: "CampaignOutcome", lake: Path, as_json: bool) -> None:
+def _show_outcome(outcome: "CampaignOutcome", lake: Path, as_json: bool) -> None:
     data: dict[str, Any] = {
         "campaign": outcome.campaign_id,
         "complete": outcome.is_complete,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import AsJson, make_app, show, table_text, tell
+from fast.flows.cli.common import AsJson, make_app, say_progress, show, table_text
 
 if TYPE_CHECKING:
     from fast.flows.challenge.grade import Rows
@@ -45,7 +45,7 @@ def make(
     from fast.flows.challenge.keys import find_keys
     from fast.flows.challenge.make import make_challenge, read_seed
 
-    manifest = make_challenge(read_seed(seed), folder, worlds, panel or PANEL, tell)
+    manifest = make_challenge(read_seed(seed), folder, worlds, panel or PANEL, say_progress)
     keys = find_keys(folder)
     text = (
         f"{folder}: challenge {manifest.challenge}, {len(manifest.worlds)} worlds to hand out\n"
@@ -65,11 +65,11 @@ def grade(
     json: AsJson = False,
 ) -> None:
     """Open the keys and grade the answers: false alarms, alarms by size, families, probabilities, gap closed, cost."""
-    from fast.flows.challenge.grade import grade_answers, make_tables, tell_doubts
+    from fast.flows.challenge.grade import describe_doubts, grade_answers, make_tables
     from fast.flows.challenge.public import PUBLIC
 
     given, graded = grade_answers(answers, challenge or PUBLIC, keys)
-    tables, doubts = make_tables(graded), tell_doubts(graded)
+    tables, doubts = make_tables(graded), describe_doubts(graded)
     text = _text(f"{given.entrant}, {len(graded)} worlds; 95 % intervals", tables)
     text = "\n\n".join([text, *(f"warning: {one}" for one in doubts)])
     show({"entrant": given.entrant, "challenge": given.challenge, **tables, "warnings": doubts}, text, json)

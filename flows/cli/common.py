@@ -10,7 +10,7 @@ from typing import Annotated, Any, TextIO, get_args
 from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.exceptions import CoercionError
 
-from fast.models.errors import UsageError, tell_cause
+from fast.models.errors import UsageError, describe_cause
 
 LakePath = Annotated[
     Path,
@@ -53,7 +53,7 @@ def say(text: str) -> None:
     _write(text, sys.stdout)
 
 
-def tell(text: str) -> None:
+def say_progress(text: str) -> None:
     """Print progress to standard error, so that standard output stays the result."""
     _write(text, sys.stderr)
 
@@ -87,7 +87,7 @@ def write_out(option: str, path: Path, content: bytes) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, content)
     except OSError as error:
-        raise UsageError(f"{option} `{path}` cannot be written: {tell_cause(error)}; give another file.") from error
+        raise UsageError(f"{option} `{path}` cannot be written: {describe_cause(error)}; give another file.") from error
 
 
 def table_text(rows: list[dict[str, Any]], columns: list[str] | None = None, width: int | None = None) -> str:

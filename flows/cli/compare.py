@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from fast.flows.cli.campaign import open_lake, resolve_campaign
-from fast.flows.cli.common import AsJson, show, table_text, tell, write_out
+from fast.flows.cli.common import AsJson, say_progress, show, table_text, write_out
 from fast.models.errors import UsageError
 
 AT_LEAST_ONE = Number(gte=1)
@@ -59,7 +59,7 @@ def compare(
         for seed in range(races)
         for name in names
     ]
-    runs = run_campaigns(plan, tell, workers)
+    runs = run_campaigns(plan, say_progress, workers)
     summary, paired = campaign_rows(runs), paired_campaign_rows(runs, REFERENCE)
     parts = [
         table_text(summary, list(COLUMNS), WIDTH),
@@ -75,7 +75,7 @@ def compare(
         with figure_style():
             campaigns_figure(runs, REFERENCE).savefig(picture, format=figure.suffix[1:] or "png", dpi=160)
         write_out("--figure", figure, picture.getvalue())
-        tell(f"{figure} drawn")
+        say_progress(f"{figure} drawn")
 
 
 def _replay(lake: Path, campaign: str | None, races: int, as_json: bool) -> None:
@@ -85,7 +85,7 @@ def _replay(lake: Path, campaign: str | None, races: int, as_json: bool) -> None
     from fast.tasks.scientist.backtest import backtest
 
     found = open_lake(lake)
-    rows = backtest(at_present(read_campaign(found, resolve_campaign(found, campaign))), races, tell)
+    rows = backtest(at_present(read_campaign(found, resolve_campaign(found, campaign))), races, say_progress)
     errors = [row["stand_in_n"] for row in rows if row["stand_in_n"] is not None]
     note = (
         f"The nearest measured design stands for each proposal; by the surrogate of all data it is "

@@ -48,10 +48,10 @@ def doctor(
         rows = measure_speed()
         show(rows, table_text(rows), json)
         return
-    _tell(_bench(real) if real is not None else _computer(lake, server), json)
+    _show_checks(_bench(real) if real is not None else _computer(lake, server), json)
 
 
-def _tell(checks: list[Check], as_json: bool) -> None:
+def _show_checks(checks: list[Check], as_json: bool) -> None:
     lines = [f"{'ok  ' if check.ok else 'FAIL'}  {check.name:<18} {check.note}" for check in checks]
     show([check._asdict() for check in checks], "\n".join(lines), as_json)
     if not all(check.ok for check in checks):
@@ -161,12 +161,12 @@ def _running(lake: Path) -> str:
 
     from fast.flows.server.access import address_for_person
     from fast.flows.server.loopback import LOOPBACK
-    from fast.flows.server.server import DEFAULT_PORT, find_server, reach_named_server, tell_ignored
+    from fast.flows.server.server import DEFAULT_PORT, find_server, reach_named_server, report_ignored
     from fast.lake.storage.open import storage_at
 
     if named := reach_named_server():
         return f"named by FAST_PREFECT_API_URL: {named.page}"
-    ignored = f"; {sentence}" if (sentence := tell_ignored()) else ""
+    ignored = f"; {sentence}" if (sentence := report_ignored()) else ""
     if known := find_server(storage_at(lake).root):
         return f"of this lake: {address_for_person(known)}{ignored}"
     with socket.socket() as probe:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fast.flows.cli.campaign import open_lake, resolve_campaign
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say_progress, show, table_text
 from fast.models.units import spell_share
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def features(
 
     found = open_lake(lake)
     name = resolve_campaign(found, campaign) if campaign is not None else None
-    update = update_features(found, name, tell)
+    update = update_features(found, name, say_progress)
     if identify is not None:
         _show_identification(found, identify, json)
         return

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from fast.flows.cli.campaign import open_lake
-from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, show, tell
+from fast.flows.cli.common import DEFAULT_LAKE, OBJECT_HELP, AsJson, LakePath, make_app, say_progress, show
 from fast.flows.cli.real import YesMove, ask_leave
 from fast.flows.cli.virtual import Designs, rack, watch_signals
 from fast.flows.cli.wire import log_folder
@@ -144,7 +144,7 @@ def lend(*, bench: ChosenBench = VIRTUAL_BENCH, lake: LakePath = DEFAULT_LAKE, j
     if bench.real is not None:
         ask_leave(bench.real, read_real_bench(bench.real), None, bench.yes_move)
     asked = watch_signals()
-    tell(f"lent to the page of {found.address} until Ctrl-C")
+    say_progress(f"lent to the page of {found.address} until Ctrl-C")
     sentence = lend_bench(found, bench.world, bench.real, asked.is_set)
     show({"lent": False}, sentence, json)
 
@@ -167,7 +167,7 @@ def tool_place(
         raise UsageError("say either --on-head SLOT or --head-empty, and who looked with --person NAME.")
     with open_bench(bench, tools=rack(design)) as opened:
         changer = opened.changer
-        status = changer.tell(on_head, person) if says else changer.status()
+        status = changer.note_tool(on_head, person) if says else changer.status()
     data = {"slot": status.slot, "sentence": status.sentence, "way_on": status.way.value}
     show(data, f"{status.sentence} Way on: {status.way.value}.", json)
 

@@ -118,10 +118,10 @@ def _show_catalogue(as_json: bool) -> None:
 def _search(lake: "Lake", request: "GapRequest", folder: Path | None, is_dry: bool, as_json: bool) -> None:
     """Search and write the page into a folder, or only say what that costs."""
     from fast.flows.gap.folder import write_folder
-    from fast.flows.gap.search import run_gap, tell_cost
+    from fast.flows.gap.search import describe_search_cost, run_gap
 
     with open_reporter() as reporter:
-        told = tell_cost(lake, request, reporter) if is_dry else run_gap(lake, request, reporter)
+        told = describe_search_cost(lake, request, reporter) if is_dry else run_gap(lake, request, reporter)
     if isinstance(told, str):
         show({"cost": told}, told, as_json)
         return

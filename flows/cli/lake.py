@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from fast.flows.cli.campaign import open_lake
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, say, show, table_text, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, make_app, say, say_progress, show, table_text
 from fast.models.errors import ConfigError, UsageError
 from fast.models.units import spell_count
 
@@ -90,7 +90,7 @@ def _note_usual_setup(folder: Path, setup: "GraspSetup", settings: list[str]) ->
     missing = [name for name in TELLING_COLUMNS if name not in there and name not in given]
     if missing:
         taken = ", ".join(f"{name} {getattr(setup, name):g}" for name in missing)
-        tell(
+        say_progress(
             f"grasps.csv does not say how the grasps were made; taken as usual: {taken}. If that is not so, forces are "
             f"compared with those of another grasp: import with {' '.join(f'--set {name}=...' for name in missing)}."
         )

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from fast.flows.cli.common import tell
+from fast.flows.cli.common import say_progress
 from fast.flows.progress import UNKNOWN, Bar, ProgressReporter, describe_duration, leave_out
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def open_reporter() -> Iterator[ProgressReporter]:
     """
     with _sigterm_as_ctrl_c():
         if not is_watched():
-            yield ProgressReporter(tell, tell)
+            yield ProgressReporter(say_progress, say_progress)
             return
         from rich.console import Console
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from fast.flows.cli.common import tell
+from fast.flows.cli.common import say_progress
 from fast.models.errors import UsageError
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def ask_leave(
         UsageError: no leave; nothing was moved.
     """
     name = bench_file.stem
-    tell(what_moves(name, settings, tools))
+    say_progress(what_moves(name, settings, tools))
     if os.environ.get(BUILD_VARIABLE, "").lower() in ("1", "true", "yes") and not is_rehearsal(settings):
         raise UsageError(f"{BUILD_VARIABLE} is set: an automatic build never moves a machine; nothing was moved.")
     if yes_move is not None:
@@ -59,7 +59,9 @@ def ask_leave(
             "--real was not confirmed: there is no terminal. If a person watches the machine, add "
             f"`--yes-move {name}`; nothing was moved."
         )
-    tell(f"Is the workspace clear, and a hand at the emergency stop? Type the name of the bench, `{name}`, to go on:")
+    say_progress(
+        f"Is the workspace clear, and a hand at the emergency stop? Type the name of the bench, `{name}`, to go on:"
+    )
     if _typed() != name:
         raise UsageError("--real was not confirmed; nothing was moved.")
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from fast.flows.cli.campaign import campaign_ids, open_lake, resolve_campaign
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say_progress, show
 from fast.flows.cli.virtual import wait_for
 from fast.flows.dependencies import require
 from fast.models.errors import UsageError
@@ -84,7 +84,7 @@ def view(
         if show_page is None:
             return
         if live:
-            tell("all of it is shown; Ctrl-C ends the page")
+            say_progress("all of it is shown; Ctrl-C ends the page")
         else:
             show_page()
         with suppress(KeyboardInterrupt):
@@ -104,8 +104,8 @@ def _prepare_page(stack: ExitStack, lake: "Lake", path: Path, is_whole: threadin
 
     def show_page() -> None:
         address = stack.enter_context(open_page(path, login, is_whole))
-        tell("Open this address in a browser on this machine; Ctrl-C ends it:")
-        tell(address)  # no browser is started with it: other users see what programs are started with
+        say_progress("Open this address in a browser on this machine; Ctrl-C ends it:")
+        say_progress(address)  # no browser is started with it: other users see what programs are started with
 
     return show_page
 
@@ -121,7 +121,7 @@ def _follow(lake: "Lake", campaign_id: str, path: Path, began: Callable[[], None
     from fast.tasks.campaign.requests import lease_name
 
     name = resolve_campaign(lake, campaign_id)
-    return follow(lake, name, path, lambda: is_held(lake.storage, lease_name(name)), began=began, tell=tell)
+    return follow(lake, name, path, lambda: is_held(lake.storage, lease_name(name)), began=began, progress=say_progress)
 
 
 def _choose_recording(lake: "Lake", what: str) -> tuple[str, Callable[[Path], Path]]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, tell
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, say_progress
 from fast.flows.cli.virtual import watch_signals
 from fast.flows.dependencies import require
 from fast.models.errors import FastError, UsageError
@@ -44,7 +44,7 @@ def serve(
     from fast.flows.server.access import addresses_for_person
     from fast.flows.server.environment import named_server
     from fast.flows.server.lab import LabPlan, open_lab, refuse_second
-    from fast.flows.server.server import tell_ignored
+    from fast.flows.server.server import report_ignored
     from fast.flows.server.surroundings import check_surroundings
     from fast.lake.store import Lake
 
@@ -56,14 +56,14 @@ def serve(
         _check_server_wanted(host, port)
     check_surroundings()
     found = Lake.open(lake, create=True)
-    if (sentence := tell_ignored()) and named is None:
-        tell(sentence)
+    if (sentence := report_ignored()) and named is None:
+        say_progress(sentence)
     if page_port is not None:
         _check_server_wanted(host, page_port, "--page-port")
     with open_lab(found, LabPlan(port, host, runs, page_port)) as lab:
         asked = watch_signals()  # a server that is still starting is ended by the default
         pages, flows = (addresses_for_person(api, host) for api in (lab.page, lab.api))
-        say_text: Callable[[str], None] = tell if json else say
+        say_text: Callable[[str], None] = say_progress if json else say
         say_text(f"the lab's page of {found.address}: {' or '.join(pages)}")
         say_text(f"flows, in Prefect: {' or '.join(flows)}")
         deployments = lab.deploy()
@@ -83,9 +83,9 @@ def serve(
 
 def _tend(lab: "Lab", asked: threading.Event) -> None:
     while not asked.wait(TEND_S):
-        lab.tend(tell)
+        lab.tend(say_progress)
     if lab.find_runs():
-        tell("what the worker does is brought to an end: a campaign pauses after the grasp in hand")
+        say_progress("what the worker does is brought to an end: a campaign pauses after the grasp in hand")
 
 
 def _check_server_wanted(host: str, port: int, option: str = "--port") -> None:

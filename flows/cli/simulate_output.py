@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fast.flows.cli.common import write_out
-from fast.models.errors import UsageError, tell_cause
+from fast.models.errors import UsageError, describe_cause
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -100,7 +100,7 @@ def make_folder(out: Path) -> None:
 
 def unwritable(folder: Path, error: OSError) -> "UsageError":
     """The error for a folder of --out that cannot be written."""
-    return UsageError(f"--out `{folder}` cannot be written: {tell_cause(error)}; give a folder you may write to.")
+    return UsageError(f"--out `{folder}` cannot be written: {describe_cause(error)}; give a folder you may write to.")
 
 
 def _csv(trace: "Trace") -> str:

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from fast.flows.cli.campaign import open_lake
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, show, table_text, tell, write_out
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say, say_progress, show, table_text, write_out
 from fast.models.errors import UsageError
 from fast.models.units import spell_count
 
@@ -72,12 +72,12 @@ def sql(
         say(content.decode().rstrip("\n"))
         return
     write_out("--out", out, content)
-    tell(f"{spell_count(table.num_rows, 'row')} written to {out}")
+    say_progress(f"{spell_count(table.num_rows, 'row')} written to {out}")
 
 
 def _end_at_once(sentence: str) -> None:
     """End the command from beside a query that hears nothing; there is nothing to tidy up."""
-    tell(f"fast: {sentence}")
+    say_progress(f"fast: {sentence}")
     os._exit(1)
 
 

@@ -7,8 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from fast.flows.cli.campaign import open_lake
-from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, show, table_text
-from fast.flows.cli.common import tell as say_progress
+from fast.flows.cli.common import DEFAULT_LAKE, AsJson, LakePath, say_progress, show, table_text
 from fast.models.errors import UsageError
 from fast.models.units import spell_count
 

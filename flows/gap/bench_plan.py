@@ -108,15 +108,15 @@ def make_sheet(plan: BenchPlan, address: str, directory: Path, config: str = "")
 def describe_settings(setup: GraspSetup, placement: Placement) -> list[str]:
     """What a person sets on the bench, with units: `lift speed 20 mm/s`; offsets and waits where there are any."""
     always = ("lift_speed_mm_per_s", "open_gap_mm", "closed_gap_mm", "tip_below_mm", "close_speed_mm_per_s")
-    found = [_tell(name, getattr(setup, name)) for name in always]
+    found = [_spell(name, getattr(setup, name)) for name in always]
     if setup.dwell_s:
         found.append(f"wait {setup.dwell_s:g} s before the lift")
     if setup.supply_pressure_psi is not None:
-        found.append(_tell("supply_pressure_psi", setup.supply_pressure_psi))
-    return found + [f"object: {_tell(name, value)}" for name, value in placement if value]
+        found.append(_spell("supply_pressure_psi", setup.supply_pressure_psi))
+    return found + [f"object: {_spell(name, value)}" for name, value in placement if value]
 
 
-def _tell(name: str, value: float) -> str:
+def _spell(name: str, value: float) -> str:
     return f"{spell_name(name)} {value:g} {unit_of(name) or ''}".rstrip()
 
 

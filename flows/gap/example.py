@@ -6,7 +6,7 @@ from zipfile import ZipFile
 
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import CampaignRow
-from fast.models.errors import UsageError, tell_cause
+from fast.models.errors import UsageError, describe_cause
 
 CAMPAIGN = "example"
 FILE = Path(__file__).with_name("example.zip")
@@ -41,4 +41,6 @@ def _unpack(file: Path, root: Path) -> None:
             archive.extractall(part)
         part.replace(root)
     except OSError as error:
-        raise UsageError(f"{root} cannot be written ({tell_cause(error)}); give another folder as --out.") from error
+        raise UsageError(
+            f"{root} cannot be written ({describe_cause(error)}); give another folder as --out."
+        ) from error

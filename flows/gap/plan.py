@@ -58,7 +58,7 @@ class PanelOutlook:
     def sentence(self) -> str:
         """From what size on causes will be seen."""
         panel = f"{len(self.tools)} tools on {len(self.objects)} objects, {spell_count(self.repeats, 'time')} each"
-        return f"{panel}. {self.rehearsal.tell_seen_size()}"
+        return f"{panel}. {self.rehearsal.describe_seen_size()}"
 
 
 def look_ahead(

@@ -33,14 +33,14 @@ def watch_gap(lake: Lake, request: GapRequest, flow_run_id: str, reporter: Progr
 
 def _search(lake: Lake, request: GapRequest, reporter: ProgressReporter) -> str:
     try:
-        outcome = search_and_tell(lake, request, reporter)
+        outcome = search_and_announce(lake, request, reporter)
     except TooLittleDataError as error:
         return f"nothing to search: {error}"
     page = f"; page {find_page(lake, outcome)}" if outcome.is_new else ""
     return f"{outcome.sentence}{page}"
 
 
-def search_and_tell(
+def search_and_announce(
     lake: Lake, request: GapRequest, reporter: ProgressReporter, should_stop: Callable[[], bool] = lambda: False
 ) -> GapOutcome:
     """Search a lake; a new answer gets its page and an event, and people are told of a gap.

@@ -131,7 +131,7 @@ def run_gap(
         return _run_rounds(lake, search, simulator, reporter)
 
 
-def tell_cost(lake: Lake, request: GapRequest, reporter: ProgressReporter) -> str:
+def describe_search_cost(lake: Lake, request: GapRequest, reporter: ProgressReporter) -> str:
     """What a search would simulate and how long that takes, in a sentence; the split is frozen, nothing is searched.
 
     A lake that has never simulated such grasps makes a few of the bank's, which tell how long one takes.
@@ -330,7 +330,7 @@ def _sum_up(
     seed: int, start: Start, rounds: "Sequence[Round]", following: "Next", verdict: Verdict, evaluation: "Evaluation"
 ) -> Findings:
     """The answer of all rounds, but for what it took and its warnings."""
-    from fast.models.gap.evidence.visible import find_visible_sizes, tell_panel
+    from fast.models.gap.evidence.visible import describe_panel, find_visible_sizes
 
     told = (*(one.asked for one in rounds), following.refined)
     trials, rehearsal = rounds[-1].proposed.trials, rounds[0].search.rehearsal  # the wide bank has every effect
@@ -347,7 +347,7 @@ def _sum_up(
         verdict=verdict,
         ranking=following.ranking,
         in_use=tuple(value.effect for value in start.effects),
-        panel=tell_panel(rehearsal, find_visible_sizes(trials.fit, names, rehearsal.lines)),
+        panel=describe_panel(rehearsal, find_visible_sizes(trials.fit, names, rehearsal.lines)),
     )
 
 

@@ -85,7 +85,7 @@ class Weighed:
         elif named.kind != "none":
             said.append("No grasp of this bench would tell more.")
         if self.beside is not None:
-            said.append(self._tell_beside(self.beside))
+            said.append(self._describe_beside(self.beside))
         return " ".join(said)
 
     def list_rows(self) -> list[dict[str, Any]]:
@@ -97,7 +97,7 @@ class Weighed:
             {
                 "may be missing": one.effect,
                 "evidence": _round(one.nats),
-                "value": _tell_value(values[one.effect]),
+                "value": _spell_value(values[one.effect]),
             }
             for one in trials.tried
         ]
@@ -108,7 +108,7 @@ class Weighed:
                 rows.append({"may be missing": one.name, "evidence": _round(one.nats), "value": ""})
         return sorted(rows, key=lambda row: -row["evidence"])
 
-    def _tell_beside(self, beside: Beside) -> str:
+    def _describe_beside(self, beside: Beside) -> str:
         """How far the other simulator is from this one, and where its constants would go."""
         theta = self.naming.trials.fit.theta
         modulus, friction, ratio = theta - beside.theta
@@ -241,6 +241,6 @@ def _round(nats: float) -> float:
     return round(nats, 1) + 0.0  # not -0
 
 
-def _tell_value(value: EffectValue) -> str:
+def _spell_value(value: EffectValue) -> str:
     known: Sequence[tuple[str, float]] = list(value.parameters.items())
     return ", ".join(f"{spell_name(name)} {value:.3g} {unit_of(name) or ''}".rstrip() for name, value in known)

@@ -16,7 +16,7 @@ from fast.flows.report.campaign.queries import Result
 from fast.flows.report.style import figure_style, save_svg
 from fast.lake.query.sql import csv_bytes
 from fast.lake.storage.files import discard
-from fast.models.errors import FastError, UsageError, tell_cause
+from fast.models.errors import FastError, UsageError, describe_cause
 from fast.tasks.templates import render
 
 _LOG = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ class Folder:
                 (root / name).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(
-                f"The report folder {root} cannot be written ({tell_cause(error)}); give another one."
+                f"The report folder {root} cannot be written ({describe_cause(error)}); give another one."
             ) from error
 
     def draw(self, name: str, figure: Figure, *, for_print: bool = False, kind: str | None = None) -> str:

@@ -128,7 +128,7 @@ class StrategyRun:
 
 
 def run_campaigns(
-    plan: Sequence[PlannedCampaign], tell: Callable[[str], None], n_workers: int = 1
+    plan: Sequence[PlannedCampaign], progress: Callable[[str], None], n_workers: int = 1
 ) -> list[StrategyRun]:
     """Run or continue the campaigns, `n_workers` side by side; the runs come in the order of the plan.
 
@@ -138,22 +138,22 @@ def run_campaigns(
     runs: dict[Path, StrategyRun] = {}
     rate = RateEstimate(longest_gap_s=float("inf"))
     rate.update(0, time.monotonic())
-    for planned, run in _run_each(plan, tell, n_workers):
+    for planned, run in _run_each(plan, progress, n_workers):
         runs[planned.lake_folder] = run
         rate.update(len(runs), time.monotonic())
         left = describe_time_left(rate.seconds_left(len(plan) - len(runs)))
         what = f"{planned.strategy.name}, seed {planned.seed}: best {run.best_n[-1]:.2f} N of {run.n_measured} tools"
-        tell(f"{what}  |  {len(runs)} of {len(plan)} campaigns, {left}")
+        progress(f"{what}  |  {len(runs)} of {len(plan)} campaigns, {left}")
     return [runs[planned.lake_folder] for planned in plan]
 
 
 def _run_each(
-    plan: Sequence[PlannedCampaign], tell: Callable[[str], None], n_workers: int
+    plan: Sequence[PlannedCampaign], progress: Callable[[str], None], n_workers: int
 ) -> Iterable[tuple[PlannedCampaign, StrategyRun]]:
     """The campaigns as they end."""
     if n_workers == 1:
         for planned in plan:
-            yield planned, run_campaign(planned, tell)
+            yield planned, run_campaign(planned, progress)
         return
     context = get_context("spawn")
     with ProcessPoolExecutor(n_workers, context, initializer=follow_parent, initargs=(os.getpid(),)) as processes:
@@ -162,20 +162,20 @@ def _run_each(
             yield running[done], done.result()
 
 
-def run_campaign(planned: PlannedCampaign, tell: Callable[[str], None]) -> StrategyRun:
+def run_campaign(planned: PlannedCampaign, progress: Callable[[str], None]) -> StrategyRun:
     """Run or continue one campaign, with a process for the solver."""
     pool = WorkerPool(1)
     try:
-        return _run_one(planned, pool, tell)
+        return _run_one(planned, pool, progress)
     finally:
         pool.close()
 
 
-def _run_one(planned: PlannedCampaign, pool: WorkerPool, tell: Callable[[str], None]) -> StrategyRun:
+def _run_one(planned: PlannedCampaign, pool: WorkerPool, progress: Callable[[str], None]) -> StrategyRun:
     campaign = Campaign(Lake.open(planned.lake_folder, create=True), planned.own_config)
     try:
         register(campaign, toml_of(campaign.config))
-        runner = _Runner(planned, campaign, pool, tell)
+        runner = _Runner(planned, campaign, pool, progress)
         if planned.strategy.tools is None:
             runner.search_in_simulation()
         else:
@@ -190,7 +190,7 @@ class _Runner:
     """Drives one campaign; every step asks the lake what is missing."""
 
     def __init__(
-        self, planned: PlannedCampaign, campaign: Campaign, pool: WorkerPool, tell: Callable[[str], None]
+        self, planned: PlannedCampaign, campaign: Campaign, pool: WorkerPool, progress: Callable[[str], None]
     ) -> None:
         self._campaign, self._pool = campaign, pool
         self._world = planned.own_world
@@ -198,7 +198,7 @@ class _Runner:
         # All campaigns share the world's solved grasps: the initial tools are the same.
         files = PhysicsFiles(planned.folder / "physics")
         self._physics = PhysicsCache(partial(_solve, pool), files)
-        self._say = lambda what: tell(f"{planned.strategy.name}, seed {planned.seed}: {what}")
+        self._say = lambda what: progress(f"{planned.strategy.name}, seed {planned.seed}: {what}")
 
     def run_stage(self, stage: int) -> None:
         """Choose tools, simulate, measure."""

@@ -110,20 +110,20 @@ class Lab:
             raise FastError(f"the deployments of {CHECKOUT / 'prefect.yaml'} were not accepted: {last}")
         return sorted(found["name"] for found in ask_server(self.api, "/deployments/filter", {}))
 
-    def tend(self, tell: Callable[[str], None]) -> None:
+    def tend(self, progress: Callable[[str], None]) -> None:
         """Start again what died, and campaigns whose process did; what they need is in the database and in the lake."""
         if self._server is not None and self._server.restart_if_dead():
             note_server(self._lake.root, self._server)
-            tell(f"the Prefect server had died and was started again; its log is {self._server.log_path}")
+            progress(f"the Prefect server had died and was started again; its log is {self._server.log_path}")
         self.find_runs()
         if self._worker.restart_if_dead():
-            tell(f"the worker had died and was started again; its log is {self._worker.log_path}")
+            progress(f"the worker had died and was started again; its log is {self._worker.log_path}")
         # A server that is still starting would hold this up, and with it the start of the worker.
         if time.monotonic() - self._swept_s > SWEEP_S and is_healthy(self.api):
             self._swept_s = time.monotonic()
             only_worker_since = None if self._server is None else self._worker.since
             for sentence in end_crashed_runs(self.api, and_continue=True, worker_since=only_worker_since).sentences:
-                tell(sentence)
+                progress(sentence)
 
     def close(self) -> None:
         """Stop the page and the worker, ask its runs to pause and wait for them, then stop the server."""

@@ -156,7 +156,7 @@ def reach_named_server() -> Api | None:
     )
 
 
-def tell_ignored() -> str | None:
+def report_ignored() -> str | None:
     """The sentence about settings for another Prefect, if there are any."""
     ignored = list_ignored()
     if not ignored:

@@ -112,7 +112,7 @@ def simulate_designs(
     total, done, rate, is_given_up = len(designs) * len(objects), 0, RateEstimate(), False
     pool = WorkerPool(n_workers)
 
-    def tell(own: OwnDesign, obj: RigidObject, attempt: Attempt) -> None:
+    def note(own: OwnDesign, obj: RigidObject, attempt: Attempt) -> None:
         nonlocal done
         if is_given_up:
             raise CancelledError  # ends the thread, which has other objects to come
@@ -126,7 +126,7 @@ def simulate_designs(
         _try_start(pool)
         with ThreadPoolExecutor(n_workers) as threads:
             try:
-                return list(threads.map(partial(_simulate, pool, job, tuple(objects), tell), designs))
+                return list(threads.map(partial(_simulate, pool, job, tuple(objects), note), designs))
             except BaseException:  # Ctrl-C too: only grasps that are under way are waited for
                 is_given_up = True
                 raise
@@ -148,7 +148,7 @@ def _simulate(
     pool: WorkerPool,
     job: Callable[..., GraspJob],
     objects: tuple[RigidObject, ...],
-    tell: Callable[[OwnDesign, RigidObject, Attempt], None],
+    note: Callable[[OwnDesign, RigidObject, Attempt], None],
     own: OwnDesign,
 ) -> SimulatedDesign:
     """All objects of a design in one worker, which keeps its mesh."""
@@ -157,5 +157,5 @@ def _simulate(
         for obj in objects:
             wanted = job(own.design, obj)
             attempts.append(await_attempt(worker, wanted, worker.submit(attempt_grasp, wanted)))
-            tell(own, obj, attempts[-1])
+            note(own, obj, attempts[-1])
     return SimulatedDesign(own, objects, tuple(attempts))

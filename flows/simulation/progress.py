@@ -48,7 +48,7 @@ def simulate_missing(
         if should_stop():
             break
         counter.begin(n_missing(lake, [plan]))
-        n_failed += simulate_plan(lake, plan, n_workers, counter.tell, should_stop)
+        n_failed += simulate_plan(lake, plan, n_workers, counter.note, should_stop)
     for row_type in (SimTraceRow, SimulationRow):
         compact(lake, row_type)
     failed = f"; {n_failed} failed" if n_failed else ""
@@ -84,7 +84,7 @@ class _SimulationCounter:
         """The next plan lacks so many grasps."""
         self.before_plan, self.failed_before_plan, self.of_plan = self.made, self.failed, n_grasps
 
-    def tell(self, done: PointDone) -> None:
+    def note(self, done: PointDone) -> None:
         """Note that a point ended."""
         now = time.monotonic()
         self.made = self.before_plan + self.of_plan - (done.n_grasps - done.n_done)

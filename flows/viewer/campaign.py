@@ -55,7 +55,7 @@ def follow(
     is_running: Callable[[], bool],
     *,
     began: Callable[[], None] | None = None,
-    tell: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] | None = None,
     poll_s: float = POLL_S,
 ) -> int:
     """Write to a file what the campaign measures and proposes, until it ends.
@@ -77,8 +77,8 @@ def follow(
             is_last = False
             while not is_last:
                 is_last = not is_running()  # asked first: what is written until then is still sent
-                if timeline.update() and tell is not None:
-                    tell(f"{timeline.n_grasps} grasps of {campaign_id}")
+                if timeline.update() and progress is not None:
+                    progress(f"{timeline.n_grasps} grasps of {campaign_id}")
                 stream.flush()
                 if not is_last:
                     time.sleep(poll_s)

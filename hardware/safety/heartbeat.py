@@ -68,12 +68,12 @@ class BeatingClock:
                 except DeviceError as error:
                     self._lost = error
             if self._lost is not None:
-                self._tell_lost()
+                self._report_lost()
             for hear in self._hear:
                 hear()
             remaining_s = end_s - self.now_s()
 
-    def _tell_lost(self) -> None:
+    def _report_lost(self) -> None:
         lost, self._lost = self._lost, None
         if lost is None:
             return

@@ -107,7 +107,7 @@ class ToolChanger:
             return None
         return status.slot
 
-    def tell(self, slot: int | None, person: str) -> ToolStatus:
+    def note_tool(self, slot: int | None, person: str) -> ToolStatus:
         """A person has looked and says which slot's tool is on the head, or that none is. Nothing moves.
 
         Raises:
@@ -120,7 +120,7 @@ class ToolChanger:
             raise InterlockError(
                 f"{status.sentence} That contradicts what was said; put sensors or tools in order first."
             )
-        self.journal.tell(slot, person)
+        self.journal.note_tool(slot, person)
         return status
 
     def pick(self, slot: int) -> MountedTool:

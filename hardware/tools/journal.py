@@ -71,7 +71,7 @@ class Journal:
         """End the open transaction."""
         self._write({"end": end})
 
-    def tell(self, slot: int | None, person: str) -> None:
+    def note_tool(self, slot: int | None, person: str) -> None:
         """A person has looked: this slot's tool is on the head, or none."""
         self._write(
             {"verb": "told", "slot": slot, "tool_id": "", "person": person, "free_n": self._free_n, "end": "done"}

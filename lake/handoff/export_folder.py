@@ -42,7 +42,7 @@ from fast.lake.tables.campaign import (
 )
 from fast.lake.tables.catalogue_rows import read_lot_rows
 from fast.lake.tables.imported import importing_campaign
-from fast.models.errors import LakeError, UsageError, tell_cause
+from fast.models.errors import LakeError, UsageError, describe_cause
 from fast.models.records import GraspSetup
 
 _TRACE_SCHEMA = pa.schema([(TRACE_COLUMNS[0], pa.string()), *((name, pa.float64()) for name in TRACE_COLUMNS[1:])])
@@ -224,7 +224,7 @@ def write_files(directory: Path, files: Sequence[tuple[str, Callable[[Path], Non
         discard([path for pair in staged for path in pair])
         if isinstance(error, LakeError):
             raise
-        why = f"{directory} cannot be written ({tell_cause(error)}); nothing was written: give another folder"
+        why = f"{directory} cannot be written ({describe_cause(error)}); nothing was written: give another folder"
         raise UsageError(f"{why}, or free disk space.") from error
 
 

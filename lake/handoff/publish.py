@@ -138,7 +138,7 @@ def _write_shapes(lake: Lake, folder: Path, campaign_id: str | None) -> list[Pat
     return files
 
 
-def _tell_about(path: Path) -> str:
+def _describe_file(path: Path) -> str:
     if path.parent.name != SHAPES:
         return _ABOUT[path.name]
     if path.stem.startswith("object_"):
@@ -182,7 +182,7 @@ def _describe(path: Path) -> dict[str, Any]:
     described: dict[str, Any] = {
         "name": path.name.lower().replace(".", "-").replace("_", "-"),
         "path": _path_in_deposit(path),
-        "description": _tell_about(path),
+        "description": _describe_file(path),
         "format": path.suffix[1:],
         "bytes": path.stat().st_size,
         "hash": f"sha256:{_hash(path)}",
@@ -231,7 +231,7 @@ def _write_crate(directory: Path, files: Sequence[Path], about: dict[str, Any]) 
         for number, author in enumerate(about["authors"], start=1)
     ]
     for path in files:
-        about_file = path.name if path.name in ("README.md", "datapackage.json") else _tell_about(path)
+        about_file = path.name if path.name in ("README.md", "datapackage.json") else _describe_file(path)
         properties = {"name": about_file, "contentSize": str(path.stat().st_size)}
         crate.add_file(path, dest_path=_path_in_deposit(path), properties=properties | {"sha256": _hash(path)})
     crate.metadata.write(directory)

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from fast.lake.tables.campaign import TABLE_BY_NAME, Row
 from fast.lake.tables.schema import SCHEMA_VERSION, VERSION_KEY, has_samples, schema_of
-from fast.models.errors import FastError, LakeError, UsageError, tell_cause
+from fast.models.errors import FastError, LakeError, UsageError, describe_cause
 
 FILE_PREFIX = "rows-"  # what readers look at; temporary and foreign files are named otherwise
 FILE_SUFFIX = ".parquet"
@@ -280,7 +280,7 @@ def writing_failed(folder: Path, error: OSError) -> FastError:
     """The sentence for a folder that could not be written."""
     if error.errno in FORBIDDEN:
         return UsageError(
-            f"{folder} cannot be written ({tell_cause(error)}); nothing was written: "
+            f"{folder} cannot be written ({describe_cause(error)}); nothing was written: "
             "give another folder with --lake, or change its permissions."
         )
     return LakeError(

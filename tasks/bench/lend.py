@@ -202,7 +202,7 @@ class Lender:
                         continue
                     sentence = self._fulfil(request, requests)
                     if sentence:
-                        self._tell(session, sentence, is_over=True)
+                        self._report(session, sentence, is_over=True)
                     if first_holder and request.verb == "take":
                         break
         return f"{self.name} is lent no more"
@@ -226,7 +226,7 @@ class Lender:
                 hand.set_leave(gantry.require)
                 requests.drop()  # given before anything could be seen
                 requests.hand = hand
-                self._tell(taken.session, f"{self.name} is connected")
+                self._report(taken.session, f"{self.name} is connected")
                 return self._follow_steps(taken.session, hand, requests, path)
         finally:
             requests.hand = None
@@ -245,7 +245,7 @@ class Lender:
                 if request.verb == "release":
                     return f"{request.operator} gave {self.name} back"
                 if request.step is not None:
-                    self._tell(session, self._make(hand, request.operator, request.step))
+                    self._report(session, self._make(hand, request.operator, request.step))
             _write_reading(path, hand)
         return f"{self.name} is lent no more"
 
@@ -258,7 +258,7 @@ class Lender:
         except FastError as error:
             return str(error)
 
-    def _tell(self, session: str, sentence: str, is_over: bool = False) -> None:
+    def _report(self, session: str, sentence: str, is_over: bool = False) -> None:
         append_event(self.lake, "", DONE, sentence, session=session, sentence=sentence, is_over=is_over)
 
 

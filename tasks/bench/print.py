@@ -12,7 +12,7 @@ from fast.lake.storage.files import write_file
 from fast.lake.store import Lake
 from fast.lake.tables.campaign import BatchRow, CampaignRow, ProposalRow, ToolRow
 from fast.models.design.recipe import Recipe
-from fast.models.errors import UsageError, tell_cause
+from fast.models.errors import UsageError, describe_cause
 from fast.models.ids import tool_label
 from fast.models.records import Record
 from fast.tasks.bench.measured_tools import MeasuredTool, mark_measured, note_measured
@@ -90,7 +90,7 @@ def write_tray(lake: Lake, campaign_id: str, batch: int, folder: Path, slots: Co
             write_file(folder / file_name, content)
     except OSError as error:
         raise UsageError(
-            f"the print folder `{folder}` cannot be written ({tell_cause(error)}); give another one or free space."
+            f"the print folder `{folder}` cannot be written ({describe_cause(error)}); give another one or free space."
         ) from error
     return folder / SHEET
 

@@ -36,7 +36,7 @@ class Next:
 
 def ask_next(rounds: Sequence[Round], most_grasps: int) -> Next:
     """What the first round that leaves a name open asks for; with none open, what the ranking of designs needs."""
-    refined = _tell_refined(rounds[-1])
+    refined = _describe_refined(rounds[-1])
     for one in rounds:
         found = ask(one.search, one.naming, most_grasps)
         if found is not None:
@@ -133,7 +133,7 @@ def _write_experiment(fit: Fit, plan: Refinement, pairs: Sequence[Pair], ranked:
     )
 
 
-def _tell_refined(last: Round) -> Asked | None:
+def _describe_refined(last: Round) -> Asked | None:
     """What grasps for a parameter have brought, if the simulator has it still."""
     run = find_refined_run(last.search.lake, last.search.campaign_id)
     asked = run.findings.next_experiment if run is not None else None

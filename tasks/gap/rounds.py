@@ -15,7 +15,7 @@ import numpy as np
 from fast.lake.store import Lake
 from fast.models.gap.ask.answers import believe
 from fast.models.gap.ask.hypotheses import list_hypotheses
-from fast.models.gap.ask.settle import settle, tell_asked
+from fast.models.gap.ask.settle import describe_asked, settle
 from fast.models.gap.bank.bank import BankPlan
 from fast.models.gap.bank.surrogate import N_BINS
 from fast.models.gap.data import GapData
@@ -136,7 +136,7 @@ def settle_answers(search: SearchInputs, naming: NamingResult) -> tuple[NamingRe
     if np.ptp(likelihood) == 0.0:  # no grasp that was asked for was made
         return naming, None
     questions = [one for one in read_questions(search.lake, search.campaign_id) if not one.parameter]
-    asked = tell_asked(questions, hypotheses, likelihood, search.answers)
+    asked = describe_asked(questions, hypotheses, likelihood, search.answers)
     return settle(naming, believe(hypotheses, likelihood)), asked
 
 

@@ -14,7 +14,7 @@ from fast.tasks.scientist.observe import closed_batches, observe
 _FIRST = 0.25  # of the measured tools, with which a replay begins
 
 
-def backtest(campaign: Campaign, n_replays: int, tell: Callable[[str], None]) -> list[dict[str, Any]]:
+def backtest(campaign: Campaign, n_replays: int, progress: Callable[[str], None]) -> list[dict[str, Any]]:
     """Replays with batches of the campaign's size and of half of it, for each measured objective and the mean force.
 
     Rows of `models.scientist.backtest.ReplayRow` with the objective.
@@ -44,6 +44,6 @@ def backtest(campaign: Campaign, n_replays: int, tell: Callable[[str], None]) ->
                     replays += [
                         replay(data, campaign.space, strategy, n_first, n_batch, seed) for seed in range(n_replays)
                     ]
-                    tell(f"{name}: {strategy}, batches of {n_batch}")
+                    progress(f"{name}: {strategy}, batches of {n_batch}")
         rows += [{"objective": name, **row.model_dump()} for row in sum_up(replays)]
     return rows

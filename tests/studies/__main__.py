@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from fast.flows.cli.common import AsJson, show, table_text, tell
+from fast.flows.cli.common import AsJson, say_progress, show, table_text
 from fast.flows.cli.main import run_and_leave
 from fast.models.errors import UsageError
 from fast.models.objects.catalogue import get_object
@@ -68,7 +68,7 @@ def run(
         if value is not None
     }
     _check_options(name, STUDIES[name], given)
-    tables = STUDIES[name].measure(Options(**given, tell=tell))
+    tables = STUDIES[name].measure(Options(**given, tell=say_progress))
     show({"study": name, "options": given, **circumstances(), "tables": _rounded(tables)}, _text(tables), json)
 
 

@@ -100,7 +100,7 @@ def _prepare_page(content: GapPage, folder: Folder) -> dict[str, Any]:
         "has_candidates": _save_candidates(findings.rounds, folder),
         "where": _prepare_where(content, folder),
         "show": _prepare_show(evaluation, folder) if evaluation is not None else None,
-        "theta": [_tell_constant(row) for row in content.theta],
+        "theta": [_describe_constant(row) for row in content.theta],
         "assumed": _list_assumed(content),
         "budget": [
             {"name": cost.replace("_", " "), "value": number(value, 0 if value == round(value) else 1)}
@@ -204,7 +204,7 @@ def _list_assumed(content: GapPage) -> list[str]:
     ]
 
 
-def _tell_constant(row: ThetaRow) -> dict[str, Any]:
+def _describe_constant(row: ThetaRow) -> dict[str, Any]:
     """A constant before and after, and whether it moved towards what another instrument says."""
     known = row.independent
     return {

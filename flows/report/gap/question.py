@@ -38,7 +38,7 @@ def _prepare_question(asked: NextExperiment, folder: Folder) -> dict[str, Any]:
         "sentence": asked.sentence.partition(MEANS)[0],
         "separates": [describe_effect(effect) for effect in asked.separates],
         "outcomes": [
-            {"sentence": sentence, "effect": describe_effect(effect), "chance": _tell_chance(asked, effect)}
+            {"sentence": sentence, "effect": describe_effect(effect), "chance": _describe_chance(asked, effect)}
             for sentence, effect in outcomes
         ],
         "grasps": [
@@ -53,7 +53,7 @@ def _prepare_question(asked: NextExperiment, folder: Folder) -> dict[str, Any]:
     }
 
 
-def _tell_chance(asked: NextExperiment, name: str) -> str:
+def _describe_chance(asked: NextExperiment, name: str) -> str:
     return describe_probability(asked.possible[name]) if name in asked.possible else DASH
 
 

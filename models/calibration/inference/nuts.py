@@ -97,18 +97,18 @@ def run_chain(
     scale: np.ndarray | None,
     settings: CalibrationSettings,
     seed: int,
-    tell: Callable[[int, int], None],
+    progress: Callable[[int, int], None],
 ) -> Chain:
     """Tune and draw one chain from `start` (k); `scale` (k x k) is a guess of the posterior covariance.
 
-    `tell` hears how many draws, tuning included, are done, and the divergences after tuning.
+    `progress` hears how many draws, tuning included, are done, and the divergences after tuning.
     """
     started = time.process_time()
     operation = DensityOp(log_density)
     metric = DenseMetric(np.eye(len(start)) if scale is None else scale)
 
     def on_draw(trace: Any, draw: Any) -> None:
-        tell(len(trace), int(draw.stats[0]["divergences"]))
+        progress(len(trace), int(draw.stats[0]["divergences"]))
 
     with warnings.catch_warnings(), one_blas_thread(), pytensor.config.change_flags(mode=_PYTHON, cxx=""):
         # What is wrong with a chain is counted and reported by the caller.

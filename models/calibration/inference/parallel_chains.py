@@ -100,13 +100,13 @@ def _check_start(log_density: LogDensity, start: np.ndarray) -> None:
 _Job = tuple[np.ndarray, np.ndarray | None, CalibrationSettings, int]
 
 
-def _run(density: LogDensity | bytes, job: _Job, tell: Callable[[int, int], None]) -> "Chain":
+def _run(density: LogDensity | bytes, job: _Job, progress: Callable[[int, int], None]) -> "Chain":
     """Sample a chain of a density, or of the one in this pickle."""
     import cloudpickle
 
     from fast.models.calibration.inference.nuts import run_chain
 
-    return run_chain(cloudpickle.loads(density) if isinstance(density, bytes) else density, *job, tell)
+    return run_chain(cloudpickle.loads(density) if isinstance(density, bytes) else density, *job, progress)
 
 
 class _Report:

@@ -58,7 +58,7 @@ _RIDGE_TAIL = 1e-4  # the same for friction, where the first box takes all that 
 class _Steps:
     """CPU seconds by step, of this process and of those it started."""
 
-    tell: Progress
+    say: Progress
     cpu_s: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
@@ -67,7 +67,7 @@ class _Steps:
         start, wall = time.process_time(), time.monotonic()
         yield
         self.add(name, time.process_time() - start)
-        self.tell(f"{name}: done, {self.cpu_s[name]:.1f} s of CPU, {time.monotonic() - wall:.1f} s")
+        self.say(f"{name}: done, {self.cpu_s[name]:.1f} s of CPU, {time.monotonic() - wall:.1f} s")
 
     def add(self, name: str, cpu_s: float) -> None:
         """Add CPU seconds to a step."""
@@ -114,7 +114,7 @@ def _find_peak(measured: Measurements, settings: CalibrationSettings, steps: _St
     """Mode of the joint posterior, found from those of phi alone and of psi given phi."""
     data, parameters = measured.data, measured.parameters
     with steps("emulator"):
-        phi = find_mode(data, parameters, settings.seed, steps.tell)
+        phi = find_mode(data, parameters, settings.seed, steps.say)
     with steps("optimum"):
         emulator = factorise_at(phi.values, measured)
         guesses = [guess[parameters.n_phi :] for guess in guess_starts(parameters)]
@@ -162,9 +162,7 @@ def _sample_psi(
         with steps("theta surrogate"):
             surrogate = build_accurate_surrogate(peak.emulator, measured, box, psi, peak.psi_covariance, rng)
             degrees = " x ".join(str(n) for n in surrogate.degrees)
-            steps.tell(
-                f"theta surrogate: {degrees} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}"
-            )
+            steps.say(f"theta surrogate: {degrees} nodes, {len(surrogate.basis)} matrices, error {surrogate.error:.3f}")
         with steps("passes of the ridge"):
             density = RidgeDensity(surrogate, _temper(surrogate, psi))
         starts = draw_starts(surrogate, [Optimum(psi, surrogate(psi)[0])], peak.psi_covariance, settings.chains, rng)
@@ -174,7 +172,7 @@ def _sample_psi(
         outside = _outside(density.to_psi(trial.flat), surrogate)
         if outside.sum() <= CONTACT_LIMIT or attempt == MAX_GROWTH:
             break
-        steps.tell(
+        steps.say(
             f"{spell_share(outside.sum(), 1)} of the draws are outside the box of theta: trying again in a larger one"
         )
         box = box.grown(outside > 0.1 * CONTACT_LIMIT)
@@ -184,7 +182,7 @@ def _sample_psi(
     samples = _run(density, trial.draws[:, -1], covariance, full, "sampling", steps)
     draws = density.to_psi(samples.draws)
     outside = _outside(draws.reshape(-1, draws.shape[2]), surrogate)
-    steps.tell(f"{spell_share(outside.sum(), 1)} of the draws are outside the box of theta")
+    steps.say(f"{spell_share(outside.sum(), 1)} of the draws are outside the box of theta")
     return density, replace(samples, draws=draws, n_gradients=samples.n_gradients + trial.n_gradients)
 
 
@@ -205,7 +203,7 @@ def _run(
     steps: _Steps,
 ) -> Samples:
     with steps(step):
-        samples = sample(density, starts, settings, scale=covariance, progress=steps.tell)
+        samples = sample(density, starts, settings, scale=covariance, progress=steps.say)
         steps.add(step, samples.cpu_s if settings.workers > 1 else 0.0)
     return samples
 
@@ -258,7 +256,7 @@ def _result(
         rows = resample(weights, len(weights) // settings.chains * settings.chains, rng)
         draws = parameters.constrain(weighted.draws[rows], measured.data.force_scale_n)
         draws = draws.reshape(settings.chains, -1, draws.shape[1])
-        steps.tell(
+        steps.say(
             f"k-hat {weighted.k_hat:.2f} (limit {K_HAT_LIMIT:g}), {find_effective_size(weights):.0f} effective of "
             f"{len(weights)} weighted draws, {samples.n_gradients:,} gradients, {samples.n_divergences} divergences"
         )

@@ -36,7 +36,7 @@ def settle(naming: NamingResult, believed: Sequence[Hypothesis]) -> NamingResult
     )
 
 
-def tell_asked(
+def describe_asked(
     asked: Sequence[NextExperiment], before: Sequence[Hypothesis], likelihood: np.ndarray, answers: Answers
 ) -> Asked:
     """What came of experiments that were asked for; likelihood: of the hypotheses, log."""

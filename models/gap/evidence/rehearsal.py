@@ -123,7 +123,7 @@ class Rehearsal:
         same = [one for one in self.worlds if self.is_alarm(one.signs) == is_alarm]
         return (sum(one.group != NOTHING for one in same) + 0.5) / (len(same) + 1.0)
 
-    def tell_families(self) -> list[FamilyTold]:
+    def describe_families(self) -> list[FamilyTold]:
         """Of each family that was hidden, how often it raised an alarm and got which name; of no family, at the end."""
         hidden = [one for one in self.worlds if one.group != NOTHING and not one.second]
         families, found = sorted({one.family for one in hidden}, key=lambda family: (not family, family)), []
@@ -131,7 +131,7 @@ class Rehearsal:
         for family in families:
             own = [one for one in hidden if one.family == family]
             alarms = [one for one in own if self.is_alarm(one.signs)]
-            names = [self._tell_name(one) for one in alarms]
+            names = [self._find_name(one) for one in alarms]
             others = [name for name in names if name not in (family, "")]
             found.append(
                 FamilyTold(
@@ -158,7 +158,7 @@ class Rehearsal:
         odds = Odds.learn(rows, [self.is_alarm(one.signs) for one in hidden])
         return {family: _find_size(odds, own[family]) for family in families}
 
-    def _tell_name(self, one: Rehearsed) -> str:
+    def _find_name(self, one: Rehearsed) -> str:
         """The family that an alarm is given; empty for *unknown*."""
         if one.named is None or self.name.judge(np.array(one.named.description)) <= EVEN:
             return ""
@@ -176,7 +176,7 @@ class Rehearsal:
         odds = Odds.learn(_scale_sizes(np.array([one.size for one in hidden])), alarms)
         return _find_size(odds)
 
-    def tell_seen_size(self, force_n: float | None = None) -> str:
+    def describe_seen_size(self, force_n: float | None = None) -> str:
         """From what size on causes are seen, or that large ones are not, in words. force_n: of the grasps, if known."""
         hidden = [one for one in self.worlds if one.group != NOTHING]
         size, made = self.find_seen_size(), f"{len(self.worlds)} made-up worlds of these tools and objects"

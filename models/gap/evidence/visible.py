@@ -102,7 +102,7 @@ def find_measured_size(fit: EvidenceFit, lines: Signs, size: VisibleSize) -> Vis
     return VisibleSize(size.effect, scale_value(largest, scale), share)
 
 
-def tell_panel(rehearsal: Rehearsal, sizes: Sequence[VisibleSize]) -> PanelTold:
+def describe_panel(rehearsal: Rehearsal, sizes: Sequence[VisibleSize]) -> PanelTold:
     """What a panel can tell, as it is kept: lines, what became of made-up worlds, and sizes."""
     return PanelTold(
         lines=asdict(rehearsal.lines),

@@ -68,7 +68,7 @@ class Decider:
 
     def decide_none(self, probability: float) -> Decision:
         """Nothing, with what could still hide, and what there is some evidence for."""
-        hides = self.rehearsal.tell_seen_size(compute_rms(self.trials.fit.force_n))
+        hides = self.rehearsal.describe_seen_size(compute_rms(self.trials.fit.force_n))
         near = ""
         if self.trials.tried:
             near = f" Anything smaller is most like this: {CATALOGUE[self.trials.tried[0].effect].title}."
@@ -109,7 +109,7 @@ class Decider:
         words = (
             f"cells are {np.sqrt(fit.omnibus):.1f} times further off than honest simulators, without a pattern"
             if pattern is None
-            else _tell_pattern(pattern)
+            else _describe_pattern(pattern)
         )
         return Decision(
             kind="unknown",
@@ -136,7 +136,7 @@ class Decider:
     def _find_drift(self) -> str:
         """What repeats of the same grasps differ by, in words, where most of the evidence is theirs."""
         best = self.trials.weighed[0]
-        return _tell_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.lines.nats else ""
+        return _describe_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.lines.nats else ""
 
     def _find_most(self, change_n: np.ndarray) -> str:
         """Where it is largest: the object, the tool and the lift with the largest mean of its squares (n x b)."""
@@ -160,7 +160,7 @@ class Decider:
         return (*names, UNKNOWN) if name <= max(EVEN, self.rehearsal.possible_unknown) else names
 
 
-def _tell_pattern(pattern: Candidate) -> str:
+def _describe_pattern(pattern: Candidate) -> str:
     return f"repeats of the same grasps differ {pattern.name}" if pattern.kind == "drift" else pattern.name
 
 

@@ -37,7 +37,7 @@ def _patch(dies_after: int) -> None:
     from fast.flows.campaign import gap_step
     from fast.tasks.bench import mount
 
-    gap_step.search_and_tell = search_made_up
+    gap_step.search_and_announce = search_made_up
     measure, numbers = mount.measure_asked, count(1)
 
     def measure_and_die(*words: Any, on_grasp: Any, **more: Any) -> None:

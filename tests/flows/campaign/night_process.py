@@ -61,7 +61,7 @@ def _patch(dies_at: str) -> None:
         assert run is not None
         return GapOutcome(run, True)
 
-    gap_step.search_and_tell = search
+    gap_step.search_and_announce = search
     finish, numbers = NightLoop.finish, count(1)
 
     def finish_and_die(self: NightLoop, future: Any) -> bool:

@@ -15,7 +15,7 @@ from fast.flows.campaign import gap_step
 from fast.flows.campaign.gap_step import close_gap
 from fast.flows.campaign.process import with_run_page
 from fast.flows.campaign.status import describe_state
-from fast.flows.gap.scheduled import search_and_tell
+from fast.flows.gap.scheduled import search_and_announce
 from fast.flows.gap.search import UnfinishedError
 from fast.flows.progress import ProgressReporter
 from fast.hardware.bench import open_virtual_bench
@@ -81,7 +81,7 @@ class Ended:
 def in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Prefect's tasks, done where they are submitted; the search is made up."""
     monkeypatch.setattr(gap_step, "unmapped", lambda value: value)
-    monkeypatch.setattr(gap_step, "search_and_tell", search_made_up)
+    monkeypatch.setattr(gap_step, "search_and_announce", search_made_up)
     for task in (gap_step.search_campaign, steps.mount_tools, steps.measure_asked):
         monkeypatch.setattr(task, "submit", lambda *words, task=task: Ended(lambda: task.fn(*words)))
 
@@ -161,7 +161,7 @@ def test_without_leave_nothing_is_searched_and_without_budget_nothing_is_asked(
     assert gap_step.count_left(run) == 4
     off = campaign.config.model_copy(update={"gap": GapSettings()})
     object.__setattr__(campaign, "config", off)
-    monkeypatch.setattr(gap_step, "search_and_tell", None)
+    monkeypatch.setattr(gap_step, "search_and_announce", None)
     assert close_gap(run, 0, wait)
     assert asked(campaign.lake) == []
     object.__setattr__(campaign, "config", off.model_copy(update={"gap": GapSettings(active=True, budget_share=0.0)}))
@@ -171,7 +171,7 @@ def test_without_leave_nothing_is_searched_and_without_budget_nothing_is_asked(
 def test_a_campaign_with_too_little_to_search_says_so_once(
     campaign: Campaign, in_turn: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gap_step, "search_and_tell", search_and_tell)
+    monkeypatch.setattr(gap_step, "search_and_announce", search_and_announce)
     said: list[str] = []
     for _ in range(2):
         run, wait = make_run(campaign)
@@ -195,7 +195,7 @@ def test_a_pause_within_a_search_is_no_failure(
         asked_to_stop[0] = is_asked_to_stop
         raise UnfinishedError("the bank lacks 5 of 9 simulations")
 
-    monkeypatch.setattr(gap_step, "search_and_tell", stop)
+    monkeypatch.setattr(gap_step, "search_and_announce", stop)
     if is_asked_to_stop:
         assert not close_gap(run, 0, wait)
     else:

@@ -11,7 +11,7 @@ import pytest
 from fast.flows.gap import search
 from fast.flows.gap.folder import write_folder
 from fast.flows.gap.scheduled import markdown
-from fast.flows.gap.search import GapRequest, run_gap, tell_cost
+from fast.flows.gap.search import GapRequest, describe_search_cost, run_gap
 from fast.flows.progress import ProgressReporter, describe_duration
 from fast.lake.query.lineage import Node, find_lineage
 from fast.lake.store import Lake
@@ -166,7 +166,7 @@ def test_the_cost_is_told_and_nothing_is_searched(tmp_path: Path, monkeypatch: p
         lake.append(rows, PROVENANCE)
 
     monkeypatch.setattr(search, "simulate_missing", simulate)
-    sentence = tell_cost(lake, ORDER, silent())
+    sentence = describe_search_cost(lake, ORDER, silent())
     n_wide, n_local = (
         sum(plan.n_grasps for plan in plan_bank(BASE, Cells.full(DESIGNS, OBJECTS, SETUP), of))
         for of in (WIDE, choose_largest_bank())
@@ -179,7 +179,7 @@ def test_the_cost_is_told_and_nothing_is_searched(tmp_path: Path, monkeypatch: p
         "core."
     )
     assert len(simulated) == n_tried  # of the bank, to know how long one takes
-    assert tell_cost(lake, ORDER, silent()) == sentence
+    assert describe_search_cost(lake, ORDER, silent()) == sentence
     assert len(simulated) == n_tried
     assert not lake.rows(CalibrationRow)
 

@@ -64,7 +64,7 @@ def test_a_panel_says_what_it_will_tell_and_what_one_less_would_cost(config: Pat
     lake = Lake.open(tmp_path / "lake", create=True)
     outlook = look_ahead(lake, config, 3, 3, 20, 1, SILENT)
     assert (len(outlook.tools), len(outlook.objects), outlook.repeats) == (3, 3, 2)
-    assert outlook.sentence == f"3 tools on 3 objects, 2 times each. {outlook.rehearsal.tell_seen_size()}"
+    assert outlook.sentence == f"3 tools on 3 objects, 2 times each. {outlook.rehearsal.describe_seen_size()}"
     by_name = {one.planned.effect: one for one in outlook.sizes}
     offset = by_name["load_cell_offset"]
     assert offset.planned.value is not None

@@ -89,7 +89,7 @@ def test_live_follows_a_growing_lake_until_the_campaign_ends(tmp_path):
     path = tmp_path / "live.rrd"
     sizes: list[int] = []
     n_grasps = follow(lake, "demo", path, is_running, began=lambda: sizes.append(path.stat().st_size),
-                      tell=told.append, poll_s=0.0)  # fmt: skip
+                      progress=told.append, poll_s=0.0)  # fmt: skip
     assert sizes[0] > 0  # a page that opens now has something to show
     assert n_grasps == sum(1 for g in lake.records(GraspRow) if g.status == "ok")
     assert told == [f"{n_grasps} grasps of demo"]

@@ -171,8 +171,8 @@ def test_a_person_is_asked_when_the_tool_is_gone(tmp_path):
                 with pytest.raises(InterlockError, match=r"was on the head .* now it is in slot 3\. Nothing was moved"):
                     command()
             with pytest.raises(InterlockError, match="contradicts what was said"):
-                bench.changer.tell(3, "a person")
-            bench.changer.tell(None, "a person")
+                bench.changer.note_tool(3, "a person")
+            bench.changer.note_tool(None, "a person")
             assert bench.changer.pick(0).tool_id == "a/B01T0"
 
 

@@ -54,7 +54,7 @@ def measure_challenge(options: Options) -> Tables:
         root = Path(temporary) if options.results is None else options.results.parent
         folder = root / "worlds"
         if not folder.exists():
-            make_challenge(SEED, folder, options.worlds or N_WORLDS, tell=options.tell)
+            make_challenge(SEED, folder, options.worlds or N_WORLDS, progress=options.tell)
         paths = answer_worlds(folder, root, options.tell)
         graded = {name: make_tables(grade_answers(path, folder)[1]) for name, path in paths.items()}
     rows = [_summarise(name, tables["figures"]) for name, tables in graded.items()]

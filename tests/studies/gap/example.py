@@ -21,7 +21,7 @@ import numpy as np
 
 from fast.flows.challenge.hidden.lab import TOOLS_PER_BATCH, Lab, Nuisance, Site, Variants
 from fast.flows.challenge.hidden.panel_file import read_small
-from fast.flows.cli.common import tell
+from fast.flows.cli.common import say_progress
 from fast.flows.gap.example import CAMPAIGN, FILE
 from fast.flows.gap.folder import write_folder
 from fast.flows.gap.search import GapRequest, run_gap
@@ -193,10 +193,10 @@ def main() -> None:
     lake = Lake.open(words.lake, create=True)
     bank = read_bank_rows(Lake.open(words.bank)) if words.bank is not None else []
     lake.append(round_rows([*measure_example(), *bank]), current_provenance(seed=SEED))
-    outcome = run_gap(lake, GapRequest(CAMPAIGN), ProgressReporter(tell, tell))
-    tell(f"{outcome.sentence}; page {write_folder(lake, outcome)}")
+    outcome = run_gap(lake, GapRequest(CAMPAIGN), ProgressReporter(say_progress, say_progress))
+    say_progress(f"{outcome.sentence}; page {write_folder(lake, outcome)}")
     write_example(words.out, collect_example(lake))
-    tell(f"{words.out}: {words.out.stat().st_size / 1e6:.2f} MB")
+    say_progress(f"{words.out}: {words.out.stat().st_size / 1e6:.2f} MB")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fast.models.gap.ask.hypotheses import Hypothesis
-from fast.models.gap.ask.settle import settle, tell_asked
+from fast.models.gap.ask.settle import describe_asked, settle
 from fast.models.gap.findings import NONE, UNKNOWN, Candidate, Decision, NextExperiment, Promise
 from fast.models.gap.naming.name import Alarm, NamingResult
 
@@ -62,7 +62,7 @@ def test_what_was_asked_is_told_with_what_it_was_worth(best: str, title: str) ->
         sentence="",
         promised=tuple(Promise(between=pair, nats=n) for pair, n in [((NONE, WEAR), 3.0), ((WEAR, UNKNOWN), 3.5)]),
     )
-    told = tell_asked([asked], before, likelihood, SimpleNamespace(n_grasps=5))  # type: ignore[arg-type]
+    told = describe_asked([asked], before, likelihood, SimpleNamespace(n_grasps=5))  # type: ignore[arg-type]
     assert (told.promised, told.spent) == (4, 5)
     got = 7.0 if best == WEAR else 5.0
     promised = 3.0 if best == NONE else 3.5

@@ -339,18 +339,18 @@ def test_what_could_still_hide_has_a_size() -> None:
     size = rehearsal.find_seen_size()
     assert size is not None
     assert 0.03 < size < 0.08
-    assert f"by {100.0 * size:.2g} % ({size * 8.0:.2g} N) or more" in rehearsal.tell_seen_size(8.0)
-    assert " N)" not in rehearsal.tell_seen_size()
+    assert f"by {100.0 * size:.2g} % ({size * 8.0:.2g} N) or more" in rehearsal.describe_seen_size(8.0)
+    assert " N)" not in rehearsal.describe_seen_size()
     sizes = [
         replace(rehearsal, lines=replace(LEAST, nats=line)).find_seen_size() or 1.0 for line in (45.0, 89.0, 150.0)
     ]
     assert sizes == sorted(sizes)
     unseen = replace(rehearsal, lines=replace(LEAST, nats=1e3))
     assert unseen.find_seen_size() is None
-    assert "even of causes of 5 % of the force or more, 0 of 16 are seen" in unseen.tell_seen_size()
+    assert "even of causes of 5 % of the force or more, 0 of 16 are seen" in unseen.describe_seen_size()
     few = replace(rehearsal, worlds=(*nothing, *hidden[:5]))
     assert few.find_seen_size() is None
-    assert "rehearse 40 or more" in few.tell_seen_size()
+    assert "rehearse 40 or more" in few.describe_seen_size()
 
 
 def test_names_are_learnt_from_what_was_right_and_what_was_not() -> None:

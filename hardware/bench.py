@@ -414,14 +414,14 @@ class Wires:
 
     plc: ModbusLink
     transmitter: WeightSource
-    transmitter_line: ModbusLink | Transport
+    transmitter_wire: ModbusLink | Transport
     gantry: Transport
 
     def write_to(self, files: WireFiles) -> None:
         """Have the wire logs of all three written to files."""
         files.follow(self.gantry.log, GANTRY, self.gantry.name)
         files.follow(self.plc.log, PLC, self.plc.name)
-        files.follow(self.transmitter_line.log, LOAD_CELL, self.transmitter_line.name)
+        files.follow(self.transmitter_wire.log, LOAD_CELL, self.transmitter_wire.name)
 
 
 def wires_to(settings: BenchSettings, clock: Clock) -> Wires:

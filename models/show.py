@@ -48,8 +48,8 @@ def force_svg(lift_mm: "np.ndarray", force_n: "np.ndarray") -> str:
 def html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table as HTML; the first cell of a row is its name."""
 
-    def line(fields: Sequence[str], tag: str) -> str:
+    def make_row(fields: Sequence[str], tag: str) -> str:
         first, *others = map(html.escape, fields)
         return f"<tr><th>{first}</th>" + "".join(f"<{tag}>{cell}</{tag}>" for cell in others) + "</tr>"
 
-    return "<table>" + line(head, "th") + "".join(line(row, "td") for row in rows) + "</table>"
+    return "<table>" + make_row(head, "th") + "".join(make_row(row, "td") for row in rows) + "</table>"

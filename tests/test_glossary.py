@@ -18,14 +18,10 @@ PLACES: dict[str, tuple[str, ...]] = {
     "cell": ("flows/challenge/", "flows/report/gap/", "flows/viewer/gap.py", "models/gap/", "models/traces/")
     + ("tasks/bench/again.py", "tasks/bench/told_questions.py", "tasks/gap/"),
     "lead": ("models/gap/",),
-    "order": (
-        "flows/challenge/hidden/lab.py",
-        "flows/cli/plan.py",
-        "hardware/parts/route.py",
-        "lake/",
-        "models/gap/where/",
-    )
-    + ("models/simulation/contact/points.py", "tasks/bench/measure.py", "tasks/bench/plan.py")
+    "line": ("flows/campaign/", "flows/cli/", "flows/page/start.py", "flows/report/lineage.py", "hardware/", "lake/")
+    + ("flows/scientist/campaign_runs.py", "tasks/bench/machine_files/"),
+    "order": ("flows/challenge/hidden/lab.py", "flows/cli/plan.py", "hardware/parts/route.py", "lake/")
+    + ("models/gap/where/", "models/simulation/contact/points.py", "tasks/bench/measure.py", "tasks/bench/plan.py")
     + ("tasks/campaign/settings.py", "tasks/scientist/insights/insights.py"),
     "panel": ("flows/challenge/", "flows/cli/challenge.py", "flows/gap/", "models/gap/", "tasks/gap/"),
     "tell": ("flows/campaign/", "flows/cli/told.py", "flows/library.py", "flows/page/"),
@@ -34,12 +30,18 @@ PLACES: dict[str, tuple[str, ...]] = {
 STORED: tuple[str, ...] = (
     "flows/page/interface.py:answer",
     "lake/tables/inference.py:answer",
+    "models/gap/findings.py:lines",
     "tasks/traces/features.py:tell",
 )
 # Compiled kernels, in which a new name would cost every installation minutes.
-KERNELS = ("models/objects/edges.py", "models/objects/grid.py", "models/simulation/solver/cholesky/")
+KERNELS = (
+    "models/objects/edges.py",
+    "models/objects/grid.py",
+    "models/simulation/contact/self_",
+    "models/simulation/solver/cholesky/",
+)
 # Terms of their own fields.
-COMPOUNDS = ("load cell",)
+COMPOUNDS = ("load cell", "line search")
 
 
 def rows_under(title: str) -> list[list[str]]:

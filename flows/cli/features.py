@@ -100,12 +100,12 @@ def _text(update: "FeatureUpdate", rows: "list[ClassQuality]") -> str:
         for measure, title in _TITLES.items():
             chosen = [row for row in rows if (row.campaign_id, row.measure) == (campaign, measure)]
             if chosen:
-                parts.append(f"{campaign}, {title}\n\n{table_text([_line(row) for row in chosen])}")
+                parts.append(f"{campaign}, {title}\n\n{table_text([_tabulate(row) for row in chosen])}")
     parts.append("Brackets: 95 % bootstrap intervals over tools.")
     return "\n\n".join(parts)
 
 
-def _line(row: "ClassQuality") -> dict[str, str]:
+def _tabulate(row: "ClassQuality") -> dict[str, str]:
     line = {"objects": row.object_class, f"batch {row.first_batch}": _interval(row.first)}
     if row.last is not None and row.change is not None:
         line |= {f"batch {row.last_batch}": _interval(row.last), "change": _interval(row.change)}

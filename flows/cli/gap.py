@@ -143,7 +143,7 @@ def _weigh(
             "leave out --out (`--json > FILE` keeps the answer)."
         )
     from fast.flows.gap.weigh import describe_cost, weigh_panel
-    from fast.flows.report.gap.sentences import describe_lines
+    from fast.flows.report.gap.sentences import describe_thresholds
 
     with open_reporter() as reporter:
         told = (describe_cost if is_dry else weigh_panel)(lake, request, reporter, simulated)
@@ -151,7 +151,7 @@ def _weigh(
         show({"cost": told}, told, as_json)
         return
     rows, warnings = told.list_rows(), told.warnings
-    evidence = f"{_EVIDENCE} {describe_lines(asdict(told.naming.decider.rehearsal.lines))}"
+    evidence = f"{_EVIDENCE} {describe_thresholds(asdict(told.naming.decider.rehearsal.thresholds))}"
     text = [told.sentence, "", table_text(rows), "", evidence, *(f"warning: {one}" for one in warnings)]
     show({"summary": told.sentence, "weighed": rows, "warnings": warnings}, "\n".join(text), as_json)
 
@@ -190,7 +190,7 @@ def plan_(
         outlook = look_ahead(found, config, tools, objects, rehearse, workers, reporter)
     families = [
         {name.replace("_", " "): words for name, words in row.items()}
-        for row in list_families(outlook.rehearsal.tell_families())
+        for row in list_families(outlook.rehearsal.describe_families())
     ]
     sizes = [
         {
@@ -331,9 +331,9 @@ def _data(outcome: "GapOutcome") -> dict[str, Any]:
 def _text(outcome: "GapOutcome", page: Path) -> str:
     from fast.flows.report.gap.sentences import (
         describe_in_use,
-        describe_lines,
         describe_notes,
         describe_probability,
+        describe_thresholds,
     )
 
     findings = outcome.run.findings
@@ -355,7 +355,7 @@ def _text(outcome: "GapOutcome", page: Path) -> str:
             for row in sorted(tried, key=lambda row: -(row.nats or 0.0))[:_MOST_CANDIDATES]
         ]
         lines += ["", table_text(rows), ""]
-    known = [describe_lines(findings.panel.lines)] if findings.panel is not None else []
+    known = [describe_thresholds(findings.panel.lines)] if findings.panel is not None else []
     lines += [" ".join([_EVIDENCE, *known]), _VISIBLE, ""]
     lines.append(f"held out: {_held_out(findings)}")
     lines += [f"asked: {one.outcome}" for one in findings.asked]

@@ -92,7 +92,7 @@ def look_ahead(
     data = GapData.of_all(grasps, read_bank(lake, version, grasps.cells))
     rehearsal = rehearse_panel(data, (), n_worlds, n_workers, reporter.progress)
     last_object, last_tool = len(grasps.objects) - 1, len(grasps.tools) - 1
-    fit, lines = _foresee(data, np.ones(len(grasps.tool), dtype=bool)), rehearsal.lines
+    fit, lines = _foresee(data, np.ones(len(grasps.tool), dtype=bool)), rehearsal.thresholds
     planned = find_visible_sizes(fit, data.usable.names, lines)
     less = [
         find_visible_sizes(_foresee(data, is_taken), data.usable.names, lines, planned)

@@ -347,7 +347,7 @@ def _sum_up(
         verdict=verdict,
         ranking=following.ranking,
         in_use=tuple(value.effect for value in start.effects),
-        panel=describe_panel(rehearsal, find_visible_sizes(trials.fit, names, rehearsal.lines)),
+        panel=describe_panel(rehearsal, find_visible_sizes(trials.fit, names, rehearsal.thresholds)),
     )
 
 

@@ -53,7 +53,7 @@ _SIMULATED = """
 
 
 @dataclass(frozen=True)
-class CampaignLine:
+class CampaignSummary:
     """A campaign of the lake, with the addresses of what it put out; empty where there is nothing."""
 
     campaign_id: str
@@ -107,7 +107,7 @@ class SqlResult:
     points: dict[str, Any] | None
 
 
-def list_campaign_lines(lake: Lake) -> list[CampaignLine]:
+def list_campaign_summaries(lake: Lake) -> list[CampaignSummary]:
     """Campaigns of the lake, the newest first."""
     lines = []
     for row in lake.query(_CAMPAIGNS).to_pylist():
@@ -115,7 +115,7 @@ def list_campaign_lines(lake: Lake) -> list[CampaignLine]:
         folder = lake.root / "outputs" / name
         report = below_outputs(lake, folder / "report" / "index.html")
         recording = below_outputs(lake, folder / f"{name}.rrd")
-        lines.append(CampaignLine(name, row["started"], row["n_grasps"] or 0, row["labs"] or "", report, recording))
+        lines.append(CampaignSummary(name, row["started"], row["n_grasps"] or 0, row["labs"] or "", report, recording))
     return lines
 
 

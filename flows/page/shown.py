@@ -60,7 +60,7 @@ def _add_numbers(app: FastAPI, page: LabPage, path: str, read: Read) -> None:
 
 def _read_results(page: LabPage, _: Request) -> dict[str, Any]:
     return {
-        "lines": results.list_campaign_lines(page.lake),
+        "lines": results.list_campaign_summaries(page.lake),
         "tools": results.list_tools(page.lake),
         "calibrations": results.list_calibrations(page.lake),
     }

@@ -26,11 +26,11 @@ LIGHT = np.array([0.22, 0.58, 0.78])  # towards the light, in view coordinates (
 LARGEST_EDGE_MM = 3.0
 OBJECT_SPACING_MM = 1.5
 OBJECT_PX = 96
-OBJECTS_PER_LINE = 6
+OBJECTS_PER_ROW = 6
 OVERSAMPLING = 3
-LINE_PX = 1.0
-LINE_ANGLE_RAD = np.radians(35.0)  # faces that meet at more get a line between them
-LINE_NEARER_MM = 1.0  # so that the triangles beside a line do not cover it
+EDGE_PX = 1.0
+EDGE_ANGLE_RAD = np.radians(35.0)  # faces that meet at more get a line between them
+EDGE_NEARER_MM = 1.0  # so that the triangles beside a line do not cover it
 DPI = 100
 
 
@@ -84,7 +84,7 @@ def object_picture(object_id: int) -> np.ndarray:
 
 def draw_objects(objects: Sequence[RigidObject]) -> Figure:
     """Pictures of objects side by side, with name, number and size."""
-    n_columns = min(len(objects), OBJECTS_PER_LINE)
+    n_columns = min(len(objects), OBJECTS_PER_ROW)
     n_lines = -(-len(objects) // n_columns)
     figure = Figure(figsize=(2.4 * n_columns, 2.7 * n_lines), dpi=DPI, layout="constrained")
     grid = figure.subplots(n_lines, n_columns, squeeze=False).ravel()
@@ -122,14 +122,14 @@ def _polygons(mesh: trimesh.Trimesh, colour: str, mm_per_px: float) -> list[_Pol
     corners = mesh.triangles[is_facing]
     triangles = (corners[:, [0, 1, 2, 2], :2], np.clip(brightness[:, None] * rgb, 0, 1), corners[:, :, 2].mean(axis=1))
     sides = is_facing[mesh.face_adjacency]
-    is_line = (sides[:, 0] != sides[:, 1]) | (sides.all(axis=1) & (mesh.face_adjacency_angles > LINE_ANGLE_RAD))
+    is_line = (sides[:, 0] != sides[:, 1]) | (sides.all(axis=1) & (mesh.face_adjacency_angles > EDGE_ANGLE_RAD))
     start, end = mesh.vertices[mesh.face_adjacency_edges[is_line]].transpose(1, 0, 2)
     along = (end - start)[:, :2]
-    along *= 0.5 * LINE_PX * mm_per_px / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    along *= 0.5 * EDGE_PX * mm_per_px / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     aside = along[:, ::-1] * (1.0, -1.0)
     first, last = start[:, :2] - along, end[:, :2] + along
     quads = np.stack([first + aside, first - aside, last - aside, last + aside], axis=1)
-    depth = 0.5 * (start + end)[:, 2] + LINE_NEARER_MM
+    depth = 0.5 * (start + end)[:, 2] + EDGE_NEARER_MM
     return [triangles, (quads, np.tile(0.4 * rgb, (len(start), 1)), depth)]
 
 

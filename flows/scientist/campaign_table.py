@@ -69,7 +69,7 @@ def campaigns_figure(runs: Sequence[StrategyRun], reference: str) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     for place, name in enumerate(names):
         of_name, colour = [c for c in runs if c.strategy == name], COLOURS[place % len(COLOURS)]
-        _best_line(left, of_name, name, colour)
+        _draw_best(left, of_name, name, colour)
         _last_tools(right, of_name, len(names) - place, colour)
     left.set_xticks(sorted({int(n) for c in runs if len(c.batches_n) > 1 for n in _counts(c)}))
     left.set_xlabel("tools measured")
@@ -100,7 +100,7 @@ def _summary(name: str, runs: list[StrategyRun]) -> dict[str, Any]:
     }
 
 
-def _best_line(axes: Axes, runs: list[StrategyRun], name: str, colour: str) -> None:
+def _draw_best(axes: Axes, runs: list[StrategyRun], name: str, colour: str) -> None:
     best = np.array([run.best_n for run in runs])
     counts = _counts(runs[0])
     if len(counts) == 1:  # measured once, at the end

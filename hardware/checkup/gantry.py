@@ -16,21 +16,21 @@ _DOING = "looking at the gantry"
 _SETTINGS = "gantry settings"
 
 
-def check_gantry(findings: Findings, line: Transport, clock: Clock, profile: GrblProfile) -> None:
-    """Look at the controller at the other end of `line`.
+def check_gantry(findings: Findings, transport: Transport, clock: Clock, profile: GrblProfile) -> None:
+    """Look at the controller at the other end of `transport`.
 
     Raises:
         DeviceError: the port cannot be opened, or the controller falls silent.
     """
-    findings.add("gantry port", check_serial_port(line.name))
-    session = GrblSession(line, clock, profile)
+    findings.add("gantry port", check_serial_port(transport.name))
+    session = GrblSession(transport, clock, profile)
     session.link.open()
     try:
         report = _wake_up(session)
         if report is None:
             said = f" (it said `{session.link.unknown}`)" if session.link.unknown else ""
             fix = "check its power, the port and its version; if an alarm has made it deaf, press its reset button"
-            findings.add("gantry", f"nothing on {line.name} answers as GRBL 1.1{said}", fix)
+            findings.add("gantry", f"nothing on {transport.name} answers as GRBL 1.1{said}", fix)
         elif report.state not in ("Idle", "Alarm"):
             findings.add("gantry", f"it is in state {report.state} and was not touched", "wait until it is at rest, or "
                          "press the emergency stop")  # fmt: skip

@@ -14,7 +14,7 @@ from fast.hardware.grbl.messages import StatusReport, Vector
 from fast.models.errors import DeviceError
 
 PLACE_TOLERANCE_MM = 0.01  # at the end of a way, and at rest
-OFF_LINE_MM = 0.1  # beside a commanded line: eight steps
+OFF_PATH_MM = 0.1  # beside a commanded line: eight steps
 BACK_MM = 0.05
 SPEED_SLACK = 1.1
 JUMP_MM = 0.25  # on top of what the speed allows: half a step, and a late answer
@@ -125,8 +125,8 @@ class PlaceWatch:
         self, way: Way, report: StatusReport, place_mm: Vector, now_s: float
     ) -> tuple[type[DeviceError], str] | None:
         off_mm = way.off_mm(place_mm)
-        if off_mm > OFF_LINE_MM:
-            return WrongPlaceError, f"The gantry is {off_mm:.3f} mm off its way, limit {OFF_LINE_MM} mm,"
+        if off_mm > OFF_PATH_MM:
+            return WrongPlaceError, f"The gantry is {off_mm:.3f} mm off its way, limit {OFF_PATH_MM} mm,"
         if self._last is not None and way.along_mm(place_mm) < way.along_mm(self._last[0]) - BACK_MM:
             return WrongPlaceError, "The gantry goes back on its way"
         left_mm = max(abs(target - place) for target, place in zip(way.target_mm, place_mm, strict=True))

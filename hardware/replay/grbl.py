@@ -193,15 +193,15 @@ class ReplayTransport:
 class ReplayClock(VirtualClock):
     """Time that waits for nobody; ends a wait for what the recording does not hold."""
 
-    def __init__(self, line: ReplayTransport) -> None:
+    def __init__(self, transport: ReplayTransport) -> None:
         super().__init__()
-        self._line = line
+        self._transport = transport
 
     def sleep(self, duration_s: float) -> None:
         """Move time; raises `ReplayEnded` in a driver that goes on asking."""
         super().sleep(duration_s)
-        if self._line.controller.n_idle_polls > MAX_IDLE_POLLS:
-            self._line.controller.n_idle_polls = 0
+        if self._transport.controller.n_idle_polls > MAX_IDLE_POLLS:
+            self._transport.controller.n_idle_polls = 0
             raise ReplayEnded
 
 
@@ -223,16 +223,16 @@ def replay_grbl(entries: Sequence[WireEntry], profile: GrblProfile | None = None
     return outcome
 
 
-def _play(driver: GrblDriver, line: ReplayTransport, profile: GrblProfile) -> None:
+def _play(driver: GrblDriver, transport: ReplayTransport, profile: GrblProfile) -> None:
     """One session: connect, then action after action."""
-    controller = line.controller
+    controller = transport.controller
     controller.ask("connecting", driver.connect)
     while not (controller.is_over or controller.is_ended):
         if controller.is_polled:
             before = controller.next
             controller.ask("asking for the status", driver.status)
             if controller.next == before:
-                line.say(controller.skip_poll())
+                transport.say(controller.skip_poll())
             continue
         ahead = [step.sent for step in controller.steps[controller.next :] if step.sent != POLL]
         if all(_is_override(piece) for piece in ahead):

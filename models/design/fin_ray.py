@@ -107,7 +107,7 @@ def _outline(design: FinRay) -> BaseGeometry:
     return whole.intersection(box(0.0, BASE_HEIGHT_MM, design.length_mm, top))
 
 
-def _back_line(design: FinRay) -> tuple[np.ndarray, np.ndarray]:
+def _back_side(design: FinRay) -> tuple[np.ndarray, np.ndarray]:
     """Two points of the inner side of the slanted back wall."""
     foot = np.array([design.length_mm, 0.0])
     apex = np.array([design.front_thickness_mm + APEX_EXTRA_MM, design.height_mm])
@@ -119,7 +119,7 @@ def _back_line(design: FinRay) -> tuple[np.ndarray, np.ndarray]:
 
 def _cavity(design: FinRay) -> BaseGeometry:
     """The space between the walls below the solid tip; it goes on below the base, which has no fillets."""
-    foot, apex = _back_line(design)
+    foot, apex = _back_side(design)
     top = design.height_mm - design.tip_length_mm
     direction = apex - foot
     start, end, far_x = foot - direction, apex + direction, -4 * design.length_mm
@@ -149,7 +149,7 @@ def rib_centres(design: FinRay) -> np.ndarray:
 
 def _back_x(design: FinRay, z: np.ndarray) -> np.ndarray:
     """The inner side of the back wall at heights z (n)."""
-    foot, apex = _back_line(design)
+    foot, apex = _back_side(design)
     return np.asarray(foot[0] + (apex[0] - foot[0]) * (z - foot[1]) / (apex[1] - foot[1]))
 
 

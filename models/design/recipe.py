@@ -9,7 +9,7 @@ from fast.models.design.printability import PrintingRules
 from fast.models.ids import canonical_json
 from fast.models.records import Record
 
-LINES_PER_WALL = 2  # a filament printer's wall of one line has no weld along its middle and tears there
+STRANDS_PER_WALL = 2  # a filament printer's wall of one line has no weld along its middle and tears there
 _Text = Field(min_length=1, max_length=120)
 
 
@@ -78,13 +78,13 @@ class Recipe(Record):
     @property
     def wall_mm(self) -> float:
         """Thinnest wall that may be printed."""
-        return max(self.min_wall_mm or 0.0, LINES_PER_WALL * (self.nozzle_mm or 0.0))
+        return max(self.min_wall_mm or 0.0, STRANDS_PER_WALL * (self.nozzle_mm or 0.0))
 
     @property
     def wall_rule(self) -> str:
         """Where the thinnest wall comes from, in words."""
-        if self.nozzle_mm is not None and math.isclose(self.wall_mm, LINES_PER_WALL * self.nozzle_mm):
-            return f"{LINES_PER_WALL} lines of a nozzle of {self.nozzle_mm:g} mm"
+        if self.nozzle_mm is not None and math.isclose(self.wall_mm, STRANDS_PER_WALL * self.nozzle_mm):
+            return f"{STRANDS_PER_WALL} lines of a nozzle of {self.nozzle_mm:g} mm"
         return f"{self.name}, min_wall_mm"
 
     def limit(self, rules: PrintingRules) -> PrintingRules:

@@ -7,7 +7,7 @@ from fast.models.design.fin_ray import BASE_HEIGHT_MM
 from fast.models.design.finger import FingerBodies, finger_bodies
 from fast.models.design.printability import PrintingRules, broken_rules
 from fast.models.design.profile import profile_path
-from fast.models.design.recipe import LINES_PER_WALL, Recipe
+from fast.models.design.recipe import STRANDS_PER_WALL, Recipe
 from fast.models.design.reference import find_reference
 from fast.models.design.tray import (
     FINGERS_PER_TOOL,
@@ -61,7 +61,7 @@ def batch_sheet_html(title: str, items: Sequence[PrintItem], notes: Sequence[str
         profile_path=profile_path,
         base_mm=BASE_HEIGHT_MM,
         fingers_per_tool=FINGERS_PER_TOOL,
-        lines_per_wall=LINES_PER_WALL,
+        lines_per_wall=STRANDS_PER_WALL,
         materials=list(MATERIALS),
     )
 

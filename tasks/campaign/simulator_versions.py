@@ -68,12 +68,12 @@ def note_older_simulations(campaign: Campaign, batch: int) -> None:
     if not campaign.older_versions:
         return
     for part in older_simulations(campaign, campaign.state()):
-        if part.line is None:
+        if part.version_map is None:
             message = f"{part.n_left_out} designs of {part.version.version_id} left out: {part.n_shared} are of both"
         else:
             message = (
                 f"{len(part.means.ids)} designs of {part.version.version_id} mapped to {campaign.version.version_id}"
-                f" by a line through {part.n_shared}, residual {part.line.residual_sd_n:.2f} N"
+                f" by a line through {part.n_shared}, residual {part.version_map.residual_sd_n:.2f} N"
             )
         payload = {
             "batch": batch,
@@ -82,8 +82,8 @@ def note_older_simulations(campaign: Campaign, batch: int) -> None:
             "n_shared": part.n_shared,
             "n_mapped": len(part.means.ids),
             "n_left_out": part.n_left_out,
-            "rho": part.line.rho if part.line else None,
-            "residual_sd_n": part.line.residual_sd_n if part.line else None,
+            "rho": part.version_map.rho if part.version_map else None,
+            "residual_sd_n": part.version_map.residual_sd_n if part.version_map else None,
         }
         _append_event(campaign, "old_simulations", (batch, part.version.version_id), message, payload)
 

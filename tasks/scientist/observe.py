@@ -54,7 +54,7 @@ class OlderSimulations(NamedTuple):
     """
 
     version: SimulatorVersion
-    line: VersionMap | None
+    version_map: VersionMap | None
     n_shared: int
     means: Means
     n_left_out: int
@@ -150,7 +150,7 @@ def observed_rows(campaign: Campaign, state: CampaignState, batches: Iterable[in
     designs = _simulated_designs(campaign, state)
     used = {campaign.version: set(_complete(campaign, state, designs))}
     for part in older_simulations(campaign, state):
-        if part.line is not None:
+        if part.version_map is not None:
             used[part.version] = set(_complete_before(campaign, part.version, designs))
     for version, wanted in used.items():
         simulations = _simulation_rows(campaign, version, "simulation_id, design_id, object_id")
@@ -243,17 +243,17 @@ def _older(
     parts, taken = [], set(present.ids)
     for version in campaign.older_versions:
         old = means_of_simulations(campaign, version, designs, outcome)
-        line, n_shared = _line(old, present)
+        version_map, n_shared = _fit_map(old, present)
         rest = np.array([design_id not in taken for design_id in old.ids], dtype=bool)
         means, n_left_out = NO_MEANS, int(rest.sum())
-        if line is not None:
-            means, n_left_out = _mapped(old, line, rest), 0
+        if version_map is not None:
+            means, n_left_out = _mapped(old, version_map, rest), 0
             taken |= set(means.ids)
-        parts.append(OlderSimulations(version, line, n_shared, means, n_left_out))
+        parts.append(OlderSimulations(version, version_map, n_shared, means, n_left_out))
     return parts
 
 
-def _line(old: Means, present: Means) -> tuple[VersionMap | None, int]:
+def _fit_map(old: Means, present: Means) -> tuple[VersionMap | None, int]:
     """The line through the designs that both have done without a failure, and how many they are."""
     known = {i: y for i, y, variance in zip(*present, strict=True) if variance == 0.0}
     shared = [(y, known[i]) for i, y, variance in zip(*old, strict=True) if variance == 0.0 and i in known]
@@ -261,10 +261,10 @@ def _line(old: Means, present: Means) -> tuple[VersionMap | None, int]:
     return fit_version_map(pairs[:, 0], pairs[:, 1]), len(pairs)
 
 
-def _mapped(old: Means, line: VersionMap, rows: np.ndarray) -> Means:
-    y, variance = line.apply(old.y[rows])
+def _mapped(old: Means, version_map: VersionMap, rows: np.ndarray) -> Means:
+    y, variance = version_map.apply(old.y[rows])
     ids = tuple(design_id for design_id, is_in in zip(old.ids, rows, strict=True) if is_in)
-    return Means(ids, y, variance + line.rho**2 * old.variance[rows])
+    return Means(ids, y, variance + version_map.rho**2 * old.variance[rows])
 
 
 def _tool_forces(campaign: Campaign, tools: Sequence[ProposedTool], outcome: Outcome = MEAN_PEAK) -> np.ndarray:

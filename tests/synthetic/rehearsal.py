@@ -10,7 +10,7 @@ USUAL = Rehearsal(
         *[Rehearsed("listed", Signs(20.0, 1.0), size=0.02)] * 15,
         *[Rehearsed("listed", Signs(300.0, 1.0), size=0.1)] * 45,
     ),
-    lines=LEAST,
+    thresholds=LEAST,
     name=Odds((-7.4, 1.2, -2.65, 0.0, -1.1, -0.15)),  # without the next family, which small catalogues lack
     behind=0.1,
     possible_name=0.6,

@@ -29,7 +29,7 @@ _STILL = 0.04  # of the largest force; beyond, nothing happens any more
 _ROOM_MM = 3.0
 _SIMULATED_SHARE = 1.5  # of the largest measured force; simulated ones beyond are cut off
 _LOWEST_SHARE = 0.35  # forces below zero get at most this share of the height of those above
-_SIMULATED_LINE: dict[str, Any] = {"color": SIMULATED, "linestyle": (0, (3, 1.5)), "linewidth": 1.3}
+_SIMULATED_STYLE: dict[str, Any] = {"color": SIMULATED, "linestyle": (0, (3, 1.5)), "linewidth": 1.3}
 
 
 @dataclass(frozen=True)
@@ -144,21 +144,21 @@ class BatchPlots:
     tools: Sequence[Tool]
     window: Window
 
-    def draw(self, lines: Mapping[tuple[int, int], Curve], simulated: Curve | None = None) -> Figure:
+    def draw(self, curves: Mapping[tuple[int, int], Curve], simulated: Curve | None = None) -> Figure:
         """The figure of an object, from the lines of its tools by batch and slot."""
         figure = new_figure(WIDTH_IN if len(self.batches) > 1 else 0.62 * WIDTH_IN, HEIGHT_IN)
         places = np.atleast_1d(figure.subplots(1, len(self.batches), sharex=True, sharey=True))
         ranked = sorted(self.tools, key=lambda tool: tool.quality_n or 0.0)
         for axes, batch in zip(places, self.batches, strict=True):
-            slots = [(t.batch, t.slot) for t in ranked if t.batch == batch and (t.batch, t.slot) in lines]
+            slots = [(t.batch, t.slot) for t in ranked if t.batch == batch and (t.batch, t.slot) in curves]
             is_last = batch == self.batches[-1]
             for rank, slot in enumerate(slots, start=1):
                 shade = _lighten(BEST if is_last else FIRST, 0.3 + 0.5 * rank / len(slots))
-                axes.plot(lines[slot].lift_mm, lines[slot].force_n, color=shade, linewidth=0.9)
+                axes.plot(curves[slot].lift_mm, curves[slot].force_n, color=shade, linewidth=0.9)
             if is_last:
                 if simulated is not None:
-                    axes.plot(simulated.lift_mm, simulated.force_n, **_SIMULATED_LINE)
-                if (line := lines.get((self.best.batch, self.best.slot))) is not None:
+                    axes.plot(simulated.lift_mm, simulated.force_n, **_SIMULATED_STYLE)
+                if (line := curves.get((self.best.batch, self.best.slot))) is not None:
                     axes.plot(line.lift_mm, line.force_n, color=BEST, linewidth=1.8)
             axes.set_title(f"B{batch:02d}", loc="left", fontsize=8, pad=2)
             self.window.apply(axes)

@@ -30,12 +30,12 @@ from fast.flows.report.gap.sentences import (
     describe_decision,
     describe_effect,
     describe_findings,
-    describe_lines,
     describe_notes,
     describe_probability,
     describe_size,
     describe_smallness,
     describe_sureness,
+    describe_thresholds,
     list_families,
     shorten_findings,
     shorten_tool,
@@ -96,7 +96,7 @@ def _prepare_page(content: GapPage, folder: Folder) -> dict[str, Any]:
         "visible": [{"name": describe_effect(one.effect), "words": describe_size(one)} for one in panel.sizes]
         if panel is not None
         else [],
-        "lines": describe_lines(panel.lines) if panel is not None else "",
+        "lines": describe_thresholds(panel.lines) if panel is not None else "",
         "has_candidates": _save_candidates(findings.rounds, folder),
         "where": _prepare_where(content, folder),
         "show": _prepare_show(evaluation, folder) if evaluation is not None else None,

@@ -189,12 +189,14 @@ def describe_size(one: SizeTold) -> str:
     return one.words if one.share is None else f"{spell_share(one.share, 1)} of the force ({one.words})"
 
 
-def describe_lines(lines: Mapping[str, float]) -> str:
-    """What counts as a sign of a gap, in a sentence. lines: of `PanelTold`."""
-    sure = f", or {lines['sure_nats']:.0f} where no solver differs by its like" if "sure_nats" in lines else ""
+def describe_thresholds(thresholds: Mapping[str, float]) -> str:
+    """What counts as a sign of a gap, in a sentence. thresholds: the lines of `PanelTold`."""
+    sure = (
+        f", or {thresholds['sure_nats']:.0f} where no solver differs by its like" if "sure_nats" in thresholds else ""
+    )
     return (
-        f"An effect counts as a sign beyond {lines['full_nats']:.0f}, or {lines['spread_nats']:.0f} without the tool "
-        f"on the object that it helps most; a pattern without a name beyond {lines['nats']:.0f}{sure}."
+        f"An effect counts as a sign beyond {thresholds['full_nats']:.0f}, or {thresholds['spread_nats']:.0f} without "
+        f"the tool on the object that it helps most; a pattern without a name beyond {thresholds['nats']:.0f}{sure}."
     )
 
 

@@ -72,14 +72,14 @@ class Rehearsed:
 class Rehearsal:
     """Rehearsed worlds, and what is learnt from them.
 
-    lines: beyond which signs are an alarm. name: odds that the family of a name
+    thresholds: beyond which signs are an alarm. name: odds that the family of a name
     is right, of `Trials.describe`. behind: how much less evidence than the best, as a share of it, the true effect has
     at most, nine times in ten. possible_name, possible_unknown: probabilities of a name from which on it is not
     excluded, and up to which *unknown* is not; nine in ten of each kind are kept.
     """
 
     worlds: tuple[Rehearsed, ...]
-    lines: Signs
+    thresholds: Signs
     name: Odds
     behind: float
     possible_name: float
@@ -97,7 +97,7 @@ class Rehearsal:
         behind = [one.behind for one in listed if one.is_right and one.behind is not None]
         return Rehearsal(
             worlds=tuple(worlds),
-            lines=Signs(**{one.name: _draw_line(worlds, one.name) for one in fields(Signs)}),
+            thresholds=Signs(**{one.name: _find_threshold(worlds, one.name) for one in fields(Signs)}),
             name=name,
             behind=max(float(np.quantile(behind, SEEN)) if behind else 0.0, LEAST_BEHIND),
             possible_name=float(np.quantile(right, 1.0 - SEEN)) if right else 0.0,
@@ -105,14 +105,14 @@ class Rehearsal:
         )
 
     @property
-    def suspicion_line(self) -> float:
+    def suspicion_threshold(self) -> float:
         """Evidence that one in ten worlds with nothing hidden passes; what has more is worth a question, not a name."""
         nothing = [one.signs.nats for one in self.worlds if one.group == NOTHING]
-        return float(np.quantile(nothing, SEEN)) if nothing else self.lines.nats
+        return float(np.quantile(nothing, SEEN)) if nothing else self.thresholds.nats
 
     def is_alarm(self, signs: Signs) -> bool:
         """Whether a world with these is more than what honest simulators differ by."""
-        return signs.measure_over(self.lines) > 1.0
+        return signs.measure_over(self.thresholds) > 1.0
 
     def judge_gap(self, signs: Signs) -> float:
         """Probability that something is hidden in a world with these: the share of worlds on its side of the lines.
@@ -281,7 +281,7 @@ def _find_family(families: Mapping[str, str], world: World) -> str:
     return families.get(cause, "")
 
 
-def _draw_line(worlds: Sequence[Rehearsed], name: str) -> float:
+def _find_threshold(worlds: Sequence[Rehearsed], name: str) -> float:
     values = sorted((getattr(one.signs, name) for one in worlds if one.group == NOTHING), reverse=True)
     least: float = getattr(LEAST, name)
     return max(values[int(FALSE_SHARE * len(values))], least) if values else least

@@ -50,13 +50,13 @@ class Signs:
     spread_nats: float = 0.0
     sure_nats: float = 0.0
 
-    def find_line(self, pattern: Candidate) -> float:
-        """Return the evidence beyond which a pattern is an alarm, if these are the lines."""
+    def find_threshold(self, pattern: Candidate) -> float:
+        """Return the evidence beyond which a pattern is an alarm, if these are the thresholds."""
         return self.sure_nats if pattern.is_sure else self.nats
 
-    def measure_over(self, lines: "Signs") -> float:
+    def measure_over(self, thresholds: "Signs") -> float:
         """How many times over its line the one is that is most over it."""
-        return max(getattr(self, one.name) / getattr(lines, one.name) for one in fields(self))
+        return max(getattr(self, one.name) / getattr(thresholds, one.name) for one in fields(self))
 
 
 # Below these nothing is an alarm, however few worlds were rehearsed: another solver of the same physics, with nothing

@@ -47,7 +47,7 @@ class VisibleSize:
 
 
 def find_visible_sizes(
-    fit: EvidenceFit, names: Sequence[str], lines: Signs, like: Sequence[VisibleSize] = ()
+    fit: EvidenceFit, names: Sequence[str], thresholds: Signs, like: Sequence[VisibleSize] = ()
 ) -> tuple[VisibleSize, ...]:
     """The size of each effect from which on nine in ten would pass a line of evidence, in the order of the names.
 
@@ -63,7 +63,9 @@ def find_visible_sizes(
         white = fit.whiten(changes_n, contrasts_n)
         products, _ = fit.multiply(white)
         spread = 1.0 - _find_largest_share(fit, white)
-        nats = np.minimum(min(lines.nats, lines.full_nats), lines.spread_nats / np.maximum(spread, 1e-12))
+        nats = np.minimum(
+            min(thresholds.nats, thresholds.full_nats), thresholds.spread_nats / np.maximum(spread, 1e-12)
+        )
         scales = (np.sqrt(2.0 * nats) + _Z90) / np.sqrt(np.maximum(np.diag(products), 1e-12))
         # The secant whose own size is nearest to what is wanted has to be stretched least.
         place = int(np.argmin(np.abs(np.log(scales))))
@@ -76,7 +78,7 @@ def find_visible_sizes(
     return tuple(found)
 
 
-def find_measured_size(fit: EvidenceFit, lines: Signs, size: VisibleSize) -> VisibleSize | None:
+def find_measured_size(fit: EvidenceFit, thresholds: Signs, size: VisibleSize) -> VisibleSize | None:
     """The size that would be seen if a person measured what the catalogue names of the effect; None: it names nothing.
 
     A reading has the evidence of a fact. It helps no single cell more than others.
@@ -94,7 +96,7 @@ def find_measured_size(fit: EvidenceFit, lines: Signs, size: VisibleSize) -> Vis
     scales = np.geomspace(_LEAST_SCALE, 1.0, _N_SCALES)
     own = 0.5 * np.maximum(clear * scales - _Z90, 0.0) ** 2
     fact = np.array([-weigh_rest(np.array([max(reading * scale - _Z90, 0.0)])) for scale in scales])
-    is_seen = (own + fact > min(lines.nats, lines.full_nats)) | (own * spread + fact > lines.spread_nats)
+    is_seen = (own + fact > min(thresholds.nats, thresholds.full_nats)) | (own * spread + fact > thresholds.spread_nats)
     if not is_seen.any():
         return size
     scale = float(scales[int(np.argmax(is_seen))])
@@ -105,8 +107,8 @@ def find_measured_size(fit: EvidenceFit, lines: Signs, size: VisibleSize) -> Vis
 def describe_panel(rehearsal: Rehearsal, sizes: Sequence[VisibleSize]) -> PanelTold:
     """What a panel can tell, as it is kept: lines, what became of made-up worlds, and sizes."""
     return PanelTold(
-        lines=asdict(rehearsal.lines),
-        families=tuple(rehearsal.tell_families()),
+        lines=asdict(rehearsal.thresholds),
+        families=tuple(rehearsal.describe_families()),
         sizes=tuple(SizeTold(effect=one.effect, words=one.words, share=one.share) for one in sizes),
     )
 

@@ -123,7 +123,7 @@ class Fitter:
         for _ in range(n_steps):
             weight = compute_root_weights(residual)
             step, sd = self._step(point, columns * weight, residual * weight)
-            point, residual, loss, moved = self._search_line(point, residual, loss, step)
+            point, residual, loss, moved = self._search_along(point, residual, loss, step)
             if not moved:
                 break
             columns = self._columns(point)
@@ -146,7 +146,7 @@ class Fitter:
             loss=loss,
         )
 
-    def _search_line(
+    def _search_along(
         self, point: _Point, residual: np.ndarray, loss: float, step: np.ndarray
     ) -> tuple[_Point, np.ndarray, float, bool]:
         """The first of ever shorter steps that lowers the loss, and whether there is one."""

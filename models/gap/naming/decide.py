@@ -131,12 +131,12 @@ class Decider:
     def _find_pattern(self) -> Candidate | None:
         """The pattern or drift with most evidence, if that is an alarm of its own."""
         best = next((one for one in self.trials.weighed if one.kind != "effect"), None)
-        return best if best is not None and best.nats > self.rehearsal.lines.find_line(best) else None
+        return best if best is not None and best.nats > self.rehearsal.thresholds.find_threshold(best) else None
 
     def _find_drift(self) -> str:
         """What repeats of the same grasps differ by, in words, where most of the evidence is theirs."""
         best = self.trials.weighed[0]
-        return _describe_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.lines.nats else ""
+        return _describe_pattern(best) if best.kind == "drift" and best.nats > self.rehearsal.thresholds.nats else ""
 
     def _find_most(self, change_n: np.ndarray) -> str:
         """Where it is largest: the object, the tool and the lift with the largest mean of its squares (n x b)."""

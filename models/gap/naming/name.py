@@ -21,11 +21,11 @@ from fast.models.simulation.effects.catalogue import CATALOGUE
 
 @dataclass(frozen=True)
 class Alarm:
-    """Whether anything is missing. gap: probability of it; over_line: how many times over its line the evidence is."""
+    """Whether anything is missing. gap: probability of it; over_threshold: how many times it the evidence is."""
 
     is_raised: bool
     gap: float
-    over_line: float
+    over_threshold: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +102,10 @@ def name_effect(
     weighed = weigh_candidates(evidence, list(families))
     trials = Trials.of(evidence, weighed, families)
     if alarm is None:
-        over_line = trials.signs.measure_over(rehearsal.lines)
-        alarm = Alarm(over_line > 1.0, rehearsal.judge_gap(trials.signs), over_line)
+        over_threshold = trials.signs.measure_over(rehearsal.thresholds)
+        alarm = Alarm(over_threshold > 1.0, rehearsal.judge_gap(trials.signs), over_threshold)
     evident = max((one.nats for one in weighed if one.kind == "effect"), default=0.0)
-    is_suspicious = alarm.is_raised or evident > rehearsal.suspicion_line
+    is_suspicious = alarm.is_raised or evident > rehearsal.suspicion_threshold
     trials = trials.look_after_best(families) if is_suspicious else Trials(evidence, tuple(weighed), ())
     decider = Decider(rehearsal, trials, fit)
     named, name = decider.decide(alarm.gap, alarm.is_raised)

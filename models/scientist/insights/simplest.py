@@ -25,7 +25,7 @@ PRINT_ERROR_MM = 0.1  # by which walls and ribs come out thicker or thinner
 _WALL = "_thickness_mm"  # how the names of walls and ribs end
 _LEAST_GAIN = 0.02  # of a criterion's value: a finger that is simpler by less is the same finger
 _N_NEAR = 1500  # designs around the best finger
-_N_LINE, _N_LOWEST = 60, 60  # designs that a criterion is guessed from, and those that it is asked of
+_N_GUESSED, _N_LOWEST = 60, 60  # designs that a criterion is guessed from, and those that it is asked of
 _SCALES = np.array([0.02, 0.05, 0.1, 0.2, 0.3])  # unit cube
 _CANDIDATES = CandidateSettings(n_random=100, n_local=400)
 
@@ -123,9 +123,9 @@ def criteria_of(surrogate: Surrogate, space: DesignSpace, default: Design | None
 
 def _lowest(criterion: Criterion, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Rows of the points (m x d) that are likely to be simplest: by a line through some, as a mass takes a while."""
-    if len(points) <= _N_LINE + _N_LOWEST:
+    if len(points) <= _N_GUESSED + _N_LOWEST:
         return np.arange(len(points))
-    some = rng.choice(len(points), _N_LINE, replace=False)
+    some = rng.choice(len(points), _N_GUESSED, replace=False)
     design = np.column_stack([np.ones(len(points)), points])
     line = np.linalg.lstsq(design[some], criterion(points[some]), rcond=None)[0]
     return np.argsort(design @ line, kind="stable")[:_N_LOWEST]

@@ -44,7 +44,7 @@ def say_batch() -> list[str]:
         for slot, plan in PLANS.items():
             bench.measure_tool(slot, plan, SETUP, lambda _: None, lambda: False)
         bench.check_position()
-    logs = {GANTRY: wires[0].gantry.log, PLC: wires[0].plc.log, LOAD_CELL: wires[0].transmitter_line.log}
+    logs = {GANTRY: wires[0].gantry.log, PLC: wires[0].plc.log, LOAD_CELL: wires[0].transmitter_wire.log}
     pieces = sorted((entry.time_s, device, entry) for device, log in logs.items() for entry in log.entries())
     return list(fold(_exchanges((device, entry) for _, device, entry in pieces)))
 

@@ -52,7 +52,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert result.named.kind == "none"
     assert result.values == ()
     assert result.best is result.fit
-    assert result.alarm.over_line < 1.0
+    assert result.alarm.over_threshold < 1.0
     assert result.named.probability == pytest.approx(1.0 - result.alarm.gap)
     np.testing.assert_allclose(result.fit.theta, [9.2, 0.66, 0.43], rtol=0.15)
 
@@ -123,7 +123,7 @@ def test_either_bank_may_raise_the_alarm(lag: NamingResult) -> None:
     assert lag.raised_alarm is lag.alarm
     quiet = name(world())
     assert quiet.raised_alarm is None
-    stood = name_effect(world(), USUAL, alarm=Alarm(is_raised=True, gap=0.9, over_line=2.0), catalogue=NAMES)
+    stood = name_effect(world(), USUAL, alarm=Alarm(is_raised=True, gap=0.9, over_threshold=2.0), catalogue=NAMES)
     assert stood.named.kind != "none"
     raised = name_effect(world("load_cell_lag"), USUAL, alarm=quiet.raised_alarm, catalogue=NAMES)
     assert raised.named.effects == ("load_cell_lag",)

@@ -100,7 +100,8 @@ def _prepare(first: GivenWorld, tell: Callable[[str], None]) -> dict[str, Method
     lines = draw_lines(first, [score for score, _ in LEARNED.values()])
     tell(f"lines of {len(lines)} scores: {', '.join(f'{line.score:.3g}' for line in lines)}")
     evidence = Evidence.rehearse(first)
-    tell(f"lines of the evidence: {evidence.rehearsal.lines.nats:.0f} nats, {evidence.rehearsal.lines.omnibus:.2f}")
+    least = evidence.rehearsal.thresholds
+    tell(f"lines of the evidence: {least.nats:.0f} nats, {least.omnibus:.2f}")
     methods: dict[str, Method] = {"FAST's evidence": evidence.answer, "LISDD": answer_lisdd}
     for (name, (score, foretell)), line in zip(LEARNED.items(), lines, strict=True):
         methods[name] = _judge_by(score, foretell, line)

@@ -138,7 +138,7 @@ def _said(result: "NamingResult") -> Said:
             for name, value in named.parameters.items()
         },
         candidates={one.effect: round(one.probability, _DIGITS) for one in result.candidates},
-        over_line=round(result.alarm.over_line, _DIGITS),
+        over_line=round(result.alarm.over_threshold, _DIGITS),
         possible=named.possible,
     )
 

@@ -27,18 +27,18 @@ def name(*hidden: EffectValue) -> NamingResult:
 def suspected() -> NamingResult:
     """A weak relaxation: more evidence than honest worlds have, and less than an alarm."""
     result = name(RELAXED)
-    assert USUAL.suspicion_line < result.trials.tried[0].nats < USUAL.lines.nats
+    assert USUAL.suspicion_threshold < result.trials.tried[0].nats < USUAL.thresholds.nats
     return result
 
 
 def test_what_explains_more_than_one_cell_in_full_is_an_alarm_before_its_first_evidence_is() -> None:
     result = name(RELAXED.model_copy(update={"parameters": {**RELAXED.parameters, "relaxed_share": 0.4}}))
-    signs, lines = result.trials.signs, USUAL.lines
+    signs, lines = result.trials.signs, USUAL.thresholds
     assert signs.nats < lines.nats
     assert signs.full_nats < lines.full_nats
     assert signs.spread_nats > lines.spread_nats
     assert result.alarm.is_raised
-    assert result.alarm.over_line == pytest.approx(signs.spread_nats / lines.spread_nats)
+    assert result.alarm.over_threshold == pytest.approx(signs.spread_nats / lines.spread_nats)
 
 
 def chances(hypotheses: tuple[Hypothesis, ...]) -> dict[str, float]:
@@ -67,8 +67,8 @@ def test_where_nothing_has_evidence_nothing_is_possible() -> None:
 
 def test_a_suspicion_begins_where_one_in_ten_honest_worlds_lies() -> None:
     """The rehearsal that is used here has worlds of 5 nats alone; with none there is no suspicion below an alarm."""
-    assert USUAL.suspicion_line == 5.0
-    assert replace(USUAL, worlds=()).suspicion_line == USUAL.lines.nats
+    assert USUAL.suspicion_threshold == 5.0
+    assert replace(USUAL, worlds=()).suspicion_threshold == USUAL.thresholds.nats
 
 
 def test_the_next_family_gets_what_the_best_leaves(suspected: NamingResult) -> None:

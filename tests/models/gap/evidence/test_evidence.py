@@ -225,7 +225,7 @@ def test_a_friction_of_their_own_is_a_pattern_that_little_evidence_makes_an_alar
     best = max(weighed, key=lambda one: one.nats)
     assert best.name == f"a factor on friction, another {'on each object' if of == 'objects' else 'for each tool'}"
     assert best.is_sure
-    assert LEAST.find_line(best) == LEAST.sure_nats < best.nats
+    assert LEAST.find_threshold(best) == LEAST.sure_nats < best.nats
     assert best.change_n is not None
     assert max(one.nats for one in weigh_patterns(null) if one.is_sure) < LEAST.sure_nats
 
@@ -235,7 +235,7 @@ def test_objects_may_differ_as_solvers_do_by_a_force_or_a_factor(fit: EvidenceFi
     unsure = [name for name, one in kinds.items() if not one.is_sure]
     assert len(unsure) == 3
     assert all(name.endswith("another on each object") for name in unsure)
-    assert {LEAST.find_line(kinds[name]) for name in unsure} == {LEAST.nats}
+    assert {LEAST.find_threshold(kinds[name]) for name in unsure} == {LEAST.nats}
 
 
 def test_jaws_that_stall_are_fitted_from_where_a_stiffer_finger_would_stall(problem: Problem) -> None:
@@ -322,9 +322,9 @@ def test_lines_are_those_of_worlds_with_nothing_hidden() -> None:
     nothing = [Rehearsed("nothing", Signs(50.0 + n, 1.0 + 0.1 * n, 100.0 + n, 30.0 + n)) for n in range(40)]
     hidden = [Rehearsed("listed", Signs(15.0 * n, 1.0), size=0.01 * n) for n in range(1, 21)]
     rehearsal = Rehearsal.of([*nothing, *hidden])
-    assert rehearsal.lines.nats == 89.0
-    assert rehearsal.lines.omnibus == pytest.approx(4.9)
-    assert (rehearsal.lines.full_nats, rehearsal.lines.spread_nats) == (139.0, 69.0)
+    assert rehearsal.thresholds.nats == 89.0
+    assert rehearsal.thresholds.omnibus == pytest.approx(4.9)
+    assert (rehearsal.thresholds.full_nats, rehearsal.thresholds.spread_nats) == (139.0, 69.0)
     assert rehearsal.judge_gap(Signs(300.0, 1.0)) == pytest.approx(15.5 / 16.0)  # of 15 hidden and none else
     assert rehearsal.judge_gap(Signs(60.0, 1.0)) == pytest.approx(
         5.5 / 46.0
@@ -335,17 +335,17 @@ def test_what_could_still_hide_has_a_size() -> None:
     """Of causes from 6 % on all are seen, so nine in ten are from a little less on; nobody is ever told nothing."""
     nothing = [Rehearsed("nothing", Signs(5.0, 1.0))] * 20
     hidden = [Rehearsed("listed", Signs(15.0 * n, 1.0), size=0.01 * n) for n in range(1, 21)]
-    rehearsal = replace(Rehearsal.of([*nothing, *hidden]), lines=replace(LEAST, nats=89.0))
+    rehearsal = replace(Rehearsal.of([*nothing, *hidden]), thresholds=replace(LEAST, nats=89.0))
     size = rehearsal.find_seen_size()
     assert size is not None
     assert 0.03 < size < 0.08
     assert f"by {100.0 * size:.2g} % ({size * 8.0:.2g} N) or more" in rehearsal.describe_seen_size(8.0)
     assert " N)" not in rehearsal.describe_seen_size()
     sizes = [
-        replace(rehearsal, lines=replace(LEAST, nats=line)).find_seen_size() or 1.0 for line in (45.0, 89.0, 150.0)
+        replace(rehearsal, thresholds=replace(LEAST, nats=line)).find_seen_size() or 1.0 for line in (45.0, 89.0, 150.0)
     ]
     assert sizes == sorted(sizes)
-    unseen = replace(rehearsal, lines=replace(LEAST, nats=1e3))
+    unseen = replace(rehearsal, thresholds=replace(LEAST, nats=1e3))
     assert unseen.find_seen_size() is None
     assert "even of causes of 5 % of the force or more, 0 of 16 are seen" in unseen.describe_seen_size()
     few = replace(rehearsal, worlds=(*nothing, *hidden[:5]))
@@ -368,16 +368,16 @@ def test_names_are_learnt_from_what_was_right_and_what_was_not() -> None:
     assert rehearsal.name.judge(np.array(right.description)) > 0.9
     assert rehearsal.name.judge(np.array(wrong.description)) < 0.1
     assert rehearsal.behind == LEAST_BEHIND  # no more than that was seen
-    told, elsewhere = rehearsal.tell_families()
+    told, elsewhere = rehearsal.describe_families()
     assert (told.family, told.n, told.n_alarms, told.n_right, told.n_unknown) == (lag, 13, 12, 12, 0)
     assert told.seen_size is not None
     assert 0.01 < told.seen_size < 0.05
     assert (elsewhere.family, elsewhere.n, elsewhere.n_right, elsewhere.n_unknown) == ("", 3, 3, 3)
     assert elsewhere.seen_size is None  # too few
     pair = Rehearsed("listed", Signs(300.0, 1.0), "load_cell_lag", lag, 0.05, right, second=weight)
-    assert Rehearsal.of([*worlds, pair]).tell_families() == [told, elsewhere]  # what became of single ones
+    assert Rehearsal.of([*worlds, pair]).describe_families() == [told, elsewhere]  # what became of single ones
     other = Rehearsal.of([replace(one, named=replace(wrong, is_right=True)) if one.family else one for one in worlds])
-    assert other.tell_families()[0].taken_for in ((weight,), ())
+    assert other.describe_families()[0].taken_for in ((weight,), ())
 
 
 def test_odds_are_learnt() -> None:

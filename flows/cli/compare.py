@@ -46,7 +46,7 @@ def compare(
         return
     if config is None or lake is not None:
         raise UsageError("give a config, or --lake with what was measured; one of them.")
-    from fast.flows.scientist.campaign_runs import REFERENCE, STRATEGIES, PlannedCampaign, run_campaigns
+    from fast.flows.scientist.campaign_runs import BASELINE, STRATEGIES, PlannedCampaign, run_campaigns
     from fast.flows.scientist.campaign_table import COLUMNS, campaign_rows, campaigns_figure, paired_campaign_rows
     from fast.tasks.campaign.config import load_config, world_path
     from fast.tasks.campaign.setup import read_world
@@ -60,10 +60,10 @@ def compare(
         for name in names
     ]
     runs = run_campaigns(plan, say_progress, workers)
-    summary, paired = campaign_rows(runs), paired_campaign_rows(runs, REFERENCE)
+    summary, paired = campaign_rows(runs), paired_campaign_rows(runs, BASELINE)
     parts = [
         table_text(summary, list(COLUMNS), WIDTH),
-        f"against `{REFERENCE}` on the same seeds (positive: better)",
+        f"against `{BASELINE}` on the same seeds (positive: better)",
         table_text(paired, width=WIDTH),
     ]
     tables = {"strategies": summary, "paired": paired, "campaigns": list(map(asdict, runs))}
@@ -73,7 +73,7 @@ def compare(
 
         picture = BytesIO()
         with figure_style():
-            campaigns_figure(runs, REFERENCE).savefig(picture, format=figure.suffix[1:] or "png", dpi=160)
+            campaigns_figure(runs, BASELINE).savefig(picture, format=figure.suffix[1:] or "png", dpi=160)
         write_out("--figure", figure, picture.getvalue())
         say_progress(f"{figure} drawn")
 

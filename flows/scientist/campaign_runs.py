@@ -55,14 +55,14 @@ class Strategy:
     simulations: str | None
 
 
-REFERENCE = "hybrid, MES"
+BASELINE = "hybrid, MES"
 _RANDOM = Strategy("random", RANDOM, None)
 # Expected improvement of the simulated force, then the ten best are measured.
 _SIMULATION_ONLY = Strategy("simulation only", None, "ei")
 # Max-value entropy search for a batch, without simulations.
 _MEASURED_ONLY = Strategy("measured only", "mes", None)
 # The paper's own: bi-fidelity max-value entropy search for both.
-_HYBRID = Strategy(REFERENCE, "mes", "mes")
+_HYBRID = Strategy(BASELINE, "mes", "mes")
 STRATEGIES = {strategy.name: strategy for strategy in (_RANDOM, _SIMULATION_ONLY, _MEASURED_ONLY, _HYBRID)}
 
 

@@ -23,16 +23,16 @@ def campaign_rows(runs: Sequence[StrategyRun]) -> Rows:
     return [_summary(name, [c for c in runs if c.strategy == name]) for name in _names(runs)]
 
 
-def paired_campaign_rows(runs: Sequence[StrategyRun], reference: str) -> Rows:
+def paired_campaign_rows(runs: Sequence[StrategyRun], baseline: str) -> Rows:
     """One row for each other strategy: its difference to the reference with the same seeds, positive where better.
 
     Means with their 95 % interval (Student's t over the seeds; none with fewer than two) and medians.
     """
-    known = {run.seed: run for run in runs if run.strategy == reference}
+    known = {run.seed: run for run in runs if run.strategy == baseline}
     rows = []
     for name in _names(runs):
         pairs = [(known[c.seed], c) for c in runs if c.strategy == name and c.seed in known]
-        if name == reference or not pairs:
+        if name == baseline or not pairs:
             continue
         last = np.array([np.mean(other.batches_n[-1]) - np.mean(base.batches_n[-1]) for base, other in pairs])
         best = np.array([other.best_n[-1] - base.best_n[-1] for base, other in pairs])
@@ -62,9 +62,9 @@ def _gain(name: str, differences_n: np.ndarray) -> dict[str, Any]:
     }
 
 
-def campaigns_figure(runs: Sequence[StrategyRun], reference: str) -> Figure:
+def campaigns_figure(runs: Sequence[StrategyRun], baseline: str) -> Figure:
     """Best tool so far against tools measured, mean over the seeds, and the tools of the last batches."""
-    names = list(dict.fromkeys([*(n for n in _names(runs) if n == reference), *_names(runs)]))
+    names = list(dict.fromkeys([*(n for n in _names(runs) if n == baseline), *_names(runs)]))
     figure = new_figure(9.2, 4.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     for place, name in enumerate(names):

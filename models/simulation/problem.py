@@ -15,7 +15,7 @@ from fast.models.simulation.mesh.build import IN_SECTION
 from fast.models.simulation.mesh.solid import SolidMesh
 from fast.models.simulation.model import FingerModel, Stance, finger_model, place_nodes
 from fast.models.simulation.solver.newton import NewtonSettings
-from fast.models.simulation.solver.stepping import REFERENCE_LIMITS, StepLimits
+from fast.models.simulation.solver.stepping import FINEST_LIMITS, StepLimits
 from fast.models.simulation.version import IN_ROWS, SimulatorVersion
 
 
@@ -34,7 +34,7 @@ class Numerics:
 
 
 # Production takes steps that a campaign can afford; the reference locates events more finely and never takes long ones.
-TIER_NUMERICS = {"production": Numerics(), "reference": Numerics(limits=REFERENCE_LIMITS)}
+TIER_NUMERICS = {"production": Numerics(), "reference": Numerics(limits=FINEST_LIMITS)}
 
 
 def find_numerics(version: SimulatorVersion) -> Numerics:

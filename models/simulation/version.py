@@ -26,7 +26,7 @@ class MeshSettings(GivenRecord):
 
 
 # The mesh of the reference tier: six times the production unknowns; the tube's peak is 0.4 % above that at 25 times.
-REFERENCE_MESH = MeshSettings(refine=1, layers=2)
+FINEST_MESH = MeshSettings(refine=1, layers=2)
 
 
 class ContactSettings(GivenRecord):
@@ -75,7 +75,7 @@ class SimulatorVersion(GivenRecord):
 
 TIERS = {
     "production": SimulatorVersion(),
-    "reference": SimulatorVersion(tier="reference", mesh=REFERENCE_MESH),
+    "reference": SimulatorVersion(tier="reference", mesh=FINEST_MESH),
 }
 
 

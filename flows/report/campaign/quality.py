@@ -38,15 +38,15 @@ def prepare_headline(content: Content) -> dict[str, Any]:
     if best is None:
         return told
     value, _, spread = describe_quality(best, 1).partition(" ")
-    reference_n = average_quality_n(content.first)
-    gain = _gain_over(best, reference_n)
+    first_n = average_quality_n(content.first)
+    gain = _gain_over(best, first_n)
     return told | {
         "quality": value,
         "spread": spread,
-        "reference_n": reference_n,
+        "reference_n": first_n,
         "gain": f"{typeset(100 * gain, '+.0f')} %" if gain is not None and round(100 * gain) else "",
         "times": _describe_times(content),
-        "verdict": _verdict(content, best, reference_n, gain),
+        "verdict": _verdict(content, best, first_n, gain),
         "caution": _caution(content),
     }
 
@@ -68,24 +68,24 @@ def describe_quality(tool: Tool, digits: int = 2) -> str:
     return f"{number(tool.quality_n, digits)} ± {number(tool.half_width_n, digits, 'N')}"
 
 
-def _gain_over(best: Tool, reference_n: float | None) -> float | None:
+def _gain_over(best: Tool, other_n: float | None) -> float | None:
     """By which share the best tool holds more; None over a tool that holds nothing."""
-    return (best.quality_n or 0.0) / reference_n - 1 if reference_n and reference_n > 0 else None
+    return (best.quality_n or 0.0) / other_n - 1 if other_n and other_n > 0 else None
 
 
-def _verdict(content: Content, best: Tool, reference: float, gain: float | None) -> str:
+def _verdict(content: Content, best: Tool, first_n: float, gain: float | None) -> str:
     opening = f"{best.label} holds best: it takes {describe_quality(best)} on average to pull an object out of its grip"
     if content.times_reference is not None:
         opening += f", {content.times_reference.times}"
     if best in content.first:
         if len(content.first) == 1:
             return f"{opening}. It is the only tool of the first batch; none beats it."
-        return f"{opening}. It is one of the first batch, whose mean is {number(reference, 1, 'N')}; none beats it."
+        return f"{opening}. It is one of the first batch, whose mean is {number(first_n, 1, 'N')}; none beats it."
     top = max(content.first, key=lambda t: t.quality_n or 0.0)
     won, of = count_objects_won(content.work.rows, best, content.first)
     over = _gain_over(best, top.quality_n)
     return (
-        f"{opening}, {_compare(gain)} the mean of the first batch ({number(reference, 1, 'N')}) and "
+        f"{opening}, {_compare(gain)} the mean of the first batch ({number(first_n, 1, 'N')}) and "
         f"{_compare(over)} its best tool ({top.label}, {number(top.quality_n, 1, 'N')}). "
         f"It beats that batch's mean on {won} of {count(of, 'object')}."
     )

@@ -21,7 +21,7 @@ from fast.models.simulation.effects.spec import PRESSURE, SLIDING, Drift, Effect
 from fast.models.simulation.effects.states import FORCE, LEVEL, Quantity, State, of_context
 
 LEAST_SHARE = 0.05  # of the reference pressure: below it the power law would grow without bound
-REFERENCE_MPA = 0.05
+USUAL_MPA = 0.05
 LEAST_RADIUS_MM = 0.5  # twice the spacing of contact points (models.simulation.contact.points)
 
 
@@ -136,7 +136,7 @@ class PressureDependentFriction(Effect):
 
     def friction_of_runs(self, stiffer: np.ndarray) -> np.ndarray:
         """The law of another p0 is that of the bank's with mu (p0 / bank's)^k; pressures scale with the modulus."""
-        return np.asarray((self.reference_mpa / REFERENCE_MPA / stiffer) ** self.exponent)
+        return np.asarray((self.reference_mpa / USUAL_MPA / stiffer) ** self.exponent)
 
 
 PRESSURE_DEPENDENT_FRICTION = EffectSpec(
@@ -150,7 +150,7 @@ PRESSURE_DEPENDENT_FRICTION = EffectSpec(
     cost="F",
     parameters=(
         amplitude("exponent", 0.0, 1.0 / 3.0, (0.12, 0.1)),
-        shape("reference_mpa", 0.01, 0.2, (REFERENCE_MPA, 0.05), has_runs=False),
+        shape("reference_mpa", 0.01, 0.2, (USUAL_MPA, 0.05), has_runs=False),
     ),
     state=LEVEL,
     bank_runs=({"exponent": 0.1}, {"exponent": 0.25}),

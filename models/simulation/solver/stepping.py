@@ -51,7 +51,7 @@ class StepLimits:
 
 
 # Of the reference tier: with half of every length two traces changed by 0.005 and 0.011 N, root mean square.
-REFERENCE_LIMITS = StepLimits(
+FINEST_LIMITS = StepLimits(
     closing_mm=1.0, fine_lift_mm=0.25, lift_mm=0.5, first_lift_mm=0.05, event_mm=0.02, missed_mm=0.02, max_steps=4000
 )
 

@@ -10,7 +10,7 @@ import pytest
 from fast.flows.campaign.status import read_status
 from fast.flows.scientist import campaign_runs as campaigns
 from fast.flows.scientist.campaign_runs import (
-    REFERENCE,
+    BASELINE,
     STRATEGIES,
     PlannedCampaign,
     StrategyRun,
@@ -103,12 +103,12 @@ def test_every_strategy_keeps_its_budget_and_all_begin_alike(whole):
         "random": (6, 0),
         "simulation only": (3, 6),
         "measured only": (6, 0),
-        REFERENCE: (6, 6 + 6),
+        BASELINE: (6, 6 + 6),
     }
     first = {name: [p for p in proposals(r) if p[0] == 1] for name, (r, _) in whole.items()}
-    assert [p for p in first[REFERENCE] if p[1] == "real"] == first["random"] == first["measured only"]
-    assert [p for p in first[REFERENCE] if p[1] == "sim"] == first["simulation only"]
-    assert runs["random"].batches_n[0] == runs[REFERENCE].batches_n[0]  # the same draws of scatter and noise
+    assert [p for p in first[BASELINE] if p[1] == "real"] == first["random"] == first["measured only"]
+    assert [p for p in first[BASELINE] if p[1] == "sim"] == first["simulation only"]
+    assert runs["random"].batches_n[0] == runs[BASELINE].batches_n[0]  # the same draws of scatter and noise
     assert runs["random"].best_n[0] <= runs["random"].best_n[-1]
 
 
@@ -132,7 +132,7 @@ def test_simulation_alone_climbs_and_prints_what_simulated_best(whole):
     np.testing.assert_allclose(as_target(surrogate).mean(points, 1), surrogate.mean(points, SIM), rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", [REFERENCE, "simulation only"])
+@pytest.mark.parametrize("name", [BASELINE, "simulation only"])
 def test_a_killed_comparison_goes_on_to_the_same_end(tmp_path, monkeypatch, whole, name):
     uninterrupted, expected = whole[name]
     killed = planned_campaign(tmp_path, name)
@@ -151,7 +151,7 @@ def test_a_killed_comparison_goes_on_to_the_same_end(tmp_path, monkeypatch, whol
             break
         except KeyboardInterrupt:
             n_kills += 1
-    assert n_kills == (4 if name == REFERENCE else 2)
+    assert n_kills == (4 if name == BASELINE else 2)
     assert proposals(killed) == proposals(uninterrupted)
     assert grasps(killed) == grasps(uninterrupted)
     n_rows = [len(lake_of(planned).rows(SimulationRow)) for planned in (uninterrupted, killed)]
@@ -160,7 +160,7 @@ def test_a_killed_comparison_goes_on_to_the_same_end(tmp_path, monkeypatch, whol
 
 def test_side_by_side_measures_the_same_in_the_order_of_the_plan(whole):
     """Campaigns that are done: processes only read them, and nothing is simulated."""
-    known = [whole[name] for name in (REFERENCE, "random")]
+    known = [whole[name] for name in (BASELINE, "random")]
     lines: list[str] = []
     assert run_campaigns([planned for planned, _ in known], lines.append, n_workers=2) == [run for _, run in known]
     said = [line.partition("|")[2].strip() for line in lines]
@@ -200,7 +200,7 @@ def test_a_config_survives_as_toml():
 
 
 def test_the_lake_of_a_strategy_is_a_campaign_like_any_other(whole):
-    planned, run = whole[REFERENCE]
+    planned, run = whole[BASELINE]
     status = read_status(lake_of(planned), "small")
     assert (status["grasps"], status["simulated"]) == ("12/12", "24/24")
     assert status["best_n"] == pytest.approx(run.best_n[-1])
@@ -212,17 +212,17 @@ def made_up(strategy: str, seed: int, *batches_n: tuple[float, ...]) -> Strategy
 
 def test_table_and_picture_are_of_last_batches_and_best_tools():
     runs = [
-        made_up(REFERENCE, 1, (10.0, 12.0), (18.0, 20.0)),
-        made_up(REFERENCE, 2, (10.0, 13.0), (15.0, 11.0)),
+        made_up(BASELINE, 1, (10.0, 12.0), (18.0, 20.0)),
+        made_up(BASELINE, 2, (10.0, 13.0), (15.0, 11.0)),
         made_up("random", 1, (10.0, 12.0), (12.0, 11.0)),
         made_up("random", 2, (10.0, 13.0), (16.0, 15.0)),
         made_up("simulation only", 1, (18.0, 9.0)),
     ]
     summary = {row["strategy"]: row for row in campaign_rows(runs)}
-    assert (summary[REFERENCE]["last_batch_n"], summary[REFERENCE]["best_n"]) == (16.0, 17.5)
-    assert summary[REFERENCE]["last_batch_sd_n"] == pytest.approx(np.sqrt((2.0 + 8.0) / 2))
-    assert (summary[REFERENCE]["best_of_all_n"], summary[REFERENCE]["n_measured"]) == (20.0, 4)
-    paired = {row["strategy"]: row for row in paired_campaign_rows(runs, REFERENCE)}
+    assert (summary[BASELINE]["last_batch_n"], summary[BASELINE]["best_n"]) == (16.0, 17.5)
+    assert summary[BASELINE]["last_batch_sd_n"] == pytest.approx(np.sqrt((2.0 + 8.0) / 2))
+    assert (summary[BASELINE]["best_of_all_n"], summary[BASELINE]["n_measured"]) == (20.0, 4)
+    paired = {row["strategy"]: row for row in paired_campaign_rows(runs, BASELINE)}
     assert (paired["random"]["n_pairs"], paired["random"]["best_wins"]) == (2, 1)
     assert paired["random"]["last_batch_gain_n"] == pytest.approx((-7.5 + 2.5) / 2)
     assert (paired["random"]["best_gain_n"], paired["random"]["best_gain_median_n"]) == (-3.5, -3.5)
@@ -231,10 +231,10 @@ def test_table_and_picture_are_of_last_batches_and_best_tools():
     assert (low, high) == pytest.approx((-3.5 - half, -3.5 + half), abs=0.01)
     assert paired["simulation only"]["best_gain_ci95_n"] is None
     assert (paired["simulation only"]["n_pairs"], paired["simulation only"]["best_gain_n"]) == (1, -2.0)
-    left, right = campaigns_figure(runs, REFERENCE).axes
-    assert {REFERENCE, "random", "simulation only"} <= {line.get_label() for line in left.get_lines()}
+    left, right = campaigns_figure(runs, BASELINE).axes
+    assert {BASELINE, "random", "simulation only"} <= {line.get_label() for line in left.get_lines()}
     assert left.get_xticks().tolist() == [2, 4]
-    assert [label.get_text() for label in right.get_yticklabels()] == ["simulation only", "random", REFERENCE]
+    assert [label.get_text() for label in right.get_yticklabels()] == ["simulation only", "random", BASELINE]
 
 
 def test_the_command_compares_campaigns_and_knows_its_strategies(capsys, tmp_path, monkeypatch):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from fast.flows.report.style import figure_style
-from fast.flows.scientist.campaign_runs import REFERENCE
+from fast.flows.scientist.campaign_runs import BASELINE
 from tests.studies.benchmarks.base import Options, Tables
 from tests.studies.landscapes.run import RunSchedule
 from tests.studies.landscapes.strategies import LANDSCAPE_STRATEGIES, NOT_DRAWN
@@ -20,11 +20,11 @@ def measure_landscapes(options: Options) -> Tables:
     runs = with_discovery(run_planned(plan, options.results, options.workers or N_WORKERS, options.tell))
     if options.figure is not None:
         with figure_style():
-            figure = runs_figure([run for run in runs if run.strategy not in NOT_DRAWN], REFERENCE)
+            figure = runs_figure([run for run in runs if run.strategy not in NOT_DRAWN], BASELINE)
             figure.savefig(options.figure, dpi=160)
     return {
         "strategies": summary_rows(runs),
-        f"against {REFERENCE} on the same seeds (positive: better)": paired_rows(runs, REFERENCE),
+        f"against {BASELINE} on the same seeds (positive: better)": paired_rows(runs, BASELINE),
         "against measured only on the same seeds": paired_rows(runs, "measured only"),
         "rounds to 97 % of the optimum, median": landscape_rows(runs),
     }

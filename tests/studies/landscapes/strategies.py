@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from fast.flows.scientist.campaign_runs import REFERENCE, STRATEGIES, Strategy
+from fast.flows.scientist.campaign_runs import BASELINE, STRATEGIES, Strategy
 from tests.studies.landscapes.bank import BELIEVED, EFFECT, THETA
 
 
@@ -24,7 +24,7 @@ def _of(strategy: Strategy) -> NightStrategy:
     return NightStrategy(strategy.name, strategy.tools, strategy.simulations)
 
 
-_SIMULATION_ONLY, _HYBRID = _of(STRATEGIES["simulation only"]), _of(STRATEGIES[REFERENCE])
+_SIMULATION_ONLY, _HYBRID = _of(STRATEGIES["simulation only"]), _of(STRATEGIES[BASELINE])
 # What a campaign of today does that measures only, or that has nights.
 _LOG_MEASURED_ONLY = NightStrategy("log measured only", "mes", None, is_log=True, n_best=2)
 LOOP = {THETA: "loop, theta", EFFECT: "loop, theta and effect"}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fast.flows.scientist.campaign_runs import REFERENCE
+from fast.flows.scientist.campaign_runs import BASELINE
 from fast.models.design.space import random_unit
 from fast.models.errors import UsageError
 from tests.studies.benchmarks.base import Options
@@ -81,11 +81,11 @@ def test_every_strategy_keeps_to_the_budget(landscapes, strategy):
 
 def test_strategies_begin_alike_and_runs_repeat(landscapes):
     first, second = (
-        run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[name], SHORTEST, 1) for name in ("random", REFERENCE)
+        run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[name], SHORTEST, 1) for name in ("random", BASELINE)
     )
     assert first.best_n[0] == second.best_n[0]
-    assert run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[REFERENCE], SHORTEST, 1) == second
-    assert run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[REFERENCE], SHORTEST, 2).best_n != second.best_n
+    assert run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[BASELINE], SHORTEST, 1) == second
+    assert run_strategy(landscapes[0], LANDSCAPE_STRATEGIES[BASELINE], SHORTEST, 2).best_n != second.best_n
 
 
 def test_only_the_loop_asks_the_simulator_after_the_night(landscapes):
@@ -99,19 +99,19 @@ def test_only_the_loop_asks_the_simulator_after_the_night(landscapes):
         run_strategy(replace(landscapes[0], simulators=simulators), strategy, SHORTEST, 1)
     assert asked[LOOP[EFFECT]] == {EFFECT}
     assert asked[LOOP[THETA]] == {THETA}
-    assert asked[REFERENCE] == {BELIEVED}
+    assert asked[BASELINE] == {BELIEVED}
     assert asked["measured only"] == asked["random"] == set()
 
 
 def test_the_table_counts_regret_rounds_and_wins():
-    reference = [made_up(REFERENCE, seed, (10.0, 15.0, 19.5)) for seed in range(3)]
+    reference = [made_up(BASELINE, seed, (10.0, 15.0, 19.5)) for seed in range(3)]
     other = [made_up("random", seed, (10.0, 12.0 + seed, 14.0 + seed), (9.0, 9.0, 20.0)) for seed in range(3)]
     summary = {row["strategy"]: row for row in summary_rows([*reference, *other])}
-    assert summary[REFERENCE]["final_regret_n"] == pytest.approx(0.5)
-    assert summary[REFERENCE]["mean_regret_n"] == pytest.approx(2.75)
-    assert summary[REFERENCE]["rounds_to_97_percent"] == 2
+    assert summary[BASELINE]["final_regret_n"] == pytest.approx(0.5)
+    assert summary[BASELINE]["mean_regret_n"] == pytest.approx(2.75)
+    assert summary[BASELINE]["rounds_to_97_percent"] == 2
     assert (summary["random"]["reached_97_percent"], summary["random"]["rounds_to_97_percent"]) == (0, None)
-    (paired,) = paired_rows([*reference, *other], REFERENCE)
+    (paired,) = paired_rows([*reference, *other], BASELINE)
     assert (paired["best_wins"], paired["last_batch_wins"], paired["n_pairs"]) == (0, 3, 3)
     assert paired["mean_regret_gain_n"] == pytest.approx(2.75 - 6.0)
     assert paired["regret_share"] == pytest.approx(6.0 / 2.75)
@@ -119,7 +119,7 @@ def test_the_table_counts_regret_rounds_and_wins():
     assert paired["p"] == 2 / 8  # three landscapes cannot say more
     assert paired["rounds_share"] == 3 / 2  # never there: one round more than there are
     assert landscape_rows([*reference, *other])[0] == {
-        "landscape": "made up 0", "optimum_n": 20.0, REFERENCE: 2.0, "random": 3.0,
+        "landscape": "made up 0", "optimum_n": 20.0, BASELINE: 2.0, "random": 3.0,
     }  # fmt: skip
 
 
@@ -128,9 +128,9 @@ def test_seeds_of_a_landscape_are_no_independent_worlds():
     runs = [
         made_up(name, seed, (10.0, best_n)).model_copy(update={"landscape": f"truth {seed % 2}"})
         for seed in range(20)
-        for name, best_n in ((REFERENCE, 15.0), ("random", 12.0))
+        for name, best_n in ((BASELINE, 15.0), ("random", 12.0))
     ]
-    (paired,) = paired_rows(runs, REFERENCE)
+    (paired,) = paired_rows(runs, BASELINE)
     assert (paired["n_pairs"], paired["landscapes_better"], paired["p"]) == (20, "0 of 2", 0.5)
 
 
@@ -140,13 +140,13 @@ def test_swaps_of_whole_landscapes_are_counted_exactly(gains, p):
 
 
 def test_a_strategy_that_measures_once_is_paired_by_what_it_reached():
-    pairs = [made_up(REFERENCE, 0, (10.0, 18.0)), made_up("simulation only", 0, (16.0,))]
-    (row,) = paired_rows(pairs, REFERENCE)
+    pairs = [made_up(BASELINE, 0, (10.0, 18.0)), made_up("simulation only", 0, (16.0,))]
+    (row,) = paired_rows(pairs, BASELINE)
     assert (row["best_gain_n"], row["mean_regret_gain_n"]) == (-2.0, None)
 
 
 def test_a_killed_comparison_is_continued(tmp_path, monkeypatch):
-    path, plan = tmp_path / "races.jsonl", plan_runs(write_bank(tmp_path), 1, ("random", REFERENCE), SHORTEST)[:2]
+    path, plan = tmp_path / "races.jsonl", plan_runs(write_bank(tmp_path), 1, ("random", BASELINE), SHORTEST)[:2]
     said: list[str] = []
     whole = run_planned(plan, path, 1, said.append)
     lines = path.read_text().splitlines(keepends=True)
@@ -163,13 +163,13 @@ def test_a_killed_comparison_is_continued(tmp_path, monkeypatch):
 
 def test_the_figure_shows_every_strategy():
     runs = [
-        made_up(REFERENCE, 0, (10.0, 18.0)),
+        made_up(BASELINE, 0, (10.0, 18.0)),
         made_up("simulation only", 0, (16.0,)),
         made_up("random", 0, (9.0, 11.0)),
     ]
-    left, right = runs_figure(runs, REFERENCE).axes
-    assert [line.get_label() for line in left.get_lines()] == [REFERENCE, "simulation only", "random"]
-    assert [label.get_text() for label in right.get_yticklabels()] == ["random", "simulation only", REFERENCE]
+    left, right = runs_figure(runs, BASELINE).axes
+    assert [line.get_label() for line in left.get_lines()] == [BASELINE, "simulation only", "random"]
+    assert [label.get_text() for label in right.get_yticklabels()] == ["random", "simulation only", BASELINE]
 
 
 def test_the_study_writes_tables_and_picture(tmp_path, monkeypatch):

@@ -48,7 +48,7 @@ def ask_bench(lake: Lake, form: Mapping[str, str], operator: str) -> str:
     """Order something of the bench that is lent; where none is, the worker lends the campaign's virtual one.
 
     Raises:
-        StaleOrderError: the bench that was seen is not lent any more.
+        StaleRequestError: the bench that was seen is not lent any more.
         UsageError: somebody else holds it, or the order cannot be read.
     """
     verb, session = form.get("verb", ""), form.get("session", "")

@@ -107,7 +107,7 @@ def continue_campaign(lake: Lake, campaign_id: str, seen_run: str, operator: str
     """Have a campaign that has ended early go on, once for each of its runs: by the worker, or on a lent real bench.
 
     Raises:
-        StaleOrderError: it runs again already, or is complete.
+        StaleRequestError: it runs again already, or is complete.
         UsageError: it needs a terminal.
     """
     start = find_start(lake, campaign_id, seen_run)

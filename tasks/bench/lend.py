@@ -107,7 +107,7 @@ def send_request(lake: Lake, request: BenchRequest) -> str:
     """Order something of the process that lends the bench; a sentence says what was asked, what came of it comes later.
 
     Raises:
-        StaleOrderError: that process has ended.
+        StaleRequestError: that process has ended.
         UsageError: somebody else holds the bench, or a campaign moves it.
     """
     lent = read_lent(lake)

@@ -46,7 +46,7 @@ def request_verb(lake: Lake, campaign_id: str, verb: Verb, who: str, seen_run: s
     """Ask a running campaign to pause, stop or abort; returns what that does. `seen_run`: `PresentRun.run` as seen.
 
     Raises:
-        StaleOrderError: nothing runs, or for a pause another run than the one that was seen.
+        StaleRequestError: nothing runs, or for a pause another run than the one that was seen.
     """
     present = read_present_run(lake, campaign_id)
     if present.holder is None:

@@ -56,7 +56,7 @@ def test_it_is_a_table_of_every_design_on_every_object(monkeypatch: pytest.Monke
         return Attempt(None if is_lost else RESULT, "time_out" if is_lost else "", "", 0.1, 0.0, 0.1)
 
     monkeypatch.setattr(many_designs, "WorkerPool", NoPool)
-    monkeypatch.setattr(many_designs, "answer", attempt)
+    monkeypatch.setattr(many_designs, "await_attempt", attempt)
     found = fast.simulate_many([fast.BEST_PUBLISHED] * 2, ["cube", 2], workers=1, show_progress=False)
     assert isinstance(found, SimulatedGrasps)
     assert found.peak_force_n.shape == (2, 2)
@@ -203,7 +203,7 @@ def test_an_interrupt_waits_for_the_grasps_under_way_alone(monkeypatch: pytest.M
             raise KeyboardInterrupt
 
     monkeypatch.setattr(many_designs, "WorkerPool", NoPool)
-    monkeypatch.setattr(many_designs, "answer", attempt)
+    monkeypatch.setattr(many_designs, "await_attempt", attempt)
     own = [OwnDesign("", name, fast.BEST_PUBLISHED) for name in ("first", "second")]
     given = (fast.SimulatorVersion(), fast.GraspSetup(), fast.Placement(), 2, ProgressReporter(print, print, interrupt))
     with pytest.raises(KeyboardInterrupt):

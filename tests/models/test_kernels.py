@@ -25,7 +25,7 @@ def simulate():
     time.sleep(1.5)
 
 folder = Path(sys.argv[1])
-kernels.TELL_EVERY_S = 0.3
+kernels.SAY_EVERY_S = 0.3
 (folder / f"started-{os.getpid()}").touch()
 kernels.compile_once(simulate)
 """

@@ -21,8 +21,8 @@ def believed(**chances: float) -> list[Hypothesis]:
 def answered(*hypotheses: Hypothesis) -> tuple[NamingResult, Decision]:
     """The round's answer after answers; the decider says what it was asked."""
     decider: Any = SimpleNamespace(
-        answer_effects=lambda names, p: Decision(kind="set", effects=tuple(names), probability=p, sentence="some"),
-        answer_unknown=lambda p: Decision(kind="unknown", probability=p, sentence="unknown"),
+        decide_effects=lambda names, p: Decision(kind="set", effects=tuple(names), probability=p, sentence="some"),
+        decide_unknown=lambda p: Decision(kind="unknown", probability=p, sentence="unknown"),
     )
     first = Decision(kind="none", probability=1.0, sentence="before")
     listed = tuple(Candidate(effect=one.name, probability=0.0) for one in hypotheses)

@@ -33,24 +33,26 @@ _N_FREED = 2  # secants of an effect whose law is freed: those that fit best
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Something that may be missing, and its evidence over nothing in nats.
-
-    name: of an effect, or a pattern or drift in words. effect: of the catalogue, also of a drift that one of them
-    makes; empty without one. value: the effect at its likeliest. change_n: c x b, what it then changes in the means, in
-    N; None for a drift. visible: of an effect, the share of its change that theta, prints and variants cannot make.
-    is_sure: whether solvers of the same physics do not differ by such a thing, so that less evidence is an alarm.
-    starts: values of the effect from which it is fitted, and how many times stiffer than fitted the finger is then.
-    """
+    """Something that may be missing, with its evidence."""
 
     name: str
+    """Of an effect, or a pattern or drift in words."""
     kind: str
+    """`effect`, `drift`, `quantity`, or whose a pattern is: `common`, `by object` or `by tool`."""
     nats: float
+    """Evidence over nothing."""
     effect: str = ""
+    """Of the catalogue, also of a drift that one of them makes; empty without one."""
     value: EffectValue | None = None
+    """The effect at its likeliest."""
     change_n: np.ndarray | None = None
+    """c x b, what it then changes in the means, in N; None for a drift."""
     visible: float | None = None
+    """Of an effect, the share of its change that theta, prints and variants cannot make."""
     is_sure: bool = False
+    """Whether solvers of the same physics do not differ by such a thing, so that less evidence is an alarm."""
     starts: tuple[tuple[EffectValue, float], ...] = ()
+    """Values of the effect from which it is fitted, and how many times stiffer than fitted the finger is then."""
 
 
 def weigh_candidates(fit: EvidenceFit, names: Sequence[str]) -> list[Candidate]:
@@ -112,8 +114,8 @@ def _weigh_stiffer(fit: EvidenceFit, values: Sequence[EffectValue]) -> Candidate
     products, along = fit.multiply(white)
     nats = along - 0.5 * np.diag(products)
     of_values = nats.reshape(len(values), len(STIFFER))
-    places = np.argsort(-of_values.max(axis=1))[:_N_FREED] * len(STIFFER)
-    places = [int(at + np.argmax(of_values[at // len(STIFFER)])) for at in places]
+    most = np.argsort(-of_values.max(axis=1))[:_N_FREED].tolist()
+    places = [at * len(STIFFER) + int(np.argmax(of_values[at])) for at in most]
     best = places[0]
     return Candidate(
         name=values[0].effect,

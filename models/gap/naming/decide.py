@@ -106,11 +106,11 @@ class Decider:
         nearest = max((*self.trials.tried, *self.trials.refused), key=lambda trial: trial.nats, default=None)
         by_law = ", but only by a law that is not its own" if nearest is not None and nearest.is_refused else ""
         words_near = "" if nearest is None else f" Nearest comes: {CATALOGUE[nearest.effect].title}{by_law}."
-        words = (
-            f"cells are {np.sqrt(fit.omnibus):.1f} times further off than honest simulators, without a pattern"
-            if pattern is None
-            else _describe_pattern(pattern)
-        )
+        words = "no tool, object or repeat stands out"
+        if pattern is not None:
+            words = _describe_pattern(pattern)
+        elif fit.omnibus > self.rehearsal.thresholds.omnibus:
+            words = f"cells are {np.sqrt(fit.omnibus):.1f} times further off than honest simulators, without a pattern"
         return Decision(
             kind="unknown",
             probability=probability,
@@ -129,9 +129,10 @@ class Decider:
         return self._fits[effect]
 
     def _find_pattern(self) -> Candidate | None:
-        """The pattern or drift with most evidence, if that is an alarm of its own."""
-        best = next((one for one in self.trials.weighed if one.kind != "effect"), None)
-        return best if best is not None and best.nats > self.rehearsal.thresholds.find_threshold(best) else None
+        """Find the pattern or drift with most evidence of those that are an alarm of their own."""
+        thresholds = self.rehearsal.thresholds
+        patterns = (one for one in self.trials.weighed if one.kind != "effect")
+        return next((one for one in patterns if one.nats > thresholds.find_threshold(one)), None)
 
     def _find_drift(self) -> str:
         """What repeats of the same grasps differ by, in words, where most of the evidence is theirs."""

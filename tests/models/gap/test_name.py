@@ -8,7 +8,9 @@ import pytest
 
 from fast.models.gap.data import GapData
 from fast.models.gap.evaluation.evaluate import find_confounds
+from fast.models.gap.evidence.candidates import Candidate
 from fast.models.gap.evidence.odds import Odds
+from fast.models.gap.evidence.trials import LEAST
 from fast.models.gap.naming.decide import choose_alike
 from fast.models.gap.naming.name import Alarm, NamingResult, name_effect, share_names
 from fast.models.records import EffectValue
@@ -138,6 +140,24 @@ def test_a_pattern_of_no_catalogue_is_unknown_with_its_size() -> None:
     assert pulled.named.kind == "unknown"
     assert "a force" in pulled.named.sentence
     assert 0.3 * raw < pulled.pattern_size < 1.5 * raw
+
+
+def test_a_pattern_by_which_no_solver_differs_is_told_before_a_larger_one_by_which_they_do(lag: NamingResult) -> None:
+    decider, change_n = lag.decider, lag.trials.fit.rest_n
+    unsure = Candidate("a force, another on each object", "by object", LEAST.nats - 1.0, change_n=change_n)
+    sure = Candidate("a force over the lift", "common", LEAST.sure_nats + 1.0, change_n=change_n, is_sure=True)
+
+    def say(*weighed: Candidate, omnibus: float = 1.0) -> str:
+        misfit = np.full_like(lag.trials.fit.misfit, omnibus)
+        trials = replace(decider.trials, weighed=weighed, fit=replace(lag.trials.fit, misfit=misfit))
+        rehearsal = replace(decider.rehearsal, thresholds=LEAST)
+        return replace(decider, trials=trials, rehearsal=rehearsal).decide_unknown(0.9).sentence
+
+    assert f": {sure.name}, " in say(unsure, sure)
+    assert "lift once without an object" in say(unsure, sure)
+    assert f": {unsure.name}, " in say(replace(unsure, nats=LEAST.nats + 1.0), sure)
+    assert ": no tool, object or repeat stands out, " in say(unsure)
+    assert ": cells are 3.0 times further off than honest simulators, " in say(unsure, omnibus=9.0)
 
 
 def test_objects_that_are_not_as_drawn_are_unknown_and_told_as_such() -> None:

@@ -76,7 +76,7 @@ def check_samples(
     lowest = _find_lowest(reader, grasps, traces)
     for grasp_id, (row, values) in grasps.items():
         if values["fidelity"] == "real" and values.get("status") == "failed":
-            if not values["reason"]:
+            if not values.get("reason"):
                 reader.fault("grasps.csv", row, "reason", "", "must say why the grasp failed.")
             continue
         if grasp_id not in traces:

@@ -108,6 +108,14 @@ def test_a_wrong_end_of_a_grasp_is_named(tmp_path: Path, lake: Lake, column: str
         import_handoff(lake, folder, PROVENANCE)
 
 
+def test_a_failed_grasp_needs_a_reason_though_the_column_is_missing(tmp_path: Path, lake: Lake) -> None:
+    folder = good_folder(tmp_path / "their-lab")
+    rows = read_csv(folder / "grasps.csv")
+    write_csv(folder / "grasps.csv", [row | {"status": "failed" if i == 0 else ""} for i, row in enumerate(rows)])
+    with pytest.raises(HandoffError, match="must say why the grasp failed"):
+        import_handoff(lake, folder, PROVENANCE)
+
+
 @pytest.mark.parametrize(
     ("name", "row", "words"),
     [

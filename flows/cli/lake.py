@@ -127,6 +127,8 @@ def show_import(counts: "HandoffCounts", *, is_dry: bool, as_json: bool) -> None
     words = _counts_text("nothing was written (--dry-run); it would be:" if is_dry else "imported", numbers)
     if n_known:
         words += f"; {spell_count(n_known, 'grasp')} {'was' if n_known == 1 else 'were'} there already"
+    if counts.n_replaced:
+        words += f", {counts.n_replaced} of them with other numbers, which {'would be' if is_dry else 'were'} replaced"
     if counts.known_in:
         words += (
             f", of the campaign {' and '.join(counts.known_in)}, and stay there; if another lab measured them anew, "

@@ -56,6 +56,7 @@ class HandoffCounts(NamedTuple):
     n_samples: int
     n_known: int = 0  # of an import: grasps that the lake had already, not among the others
     known_in: tuple[str, ...] = ()  # of these, the other campaigns that have them
+    n_replaced: int = 0  # of those that the lake had, grasps of an earlier import that now have other numbers
 
 
 @dataclass(frozen=True)
@@ -119,10 +120,12 @@ def import_handoff(
     _check_room(lake, directory)
     known = lake.ids(GraspRow) | lake.ids(SimulationRow)
     new = [grasp for grasp in grasps if grasp.grasp_id not in known]
+    n_replaced = len(_find_replaced(lake, [grasp for grasp in grasps if grasp.grasp_id in known], rows))
     if rows and not is_dry:
         lake.append(_unique(rows), _with_config(provenance, content_hash))
     n_known = len(handoff.grasps) - len(new)
-    return _counts(len(set(handoff.designs) - known_designs), new, n_known)._replace(known_in=known_in)
+    counts = _counts(len(set(handoff.designs) - known_designs), new, n_known)
+    return counts._replace(known_in=known_in, n_replaced=n_replaced)
 
 
 def _with_lab(handoff: Handoff, lab: str | None) -> Handoff:
@@ -253,6 +256,18 @@ def _changed_grasps(lake: Lake, grasps: Sequence[HandoffGrasp]) -> list[Fault]:
                     limit = f"is in the lake with other samples, {by_lab if fidelity == 'real' else f'{remedy}.'}"
                     faults.append(Fault("grasps.csv", None, "grasp_id", grasp.grasp_id, limit))
     return faults
+
+
+def _find_replaced(lake: Lake, grasps: Sequence[HandoffGrasp], rows: Sequence[Row]) -> set[str]:
+    """Ids of grasps of the lake that these rows give other samples or numbers; `grasps`: those that it has."""
+    found = {fault.value or "" for fault in _changed_grasps(lake, grasps)}
+    tables: tuple[type[GraspRow] | type[SimulationRow], ...] = (GraspRow, SimulationRow)
+    for table in tables:
+        name = table.id_column()
+        new = {row.__dict__[name]: row for row in rows if isinstance(row, table)}
+        there = lake.records(table, **{name: list(new)}) if new else []
+        found |= {row.__dict__[name] for row in there if row != new[row.__dict__[name]]}
+    return found
 
 
 def _say_end(grasp: Mapping[str, Any]) -> str:

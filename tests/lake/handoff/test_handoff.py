@@ -79,7 +79,7 @@ def test_numbers_and_empty_rows_of_a_table_program_are_left_out(lake, folder):
     table = pa.Table.from_pylist(found).append_column("__index_level_0__", pa.array(range(len(found))))
     (folder / "traces.csv").unlink()
     pq.write_table(table, folder / "traces.parquet")
-    assert import_handoff(lake, folder, PROVENANCE) == (1, 2, 2, 20, 0, ())
+    assert import_handoff(lake, folder, PROVENANCE) == (1, 2, 2, 20, 0, (), 0)
 
 
 def test_a_missing_column_is_one_fault_and_not_one_in_every_row(lake, folder):
@@ -92,7 +92,7 @@ def test_a_missing_column_is_one_fault_and_not_one_in_every_row(lake, folder):
 
 
 def test_a_good_folder_is_imported_whole(lake, folder):
-    assert import_handoff(lake, folder, PROVENANCE) == (1, 2, 2, 20, 0, ())
+    assert import_handoff(lake, folder, PROVENANCE) == (1, 2, 2, 20, 0, (), 0)
     row = lake.rows(GraspRow, grasp_id="a")[0]
     assert (row["campaign_id"], row["batch"], row["slot"], row["order"]) == ("import-their-lab", 2, 4, 12)
     assert row["started_at"].isoformat() == "2026-03-01T09:00:00+00:00"
@@ -120,7 +120,7 @@ def test_importing_again_duplicates_nothing(lake, folder):
 def test_export_gives_the_files_back(lake, folder, tmp_path, traces):
     import_handoff(lake, folder, PROVENANCE)
     out = tmp_path / "out"
-    assert export_handoff(lake, out, traces=traces) == (1, 2, 2, 20, 0, ())
+    assert export_handoff(lake, out, traces=traces) == (1, 2, 2, 20, 0, (), 0)
     theirs, ours = read_csv(folder / "grasps.csv"), read_csv(out / "grasps.csv")
     theirs[0]["started_at"] = "2026-03-01T09:00:00+00:00"  # the same time, as UTC
     theirs = [row | {"closed_gap_mm": "16.0", "tip_below_mm": "5.0"} for row in theirs]  # an export says what it took

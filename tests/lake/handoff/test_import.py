@@ -16,6 +16,7 @@ from fast.lake.store import Lake
 from fast.lake.tables.campaign import TABLES, BatchRow, CampaignRow, GraspRow, ObjectRow, ToolRow
 from fast.models.design.space import LOWER, PARAMETERS, UPPER
 from fast.models.errors import UsageError
+from fast.models.records import GraspSetup
 from tests.lake.handoff.handoff_folder import DESIGN, PROVENANCE, good_folder, grasp, read_csv, samples, write_csv
 
 
@@ -55,6 +56,19 @@ def test_two_folders_of_one_campaign_are_both_named(lake, folder, tmp_path):
     assert len(lake.rows(ToolRow)) == 1
 
 
+def test_a_corrected_folder_replaces_its_grasps_and_says_how_many(lake, folder):
+    import_handoff(lake, folder, PROVENANCE)
+    assert import_handoff(lake, folder, PROVENANCE).n_replaced == 0
+    rows = read_csv(folder / "traces.csv")
+    write_csv(folder / "traces.csv", [row | {"force_n": float(row["force_n"]) / 2} for row in rows])
+    assert import_handoff(lake, folder, PROVENANCE, is_dry=True).n_replaced == 4
+    counts = import_handoff(lake, folder, PROVENANCE)
+    assert (counts.n_real, counts.n_sim, counts.n_known, counts.n_replaced) == (0, 0, 4, 4)
+    assert {row["peak_force_n"] for row in lake.rows(GraspRow)} == {4.0}
+    other_gap = Origin(setup=GraspSetup(closed_gap_mm=30.0))
+    assert import_handoff(lake, folder, PROVENANCE, other_gap).n_replaced == 4
+
+
 def test_tools_without_a_label_get_a_place_and_keep_their_id(lake, folder):
     names = ["rig", "old/B03T1", "new/B03T1", *(f"finger {i}" for i in range(11))]
     write_csv(folder / "grasps.csv", [grasp(f"g{i}", tool_id=name) for i, name in enumerate(names)])
@@ -85,7 +99,7 @@ def test_a_lakes_own_export_comes_back_without_changing_it(
     lake.append([*small_rows, *make_grasp(), *make_simulation()], provenance)
     before = everything(lake)
     export_handoff(lake, tmp_path / "out")
-    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 2, ("c1",))
+    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 2, ("c1",), 0)
     assert everything(lake) == before
 
 
@@ -104,7 +118,7 @@ def test_a_peak_of_another_campaign_cannot_be_changed(lake, tmp_path, provenance
     (grasp_row, _) = make_grasp(peak_force_n=13.5, work_j=None)
     lake.append([*small_rows, grasp_row], provenance)
     export_handoff(lake, tmp_path / "out")
-    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 1, ("c1",))
+    assert import_handoff(lake, tmp_path / "out", PROVENANCE) == (0, 0, 0, 0, 1, ("c1",), 0)
     (row,) = read_csv(tmp_path / "out" / "grasps.csv")
     write_csv(tmp_path / "out" / "grasps.csv", [row | {"peak_force_n": "13.6"}])
     with pytest.raises(HandoffError, match=r"is in the lake with a peak of 13.5 N.*or say with --lab who measured it"):

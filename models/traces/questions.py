@@ -39,16 +39,40 @@ class Told(NamedTuple):
 
 
 def find_questions(told: Sequence[Told]) -> list[Question]:
-    """Questions about positive forces of one file, in the order of the file."""
+    """Questions about the forces of one file, in the order of the file."""
+    held = [number for number, one in enumerate(told) if one.force_n > 0.0]
+    found = [q._replace(numbers=tuple(held[n] for n in q.numbers)) for q in _ask_held([told[n] for n in held])]
+    return sorted([*found, *_find_zeros(told)], key=lambda question: question.numbers[0])
+
+
+def _ask_held(told: Sequence[Told]) -> list[Question]:
+    """Questions about positive forces, which have logarithms."""
     if not told:
         return []
-    log_n = np.log([max(one.force_n, 1e-9) for one in told])
+    log_n = np.log([one.force_n for one in told])
     cells = _group(told, lambda one: (one.tool, one.object_id))
     found = [*_find_slips(told, log_n, cells), *_find_copies(told), *_find_doubles(told)]
     odd = {number for question in found for number in question.numbers}
     found += _find_unit(told, log_n, odd)
-    found += _find_exchanges(told, log_n, odd)
-    return sorted(found, key=lambda question: question.numbers[0])
+    return [*found, *_find_exchanges(told, log_n, odd)]
+
+
+def _find_zeros(told: Sequence[Told]) -> Iterator[Question]:
+    """Grasps without force beside repeats that held, or the other way round: of a cell, those that are fewer.
+
+    A force of few steps of the gauge, which the nearest two numbers of the file show, is as good as none.
+    """
+    forces_n = sorted({one.force_n for one in told if one.force_n > 0.0})
+    step_n = min(np.diff(forces_n), default=0.0)
+    for cell in _group(told, lambda one: (one.tool, one.object_id)):
+        held = [number for number in cell if told[number].force_n > 0.0]
+        empty = [number for number in cell if number not in held]
+        if not held or not empty or np.median([told[n].force_n for n in held]) <= np.exp(_LEAST_OUTLIER) * step_n:
+            continue
+        for number in empty if len(empty) <= len(held) else held:
+            where = f"{told[number].place}: {told[number].force_n:g} N beside {_list_forces(told, cell, number)}"
+            remedy = "a grasp that was not made has no force, but a reason"
+            yield Question("outlier", f"{where}, did it hold nothing? Else {remedy}", (number,))
 
 
 def _group(told: Sequence[Told], key: "object") -> list[list[int]]:

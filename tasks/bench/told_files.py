@@ -24,6 +24,7 @@ NEEDED = ("tool_id", "object_id", "repeat", "peak_force_n")
 OPTIONAL = ("object", "reason", "started_at")
 _MISSING = ("nan", "NaT", "<NA>")  # how data frames write it
 
+_FORCE_LIMIT = "it must be a finite number, in N, or empty with a reason beside it"
 _WITH_UNIT = re.compile(r"(?P<number>[^A-Za-z]+?)\s*(?P<unit>[A-Za-z]+)")
 
 
@@ -88,8 +89,9 @@ def _read_force_n(row: CsvRow) -> float:
     match = _WITH_UNIT.fullmatch(row["peak_force_n"].strip())
     scale = scale_of("force", match["unit"]) if match else None
     if match is None or scale is None:
-        return row.number("peak_force_n")
-    return scale * CsvRow(row.place, row.decimal, {"peak_force_n": match["number"].strip()}).number("peak_force_n")
+        return row.number("peak_force_n", _FORCE_LIMIT)
+    bare = CsvRow(row.place, row.decimal, {"peak_force_n": match["number"].strip()})
+    return scale * bare.number("peak_force_n", _FORCE_LIMIT)
 
 
 def _read_time(row: CsvRow) -> datetime | None:

@@ -37,7 +37,7 @@ def ask_about(campaign: Campaign, tools: Mapping[str, ProposedTool], told: Seque
     expected = _find_expected(campaign, tools, measured)
     of_traces = _ask_about_traces(measured, expected)
     odd = {number for question in of_traces for number in question.numbers}
-    pulled = [number for number, one in enumerate(measured) if one.force_n and number not in odd]
+    pulled = [number for number in range(len(measured)) if number not in odd]
     numbers = []
     for one in (measured[number] for number in pulled):
         known = expected.get(one.key[:2])
@@ -65,7 +65,7 @@ def _read_before(campaign: Campaign, told: Sequence[ToldGrasp]) -> list[Told]:
     return [
         Told("the lake", row.tool_id, row.object_id, row.repeat, row.peak_force_n)
         for row in rows
-        if row.peak_force_n and row.status == "ok" and (row.tool_id, row.object_id, row.repeat) not in now
+        if row.peak_force_n is not None and row.status == "ok" and (row.tool_id, row.object_id, row.repeat) not in now
     ]
 
 

@@ -19,8 +19,8 @@ class CsvRow(dict[str, str]):
         self.place = place
         self.decimal = decimal
 
-    def number(self, column: str) -> float:
-        """The finite number of a cell.
+    def number(self, column: str, limit: str = "it must be a finite number") -> float:
+        """The finite number of a cell; `limit` is what an error says that it must be.
 
         Raises:
             UsageError: it is none.
@@ -28,7 +28,7 @@ class CsvRow(dict[str, str]):
         text = self.get(column, "")
         value = number_or_nan(text.replace(self.decimal, ".") if self.decimal != "." else text)
         if not math.isfinite(value):
-            raise self.wrong(column, "it must be a finite number")
+            raise self.wrong(column, limit)
         return value
 
     def integer(self, column: str) -> int:

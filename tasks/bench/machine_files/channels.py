@@ -11,7 +11,7 @@ from fast.models.errors import UsageError
 from fast.models.validation import closest
 from fast.tasks.bench.machine_files.format import Column, MachineFormat
 from fast.tasks.bench.machine_files.head import Block, BrokenRow, choose_columns, read_column, unit_of
-from fast.tasks.bench.machine_files.words import Quantity, scale_of, split_unit
+from fast.tasks.bench.machine_files.words import Quantity, quantity_of_unit, scale_of, split_unit
 
 _LOST_MARKS = 0.2  # share of neighbours that differ fivefold in whole numbers
 _LARGEST_LIFT_MM = 1000.0  # of whole numbers: more is a decimal mark that was lost
@@ -135,12 +135,18 @@ def _read_numbers(path: Path, block: Block, place: int) -> np.ndarray:
     try:
         values = np.array([np.nan if value is None else value for value in read_column(block, place)])
     except BrokenRow as error:
-        raise UsageError(
-            f"{path}: {error}; nothing was written: correct it, or `decimal` of the format file."
-        ) from error
+        raise UsageError(f"{path}: {error}; nothing was written: {_say_remedy(error.cell)}.") from error
     if not np.isfinite(values).any():
         raise UsageError(f"{path}: column {place + 1} has no numbers; nothing was written: name another in the format.")
     return values
+
+
+def _say_remedy(cell: str) -> str:
+    """What to do about a cell that is no number."""
+    match = re.fullmatch(r"[^A-Za-z]*\d\s*([^\W\d_]+)", cell)
+    if match and quantity_of_unit(match[1]):
+        return f"give numbers alone, all in one unit, which stands in the head, like `Load ({match[1]})`"
+    return "correct it, or `decimal` of the format file" if re.search(r"\d", cell) else "correct it"
 
 
 def _read_channel(path: Path, block: Block, place: int, quantity: Quantity, column: Column | None) -> np.ndarray:

@@ -6,10 +6,17 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from fast.tasks.bench.machine_files.numbers import Marks, find_marks, is_like_number, is_number, read_number
-from fast.tasks.bench.machine_files.words import Quantity, quantity_of_name, quantity_of_unit, scale_of, split_unit
+from fast.tasks.bench.machine_files.words import (
+    Quantity,
+    is_held,
+    quantity_of_name,
+    quantity_of_unit,
+    scale_of,
+    split_unit,
+)
 
 _LEAST_ROWS = 3  # of numbers in a row: fewer are results above or below the samples
-_LEAST_PULL = 10  # samples below a head of other names: fewer are results
+LEAST_PULL = 10  # samples below a head of other names: fewer are results
 _LARGEST_STEP = 0.15  # mean of a pull, of the whole lift; results in any order have more
 _MOST_EMPTY = 3  # samples in a row that may lack a cell
 _HEAD_ROWS = 6  # above the samples in which names and units are looked for
@@ -23,6 +30,10 @@ _SAID_UNIT = re.compile(
 
 class BrokenRow(ValueError):
     """A cell between the samples that is no number."""
+
+    def __init__(self, text: str, cell: str = "") -> None:
+        super().__init__(text)
+        self.cell = cell
 
 
 class Block(NamedTuple):
@@ -95,7 +106,7 @@ def is_pull(block: Block, wanted: Sequence[str] = ()) -> bool:
     """Whether the head names a force and a lift, and the lift goes on from row to row, as in no table of results."""
     chosen = choose_columns(block) if block.names or any(block.units) else {}
     given = {name.strip().casefold() for name in wanted} & {name.casefold() for name in block.names}
-    if len(block.rows) < _LEAST_PULL or not ({"lift", "force"} <= chosen.keys() or len(given) > 1):
+    if len(block.rows) < LEAST_PULL or not ({"lift", "force"} <= chosen.keys() or len(given) > 1):
         return False
     if "lift" not in chosen:
         return True
@@ -108,7 +119,7 @@ def is_pull(block: Block, wanted: Sequence[str] = ()) -> bool:
 def _find_gaps(tables: Sequence[_Table], first: int, last: int) -> list[tuple[int, int]]:
     """Rows of a part of the file that are above, between and below the tables."""
     edges = [first, *(place for table in tables for run in table.runs for place in run), last]
-    return [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _LEAST_PULL]
+    return [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST_PULL]
 
 
 def _find_alike(
@@ -305,12 +316,15 @@ def unit_of(block: Block, place: int, quantity: Quantity) -> str | None:
 def choose_columns(block: Block) -> Mapping[Quantity, int]:
     """Number of the column of each quantity: by its name, else by its unit, else by how its numbers go."""
     chosen: dict[Quantity, int] = {}
-    for place, name in enumerate(block.names):
-        quantity = quantity_of_name(name)
+    names = block.names or [""] * len(block.units)
+    order = sorted(range(len(names)), key=lambda place: is_held(names[place]))
+    for place in order:
+        quantity = quantity_of_name(names[place])
         unit = block.units[place]
         if quantity and quantity not in chosen and (unit is None or scale_of(quantity, unit) is not None):
             chosen[quantity] = place
-    for place, unit in enumerate(block.units):
+    for place in order:
+        unit = block.units[place]
         quantity = quantity_of_unit(unit) if unit else None
         if quantity and quantity not in chosen and place not in chosen.values():
             chosen[quantity] = place
@@ -358,7 +372,7 @@ def read_column(block: Block, place: int) -> list[float | None]:
         cell = row[place] if place < len(row) else ""
         value = read_number(cell, block.marks)
         if value is None and cell:
-            raise BrokenRow(f"row {number} has `{cell[:40]}`, which is no number")
+            raise BrokenRow(f"row {number} has `{cell[:40]}`, which is no number", cell)
         if value is not None and n_empty > _MOST_EMPTY and len(found) > n_empty:
             raise BrokenRow(f"row {number - 1} and the {n_empty - 1} before it have no number")
         n_empty = n_empty + 1 if value is None else 0

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 _DATE = r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T]+)?"
 _ZONE = r"(?:Z|[+-]\d{2}:?\d{2})?"
-_CLOCK = re.compile(_DATE + r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)" + _ZONE)
+_CLOCK = re.compile(_DATE + r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)(?:\s*([AaPp])\.?\s?[Mm]\.?)?" + _ZONE)
 _SHAPE = str.maketrans("23456789", "11111111")  # what is a number, and with which marks, does not depend on these
 _SPACES = "\u00a0\u202f\u2009 '’"  # between groups of three digits, in some countries
 
@@ -49,7 +49,10 @@ def _read_clock(text: str) -> float | None:
     match = _CLOCK.fullmatch(text)
     if match is None:
         return None
-    hours, minutes, seconds = match.groups()
+    hours, minutes, seconds, half = match.groups()
+    if half is not None:  # 12 AM is midnight, 12 PM noon; `2:05 PM` has no seconds
+        hours, minutes, seconds = (hours, minutes, seconds) if hours else (minutes, seconds, "0")
+        hours = int(hours) % 12 + (12 if half in "Pp" else 0)
     return int(hours or 0) * 3600.0 + int(minutes) * 60.0 + float(seconds.replace(",", "."))
 
 

@@ -14,7 +14,7 @@ from fast.models.records import Trace
 from fast.tasks.bench.machine_files.channels import Channels, find_columns, read_channels
 from fast.tasks.bench.machine_files.format import MachineFormat
 from fast.tasks.bench.machine_files.grid import Grid, read_grids
-from fast.tasks.bench.machine_files.head import Block, BrokenRow, choose_columns, find_blocks, is_pull
+from fast.tasks.bench.machine_files.head import LEAST_PULL, Block, BrokenRow, choose_columns, find_blocks, is_pull
 from fast.tasks.bench.machine_files.numbers import Marks, read_number
 from fast.tasks.bench.machine_files.split import split_pulls
 from fast.tasks.bench.machine_files.words import Quantity
@@ -127,7 +127,7 @@ def _read_file(named: Named, machine: MachineFormat) -> tuple[list[ToldGrasp], l
     path = named.path
     notes: list[str] = []
     traces: list[Trace] = []
-    tables = list(_find_tables(path, machine))
+    tables = list(_find_tables(path, machine, notes))
     for grid, block, columns in tables:
         for places in columns:
             with _saying_where(grid, block, len(tables)):
@@ -158,8 +158,13 @@ def find_table(path: Path, machine: MachineFormat) -> tuple[Grid, Block, dict[Qu
     return grid, block, columns[0]
 
 
-def _find_tables(path: Path, machine: MachineFormat) -> Iterator[tuple[Grid, Block, list[dict[Quantity, int]]]]:
-    """The longest table of samples, and the other pulls of the file and its sheets."""
+def _find_tables(
+    path: Path, machine: MachineFormat, notes: list[str] | None = None
+) -> Iterator[tuple[Grid, Block, list[dict[Quantity, int]]]]:
+    """The longest table of samples, and the other pulls of the file and its sheets.
+
+    notes: a list that takes a sentence about each sheet of samples that has no head.
+    """
     wanted = [column.name for column in machine.columns().values() if column.name]
     found: list[tuple[Grid, Block]] = []
     for grid in read_grids(path, machine.separator, machine.encoding):
@@ -178,6 +183,13 @@ def _find_tables(path: Path, machine: MachineFormat) -> Iterator[tuple[Grid, Blo
         for grid, block in found
         if block is main or (main.names and block.names == main.names) or is_pull(block, wanted)
     ]
+    if notes is not None:
+        headless = [one for one in found if one not in pulls and not (one[1].names or any(one[1].units))]
+        notes += [
+            f"{len(block.rows)} rows of numbers of sheet `{grid.sheet}` have no head and were left out"
+            for grid, block in headless
+            if len(block.rows) >= LEAST_PULL
+        ]
     for grid, block in pulls:
         with _saying_where(grid, block, len(pulls)):
             columns = find_columns(path, block, machine)

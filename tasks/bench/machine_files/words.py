@@ -44,6 +44,8 @@ WORDS: dict[Quantity, tuple[str, ...]] = {
 _ENDINGS: dict[str, Quantity] = {"kraft": "force", "weg": "lift", "zeit": "time"}
 # Whole names: symbols, and LabVIEW's first column, which is the time unless the head says otherwise.
 _NAMES: dict[str, Quantity] = {"t": "time", "X_Value": "time", "F": "force"}
+# Words of a column that keeps the largest value so far; another column of the same quantity goes before it.
+_HELD = re.compile(r"peak|max|hold|spitze|höchst|crête|picco|pico|ピーク|峰值|最大", re.IGNORECASE)
 # Words that say that a column holds something else, whatever else stands in its name.
 _OTHERS = re.compile(
     r"strain|stress|rate|speed|modul|energy|dehnung|spannung|geschwindigkeit|contrainte|vitesse|rapport|"
@@ -79,6 +81,11 @@ def quantity_of_name(name: str) -> Quantity | None:
         if is_named or any(part.endswith(end) and _ENDINGS[end] == quantity for part in parts for end in _ENDINGS):
             found.append(quantity)
     return found[0] if found else None
+
+
+def is_held(name: str) -> bool:
+    """Whether a column's name says that it keeps the largest value so far."""
+    return _HELD.search(unicodedata.normalize("NFKC", name)) is not None
 
 
 def _is_compact(part: str) -> bool:

@@ -124,6 +124,21 @@ def test_exchanged_tools_are_found_where_their_forces_differ_by_four_times_the_s
     assert found >= 0.9 * n
 
 
+@pytest.mark.parametrize("n_repeats", [2, 3])
+def test_a_zero_beside_repeats_that_held_is_asked_about(n_repeats):
+    told = campaign(4, n_repeats=n_repeats)
+    (question,) = find_questions(change(told, [n_repeats], lambda one: 0.0))
+    assert question.numbers == (n_repeats,)
+    assert question.sentence.startswith(f"row {n_repeats + 2}: 0 N beside {told[n_repeats + 1].force_n:g} N")
+
+
+def test_a_finger_that_never_holds_or_hardly_is_no_question():
+    told = campaign(4)
+    assert find_questions(change(told, range(12), lambda one: 0.0)) == []
+    coarse = change(told, range(len(told)), lambda one: float(round(one.force_n)))
+    assert find_questions(change(coarse, range(3), lambda one: one.repeat % 2)) == []  # 0 and 1 N in steps of 1 N
+
+
 def test_an_early_loss_is_no_slip_of_the_pen():
     told = campaign(5, knows_simulator=False)
     assert find_questions(change(told, [7], lambda one: one.force_n * 0.45)) == []

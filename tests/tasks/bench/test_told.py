@@ -235,6 +235,7 @@ def test_all_faults_are_named_at_once(campaign: Campaign) -> None:
         ("tool_id,object_id,repeat\nB01T0,4,0\n", "peak_force_n"),
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,\n", "no peak_force_n and no reason"),
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,ten\n", "peak_force_n is `ten`, it must be a finite number"),
+        ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,OL\n", "in N, or empty with a reason beside it; nothing"),
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4,0,1_0\n", "peak_force_n is `1_0`, it must be a finite number"),
         ("tool_id,object_id,repeat,peak_force_n\nB01T0,4.5,0,1\n", "object_id is `4.5`, it must be a whole number"),
         ("tool_id,object_id,repeat,peak_force_n,reasn\nB01T0,4,0,1,1\n", "reasn"),

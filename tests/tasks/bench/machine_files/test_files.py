@@ -139,6 +139,20 @@ def test_times_of_hours_and_minutes_are_seconds(tmp_path):
     assert trace.time_s[[0, -1]] == pytest.approx([60.0, 62.0])
 
 
+@pytest.mark.parametrize(
+    ("text", "time_s"),
+    [
+        ("12:00:01.5 AM", 1.5),
+        ("11:59:59 am", 43199.0),
+        ("12:00:00 PM", 43200.0),
+        ("1:00:02,25 p.m.", 46802.25),
+        ("11/30/2026 2:05 PM", 50700.0),
+    ],
+)
+def test_a_clock_of_twelve_hours_is_read(text, time_s):
+    assert read_number(text, Marks(".")) == pytest.approx(time_s)
+
+
 def test_a_speed_that_the_file_says_gives_the_time(tmp_path):
     text = "Test speed,300,mm/min\n\n" + "\n".join(line.split(",", 1)[1] for line in TABLE.splitlines())
     assert read_text(tmp_path, text, FORMAT).grasps[0].trace.time_s[-1] == pytest.approx(2.0)

@@ -1,6 +1,7 @@
 """Kinds of files that programs of testing machines write, each read by the format that is guessed from it."""
 
 import io
+import re
 import sys
 import zipfile
 from pathlib import Path
@@ -405,6 +406,40 @@ def test_units_that_stand_beside_each_number_tell_the_columns(tmp_path: Path) ->
     )
     assert peaks(found) == [round(PEAK_N, 3)]
     assert found.grasps[0].trace.time_s[-1] == pytest.approx(LIFT_MM[-1] / 5.0)
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ("{:.1f} mN", "give numbers alone, all in one unit, which stands in the head, like `Load (mN)`"),
+        ("OL", "row 2 has `OL`, which is no number; nothing was written: correct it."),
+    ],
+)
+def test_a_cell_that_is_no_number_has_its_remedy(tmp_path: Path, cell: str, words: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(words)):
+        read(tmp_path, "Time (s),Extension (mm),Load (N)\n" + rows(TIME_S, LIFT_MM, [cell.format(f) for f in FORCE_N]))
+
+
+@pytest.mark.parametrize("name", ["Peak Load", "Max Force", "Spitzenkraft"])
+def test_the_force_is_taken_before_its_peak_so_far(tmp_path: Path, name: str) -> None:
+    held_n = [float(value) for value in np.maximum.accumulate(FORCE_N)]
+    found = read(tmp_path, f"Time (s),Extension (mm),{name} (N),Load (N)\n" + rows(TIME_S, LIFT_MM, held_n, FORCE_N))
+    assert found.grasps[0].trace.force_n == pytest.approx(FORCE_N)
+
+
+def test_a_sheet_of_numbers_without_a_head_is_left_out_with_a_word(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for row in [("Time (s)", "Extension (mm)", "Load (N)"), *SAMPLES]:
+        book.active.append([cell if isinstance(cell, str) else float(cell) for cell in row])
+    sheet = book.create_sheet("second")
+    for row in SAMPLES:
+        sheet.append([float(cell) for cell in row])
+    out = io.BytesIO()
+    book.save(out)
+    found = read(tmp_path, out.getvalue(), "B01T0_2.xlsx")
+    assert peaks(found) == [round(PEAK_N, 3)]
+    assert found.notes == ["B01T0_2.xlsx: 40 rows of numbers of sheet `second` have no head and were left out"]
 
 
 def test_a_sample_that_is_no_number_to_the_program_is_left_out_and_counted(tmp_path: Path) -> None:
